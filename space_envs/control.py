@@ -1,0 +1,240 @@
+"""Control modes: from actions in [-1, 1] to joint torques, batched.
+
+Every mode ends in joint torques, which are internal to the robot and so leave its total momentum alone.
+"""
+
+from typing import Protocol
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from space_envs.dynamics.rotations import Array
+from space_envs.simulation import STAGE_POS, Simulation
+
+CONTROL_MODES = ("joint_velocity", "joint_torque", "end_effector_velocity", "reactionless")
+END_EFFECTOR_SPEED = (0.3, 0.5)  # m/s and rad/s per unit action
+DAMPING = 0.05  # of the generalised Jacobian's inverse, in the units of its singular values
+BRAKING = 0.04  # rad/s^2 with which a joint may approach its limit; 60 N m leave 0.05 in any configuration
+STOP_MARGIN = 0.1  # rad; the drives stop this far inside the joint range, so that nothing hits its end
+ATTITUDE_GAIN = 0.5  # 1/s, feedback of the attitude left in mode reactionless
+
+
+class Drive:
+    """Joint drives: rate commands to torques, within torque, rate and position limits.
+
+    The servo is a computed torque held over the control period Tc: with the base eliminated through
+    momentum, tau = M* (commanded rate - rate) / Tc + h*, so the commanded rate is reached at the end of the
+    period. M and the bias forces are extrapolated to the middle of the period from their last two values,
+    which makes the servo second order where the motion is smooth. Where a torque limit binds, the change of
+    rate is scaled as a whole and keeps its direction.
+    """
+
+    def __init__(
+        self, simulation: Simulation, control_period: float, rate_limit: float, acceleration_limit: float
+    ) -> None:
+        model = simulation.model
+        self.simulation = simulation
+        self.control_period = control_period
+        self.rate_limit = rate_limit
+        self.acceleration_limit = acceleration_limit
+        self.torque_limit = model.actuator_forcerange[:, 1].copy()
+        joints = model.actuator_trnid[:, 0]
+        self._low = model.jnt_range[joints, 0] + STOP_MARGIN
+        self._high = model.jnt_range[joints, 1] - STOP_MARGIN
+        n = simulation.n_joints + 6
+        self._last_mass, self._last_bias = np.zeros((simulation.n, n, n)), np.zeros((simulation.n, n))
+
+    def reset(self, rows: NDArray[np.int64]) -> None:
+        """Forget the past of rows (k,) whose state was written."""
+        self._last_mass[rows] = self.simulation.mass_matrix()[rows]
+        self._last_bias[rows] = self.simulation.bias()[rows]
+
+    def allowed_rates(self) -> tuple[Array, Array]:
+        """Least and largest rate (N, n), rad/s, from which each joint can still brake before its limit."""
+        q = self.simulation.joint_position
+        low = -np.sqrt(2.0 * BRAKING * np.maximum(q - self._low, 0.0))
+        high = np.sqrt(2.0 * BRAKING * np.maximum(self._high - q, 0.0))
+        return np.maximum(low, -self.rate_limit), np.minimum(high, self.rate_limit)
+
+    def track(self, rate: Array) -> Array:
+        """Torques (N, n), N m, that reach joint rates (N, n), rad/s, at the end of the control period.
+
+        Each joint's acceleration is limited on its own.
+        """
+        low, high = self.allowed_rates()
+        change = np.minimum(np.maximum(rate, low), high) - self.simulation.joint_velocity
+        limit = self.acceleration_limit * self.control_period
+        return self.reach(self.simulation.joint_velocity + np.minimum(np.maximum(change, -limit), limit))
+
+    def reach(self, rate: Array) -> Array:
+        """The same for rates that respect every limit but the torque's: M* (rate - rate now) / Tc + h*.
+
+        The change of rate is scaled so that every torque is within its limit.
+        """
+        mass, bias = self._dynamics()
+        change = (rate - self.simulation.joint_velocity) / self.control_period
+        # Columns: what the change needs, what Coriolis and centrifugal forces need.
+        force = np.empty((*bias.shape, 2))
+        force[..., 0] = (mass[:, :, 6:] @ change[..., None])[..., 0]
+        force[..., 1] = bias
+        base = np.linalg.solve(mass[:, :6, :6], force[:, :6])
+        torque = force[:, 6:] - mass[:, 6:, :6] @ base
+        need, held = torque[..., 0], torque[..., 1]
+        room = np.maximum(self.torque_limit - held * np.sign(need), 0.0)
+        scale = np.minimum((room / np.maximum(np.abs(need), 1e-9)).min(axis=1), 1.0)
+        return np.minimum(np.maximum(need * scale[:, None] + held, -self.torque_limit), self.torque_limit)
+
+    def protect(self, torque: Array) -> Array:
+        """Commanded torques (N, n), replaced in rows where they would break a rate or position limit."""
+        torque = np.minimum(np.maximum(torque, -self.torque_limit), self.torque_limit)
+        mass, bias = self._dynamics()
+        force = -bias
+        force[:, 6:] += torque
+        acceleration = np.linalg.solve(mass, force[..., None])[:, 6:, 0]
+        rate = self.simulation.joint_velocity + self.control_period * acceleration
+        low, high = self.allowed_rates()
+        # Half the rate limit in one period is more than a torque held that long can steer.
+        harsh = np.abs(acceleration) > 0.5 * self.rate_limit / self.control_period
+        broken = ((rate < low) | (rate > high) | harsh).any(axis=1)
+        if not broken.any():
+            return torque
+        return np.where(broken[:, None], self.track(rate), torque)
+
+    def remember(self) -> None:
+        """Keep the dynamics at the start of this period for the next one; call once a step."""
+        self._last_mass, self._last_bias = self.simulation.mass_matrix(), self.simulation.bias().copy()
+
+    def snapshot(self) -> tuple[Array, Array]:
+        """What is remembered of the period before."""
+        return self._last_mass.copy(), self._last_bias.copy()
+
+    def restore(self, snapshot: tuple[Array, Array]) -> None:
+        """Take over a snapshot."""
+        self._last_mass, self._last_bias = snapshot[0].copy(), snapshot[1].copy()
+
+    def _dynamics(self) -> tuple[Array, Array]:
+        """Mass matrix (N, 6 + n, 6 + n) and bias (N, 6 + n) in the middle of the period to come."""
+        mass, bias = self.simulation.mass_matrix(), self.simulation.bias()
+        return 1.5 * mass - 0.5 * self._last_mass, 1.5 * bias - 0.5 * self._last_bias
+
+
+class ControlMode(Protocol):
+    """Turns actions (N, size) in [-1, 1] into torques (N, n), N m; `scale` is physical units per unit action."""
+
+    size: int
+    scale: Array
+
+    def torques(self, action: Array) -> Array: ...
+
+
+class JointVelocity:
+    """Joint rates, rad/s, reached at the end of the control period."""
+
+    def __init__(self, drive: Drive) -> None:
+        self.drive = drive
+        self.size = drive.simulation.n_joints
+        self.scale = np.full(self.size, drive.rate_limit)
+
+    def torques(self, action: Array) -> Array:
+        return self.drive.track(action * self.scale)
+
+
+class JointTorque:
+    """Joint torques, N m, held over the control period; the drives keep rates and angles within limits."""
+
+    def __init__(self, drive: Drive) -> None:
+        self.drive = drive
+        self.size = drive.simulation.n_joints
+        self.scale = drive.torque_limit.copy()
+
+    def torques(self, action: Array) -> Array:
+        return self.drive.protect(action * self.scale)
+
+
+class EndEffectorVelocity:
+    """End-effector twist [v; w], inertial axes, by the damped inverse of the generalised Jacobian."""
+
+    def __init__(self, drive: Drive) -> None:
+        self.drive = drive
+        self.size = 6
+        self.scale = np.repeat(END_EFFECTOR_SPEED, 3)
+        model = drive.simulation.model
+        site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, "end_effector")
+        self._body = int(model.site_bodyid[site])
+        sensor = model.sensor("end_effector_position")
+        self._point = slice(int(sensor.adr[0]), int(sensor.adr[0]) + 3)
+
+    def torques(self, action: Array) -> Array:
+        simulation = self.drive.simulation
+        linear, angular = simulation.batch.jac(self._body, simulation.sensors[:, self._point])
+        n = simulation.n_joints
+        jacobian = np.concatenate([linear, angular], axis=1)[:, :, : 6 + n]
+        mass = simulation.mass_matrix()
+        base_map = -np.linalg.solve(mass[:, :6, :6], mass[:, :6, 6:])
+        generalized = jacobian[:, :, 6:] + jacobian[:, :, :6] @ base_map
+        square = generalized @ generalized.swapaxes(1, 2) + DAMPING**2 * np.eye(6)
+        command = np.linalg.solve(square, (action * self.scale)[..., None])
+        rate = (generalized.swapaxes(1, 2) @ command)[..., 0]
+        excess = np.abs(rate).max(axis=1, keepdims=True) / self.drive.rate_limit
+        return self.drive.track(rate / np.maximum(excess, 1.0))
+
+
+class Reactionless:
+    """Joint rates projected onto the reaction null space: the satellite's attitude stays, whatever the action.
+
+    The null space is taken at the configuration predicted for the end of the period, where the commanded
+    rate is reached, and the attitude left is fed back. Joints that a limit stops are taken out of the
+    projection, since stopping them afterwards would leave the null space.
+    """
+
+    def __init__(self, drive: Drive) -> None:
+        self.drive = drive
+        self.size = drive.simulation.n_joints
+        self.scale = np.full(self.size, drive.rate_limit)
+        # A second batch computes mass matrices at predicted configurations, with the base at the origin.
+        self._ahead = Simulation(drive.simulation.model, drive.simulation.n, drive.simulation.batch.nthread)
+
+    def torques(self, action: Array) -> Array:
+        simulation, period = self.drive.simulation, self.drive.control_period
+        low, high = self.drive.allowed_rates()
+        self._ahead.joint_position[:] = simulation.joint_position + period * simulation.joint_velocity
+        self._ahead.batch.forward(stage=STAGE_POS)
+        mass = self._ahead.mass_matrix()
+        turning = -np.linalg.solve(mass[:, :6, :6], mass[:, :6, 6:])[:, 3:]  # (N, 3, n), base axes
+        quaternion = simulation.qpos[:, 3:7]
+        # For the small angles that are left, twice the vector part is the rotation vector, in base axes too.
+        wanted = -2.0 * ATTITUDE_GAIN * quaternion[:, 1:] * np.copysign(1.0, quaternion[:, :1])
+        command = np.minimum(np.maximum(action * self.scale, low), high)
+        rate = _project(turning, command, wanted, np.ones_like(command))
+        free = ((rate >= low) & (rate <= high)).astype(np.float64)
+        rate = _project(turning, np.minimum(np.maximum(rate, low), high), wanted, free)
+        # Whatever still exceeds a limit is scaled as a whole, which stays in the null space.
+        bound = np.where(rate > 0.0, high, -low)
+        excess = (np.abs(rate) / np.maximum(bound, 1e-9)).max(axis=1, keepdims=True)
+        rate = rate / np.maximum(excess, 1.0)
+        # A joint too fast to stop in time: the whole arm brakes, since its motion now is reactionless too.
+        now = simulation.joint_velocity
+        late = ((now > high) | (now < low)).any(axis=1, keepdims=True)
+        rate = np.where(late, 0.0, rate)
+        # The acceleration limit slows the way from the present motion, made reactionless again, to the new.
+        present = _project(turning, now, wanted, np.ones_like(now))
+        change = rate - present
+        limit = self.drive.acceleration_limit * period
+        return self.drive.reach(present + change / np.maximum(np.abs(change).max(axis=1, keepdims=True) / limit, 1.0))
+
+
+def _project(turning: Array, rate: Array, wanted: Array, free: Array) -> Array:
+    """Change rates (N, n) as little as possible, in the free joints only, so that turning @ rate = wanted."""
+    through = turning * free[:, None, :]
+    square = through @ turning.swapaxes(1, 2) + 1e-9 * np.eye(3)
+    missing = wanted - (turning @ rate[..., None])[..., 0]
+    return rate + (through.swapaxes(1, 2) @ np.linalg.solve(square, missing[..., None]))[..., 0]
+
+
+MODES: dict[str, type[JointVelocity | JointTorque | EndEffectorVelocity | Reactionless]] = {
+    "joint_velocity": JointVelocity,
+    "joint_torque": JointTorque,
+    "end_effector_velocity": EndEffectorVelocity,
+    "reactionless": Reactionless,
+}

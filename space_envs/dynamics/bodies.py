@@ -1,0 +1,88 @@
+"""Momentum and kinetic energy of every body, from recorded states: the audit of a simulation."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from space_envs.dynamics.floating import FloatingRobot
+from space_envs.dynamics.rotations import Array, conjugate, cross, rotate, to_matrix
+
+
+@dataclass(frozen=True)
+class BodyMotion:
+    """Momenta and energies of the base and the links, for states of any batch shape (...).
+
+    Attributes:
+        linear: (..., n + 1, 3) linear momentum of each body, inertial axes, N s.
+        angular: (..., n + 1, 3) angular momentum of each body about the inertial origin, N m s.
+        base_spin: (..., 3) angular momentum of the base about its own centre of mass, inertial axes, N m s.
+        kinetic_energy: (...,) of the whole robot, J.
+    """
+
+    linear: Array
+    angular: Array
+    base_spin: Array
+    kinetic_energy: Array
+
+    @property
+    def total(self) -> Array:
+        """Total momentum (..., 6) [p; L about the inertial origin]."""
+        return np.concatenate([self.linear.sum(axis=-2), self.angular.sum(axis=-2)], axis=-1)
+
+
+def body_motion(robot: FloatingRobot, qpos: Array, qvel: Array) -> BodyMotion:
+    """Momenta of all bodies.
+
+    Args:
+        qpos: (..., 7 + n) base position m, base quaternion, joint angles rad.
+        qvel: (..., 6 + n) base velocity in inertial axes m/s, base angular velocity in base axes rad/s, joint
+            rates rad/s (MuJoCo's convention for a free joint).
+    """
+    position, quaternion, q = qpos[..., :3], qpos[..., 3:7], qpos[..., 7:]
+    spin, rates = qvel[..., 3:6], qvel[..., 6:]
+    velocity = rotate(conjugate(quaternion), qvel[..., :3])
+    k = robot.kinematics(q)
+    # Everything in base axes first; row 0 is the base.
+    rotation = np.concatenate([np.broadcast_to(np.eye(3), (*q.shape[:-1], 1, 3, 3)), k.rotation], axis=-3)
+    com = np.concatenate([np.broadcast_to(robot.com[0], (*q.shape[:-1], 1, 3)), k.com], axis=-2)
+    turning = k.axis * rates[..., None]  # contribution of each joint to the links that it carries
+    moving = -cross(turning, k.position)
+    carried = robot.carries.T  # links by joints
+    omega = np.concatenate([np.zeros((*q.shape[:-1], 1, 3)), carried @ turning], axis=-2) + spin[..., None, :]
+    at_origin = np.concatenate([np.zeros((*q.shape[:-1], 1, 3)), carried @ moving], axis=-2)
+    speed = at_origin + velocity[..., None, :] + cross(omega, com)
+    inertia = rotation @ robot.inertia @ rotation.swapaxes(-1, -2)
+    own = (inertia @ omega[..., None])[..., 0]
+    linear = robot.mass[:, None] * speed
+    energy = 0.5 * (linear * speed).sum(axis=(-1, -2)) + 0.5 * (own * omega).sum(axis=(-1, -2))
+    turn = to_matrix(quaternion)[..., None, :, :]
+    inertial_com = position[..., None, :] + (turn @ com[..., None])[..., 0]
+    inertial_linear = (turn @ linear[..., None])[..., 0]
+    inertial_own = (turn @ own[..., None])[..., 0]
+    return BodyMotion(
+        linear=inertial_linear,
+        angular=inertial_own + cross(inertial_com, inertial_linear),
+        base_spin=inertial_own[..., 0, :],
+        kinetic_energy=energy,
+    )
+
+
+def momentum_drift(motion: BodyMotion) -> tuple[Array, Array]:
+    """Drift of total momentum over time, and what it is measured against.
+
+    Args:
+        motion: of states (..., T, .) along a trajectory.
+
+    Returns:
+        drift (...,): largest change of total linear (N s) or angular (N m s) momentum since the start.
+        ratio (...,): the same divided by the largest momentum of its kind that a single body carried, or by
+        1 N s, 1 N m s where that is larger.
+    """
+    change = motion.total - motion.total[..., :1, :]
+    drifts, ratios = [], []
+    for part, each in ((change[..., :3], motion.linear), (change[..., 3:], motion.angular)):
+        drift = np.linalg.norm(part, axis=-1).max(axis=-1)
+        carried = np.linalg.norm(each, axis=-1).max(axis=(-1, -2))
+        drifts.append(drift)
+        ratios.append(drift / np.maximum(carried, 1.0))
+    return np.maximum(*drifts), np.maximum(*ratios)

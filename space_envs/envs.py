@@ -1,0 +1,511 @@
+"""The environments: `CaptureVectorEnv` simulates N episodes at once, `CaptureEnv` is the same with N = 1."""
+
+import copy
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
+
+from space_envs.control import MODES, Drive
+from space_envs.dynamics.rotations import Array
+from space_envs.errors import ActionError, ConfigurationError, unknown_name
+from space_envs.models.parameters import SINGLE_ARM
+from space_envs.registration import make_task
+from space_envs.simulation import Simulation
+
+if TYPE_CHECKING:
+    from space_envs.rendering import Renderer
+
+OUTCOMES = ("running", "captured", "timeout", "attitude_lost", "diverged")
+_RUNNING, _CAPTURED, _TIMEOUT, _ATTITUDE_LOST, _DIVERGED = range(5)
+_OUTCOME_NAMES = np.array(OUTCOMES, dtype=object)
+RESET_OPTIONS = (
+    "split",
+    "index",
+    "goal_position",
+    "goal_quaternion",
+    "joint_position",
+    "joint_velocity",
+    "reset_mask",
+)
+_COPIED = (
+    "_generators",
+    "_observation",
+    "_steps",
+    "_held",
+    "_clipped",
+    "_outcome",
+    "_index",
+    "_split",
+    "_started",
+)
+_AUTORESET = {
+    "next_step": AutoresetMode.NEXT_STEP,
+    "same_step": AutoresetMode.SAME_STEP,
+    "disabled": AutoresetMode.DISABLED,
+}
+METADATA: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 10}
+
+
+class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
+    """N episodes of a capture task in one batch of simulations.
+
+    Args:
+        env_id: registered id whose task is simulated.
+        num_envs: N.
+        control_mode: joint_velocity, joint_torque, end_effector_velocity or reactionless.
+        autoreset_mode: next_step, same_step or disabled (Gymnasium's `AutoresetMode`).
+        threads: of the simulation; None chooses by N.
+        render_mode: None, rgb_array (of the first simulations) or human (of the first).
+        width, height: of pictures, pixels. camera: name of a camera of the model.
+        **keywords: of the task (difficulty, split, reward, variant, horizon, timestep, control_period,
+            attitude_limit, c) and of its capture envelope (position_tolerance m, orientation_tolerance deg,
+            linear_velocity_tolerance m/s, angular_velocity_tolerance deg/s, hold_time s).
+
+    Raises:
+        ConfigurationError: for a keyword or a value that is not valid, naming the nearest that is.
+    """
+
+    metadata: dict[str, Any] = {**METADATA, "autoreset_mode": AutoresetMode.NEXT_STEP}
+
+    def __init__(
+        self,
+        env_id: str = "SpaceCapture/SingleArm-v0",
+        num_envs: int = 1,
+        control_mode: str = "joint_velocity",
+        autoreset_mode: str | AutoresetMode = "next_step",
+        threads: int | None = None,
+        render_mode: str | None = None,
+        width: int = 480,
+        height: int = 480,
+        camera: str = "overview",
+        **keywords: Any,
+    ) -> None:
+        self._arguments = {
+            "env_id": env_id,
+            "num_envs": num_envs,
+            "control_mode": control_mode,
+            "autoreset_mode": autoreset_mode,
+            "threads": threads,
+            "render_mode": render_mode,
+            "width": width,
+            "height": height,
+            "camera": camera,
+            **keywords,
+        }
+        if isinstance(num_envs, bool) or not isinstance(num_envs, int | np.integer) or num_envs < 1:
+            raise ConfigurationError(f"num_envs must be a positive integer, got {num_envs!r}")
+        if control_mode not in MODES:
+            raise unknown_name("control mode", control_mode, MODES)
+        if render_mode is not None and render_mode not in METADATA["render_modes"]:
+            raise unknown_name("render mode", render_mode, METADATA["render_modes"])
+        if isinstance(autoreset_mode, str):
+            if autoreset_mode not in _AUTORESET:
+                raise unknown_name("autoreset mode", autoreset_mode, _AUTORESET)
+            autoreset_mode = _AUTORESET[autoreset_mode]
+        self.task = make_task(env_id, keywords)
+        self.env_id = env_id
+        self.control_mode = control_mode
+        self.num_envs = num_envs
+        self.render_mode = render_mode
+        self.autoreset_mode = autoreset_mode
+        self.metadata = {**METADATA, "autoreset_mode": autoreset_mode}
+        self.simulation = Simulation(self.task.model, num_envs, threads)
+        self.drive = Drive(
+            self.simulation, self.task.control_period, SINGLE_ARM.rate_limit, SINGLE_ARM.acceleration_limit
+        )
+        self.mode = MODES[control_mode](self.drive)
+        self._view = {"width": width, "height": height, "camera": camera}
+        self._renderer: "Renderer | None" = None
+
+        bound = self.task.layout.bound
+        self.single_observation_space = gym.spaces.Box(-bound, bound, dtype=np.float64)
+        self.single_action_space = gym.spaces.Box(-1.0, 1.0, (self.mode.size,), np.float32)
+        self.observation_space = gym.vector.utils.batch_space(self.single_observation_space, num_envs)
+        self.action_space = gym.vector.utils.batch_space(self.single_action_space, num_envs)
+
+        self._action_shape = (num_envs, self.mode.size)
+        self._all = np.ones(num_envs, dtype=bool)
+        self._generators: list[np.random.Generator] = []
+        self._observation = np.zeros((num_envs, self.task.layout.size))
+        self._steps = np.zeros(num_envs, dtype=np.int64)
+        self._held = np.zeros(num_envs, dtype=np.int64)
+        self._clipped = np.zeros(num_envs, dtype=np.int64)
+        self._outcome = np.zeros(num_envs, dtype=np.int64)
+        self._index = np.full(num_envs, -1, dtype=np.int64)
+        self._split = np.full(num_envs, self.task.split, dtype=object)
+        self._started = False
+
+    # Reset ---------------------------------------------------------------------------------------------
+
+    def reset(
+        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Array, dict[str, Any]]:
+        """Start new episodes.
+
+        Args:
+            seed: of row 0; row i takes seed + i. Or a list with one seed a row. None goes on with the
+                generators there are.
+            options: any of split and index (which goal; a number or one a row), or goal_position (3,) m and
+                goal_quaternion (4,) in the inertial frame, one for all rows or one a row; joint_position and
+                joint_velocity (7,), likewise, the base then moving so that total momentum is zero; reset_mask
+                (N,) bool, the rows to reset.
+
+        Raises:
+            ConfigurationError: for an option, split or index that does not exist.
+            GoalError: for a goal that is malformed or out of reach.
+        """
+        options = dict(options or {})
+        for name in options:
+            if name not in RESET_OPTIONS:
+                raise unknown_name("reset option", name, RESET_OPTIONS)
+        self._seed(seed)
+        mask = np.asarray(options.pop("reset_mask", self._all))
+        if mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
+            raise ConfigurationError(f"reset_mask must be bool of shape ({self.num_envs},), got {mask.dtype} {mask.shape}")
+        if not self._started and not mask.all():
+            raise ConfigurationError("the first reset must reset every row")
+        self._begin(np.flatnonzero(mask), options)
+        self._started = True
+        if self.render_mode == "human":
+            self.render()
+        return self._observation.copy(), self._reset_info()
+
+    def _seed(self, seed: int | list[int | None] | None) -> None:
+        seeds: list[int | None]
+        if seed is None:
+            if self._generators:
+                return
+            seeds = [None] * self.num_envs
+        elif isinstance(seed, int | np.integer):
+            seeds = [int(seed) + row for row in range(self.num_envs)]
+        else:
+            seeds = list(seed)
+            if len(seeds) != self.num_envs:
+                raise ConfigurationError(f"seed must be one number or {self.num_envs}, got {len(seeds)}")
+        if not self._generators:
+            self._generators = [gym.utils.seeding.np_random(s)[0] for s in seeds]
+            return
+        for row, s in enumerate(seeds):
+            if s is not None:
+                self._generators[row] = gym.utils.seeding.np_random(s)[0]
+
+    def _begin(self, rows: NDArray[np.int64], options: dict[str, Any]) -> None:
+        """Reset rows (k,) of the simulation and of the bookkeeping, and observe them."""
+        position, quaternion, scale, split, index = self._choose_goals(rows, options)
+        simulation = self.simulation
+        joints = {
+            name: self._joint_option(rows, options, name) for name in ("joint_position", "joint_velocity") if name in options
+        }
+        simulation.reset(rows)
+        simulation.scale_base(rows, scale)
+        simulation.mocap_pos[rows, 0] = position
+        simulation.mocap_quat[rows, 0] = quaternion
+        for name, value in joints.items():
+            getattr(simulation, name)[rows] = value
+        if "joint_velocity" in joints:
+            simulation.set_base_velocity(rows)
+        simulation.refresh(rows)
+        self.drive.reset(rows)
+        self._index[rows], self._split[rows] = index, split
+        for counter in (self._steps, self._held, self._clipped, self._outcome):
+            counter[rows] = 0
+        self._observation[rows] = self.task.observe(simulation.sensors, self._time())[rows]
+
+    def _choose_goals(
+        self, rows: NDArray[np.int64], options: dict[str, Any]
+    ) -> tuple[Array, Array, Array, NDArray, NDArray[np.int64]]:
+        """Goal positions, quaternions, mass scales, split names and indices for rows (k,)."""
+        given = [name for name in ("goal_position", "goal_quaternion") if name in options]
+        if len(given) == 1:
+            raise ConfigurationError("goal_position and goal_quaternion must be given together")
+        if given:
+            if "split" in options or "index" in options:
+                raise ConfigurationError("give either a goal or a split and index, not both")
+            position, quaternion = self.task.check_goals(
+                self._rows_option(rows, options, "goal_position", 3),
+                self._rows_option(rows, options, "goal_quaternion", 4),
+            )
+            none = np.full(len(rows), -1, dtype=np.int64)
+            return position, quaternion, np.ones(len(rows)), np.full(len(rows), "given", dtype=object), none
+        name = options.get("split", self.task.split)
+        if "index" in options:
+            index = np.asarray(options["index"])
+            if index.shape not in ((), (self.num_envs,)):
+                raise ConfigurationError(f"index must be a number or {self.num_envs} of them, got shape {index.shape}")
+            index = np.broadcast_to(index, (self.num_envs,))[rows]
+        else:
+            size = self.task.split_size(name)
+            index = np.array([self._generators[row].integers(size) for row in rows], dtype=np.int64)
+        goals = self.task.goals(name, index)
+        return goals.position, goals.quaternion, goals.mass_scale, np.full(len(rows), name, dtype=object), index
+
+    def _joint_option(self, rows: NDArray[np.int64], options: dict[str, Any], name: str) -> Array:
+        value = self._rows_option(rows, options, name, self.simulation.n_joints)
+        limits = self.task.robot.range if name == "joint_position" else SINGLE_ARM.rate_limit * np.array([[-1.0, 1.0]])
+        if (value < limits[:, 0]).any() or (value > limits[:, 1]).any():
+            raise ConfigurationError(
+                f"{name} outside its limits: got {value.tolist()}, limits {limits.tolist()}"
+            )
+        return value
+
+    def _rows_option(self, rows: NDArray[np.int64], options: dict[str, Any], name: str, width: int) -> Array:
+        try:
+            value = np.asarray(options[name], dtype=np.float64)
+        except (TypeError, ValueError):
+            raise ConfigurationError(f"{name} must be numbers, got {options[name]!r}") from None
+        if value.shape not in ((width,), (self.num_envs, width)):
+            raise ConfigurationError(
+                f"{name} must have shape ({width},) or ({self.num_envs}, {width}), got {value.shape}"
+            )
+        if not np.isfinite(value).all():
+            raise ConfigurationError(f"{name} must be finite, got {value.tolist()}")
+        return np.broadcast_to(value, (self.num_envs, width))[rows]
+
+    # Step ----------------------------------------------------------------------------------------------
+
+    def step(self, actions: NDArray) -> tuple[Array, Array, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        """Advance every episode by one control period.
+
+        Args:
+            actions: (N, m) in [-1, 1]; what lies outside is clipped and counted in info["clipped_actions"].
+
+        Returns:
+            Observations (N, size), rewards (N,), terminated (N,), truncated (N,) and infos. A row that ended
+            before is frozen (autoreset disabled) or starts anew (next_step), with reward 0 for that step.
+
+        Raises:
+            ActionError: for a wrong shape or type, NaN or infinity; nothing has moved then.
+        """
+        if not self._started:
+            raise ConfigurationError("call reset before step")
+        action = self._checked(actions)
+        ended = self._outcome != _RUNNING
+        previous = self._observation if ended.any() else None
+        self.simulation.ctrl[:] = self.mode.torques(action)
+        self.drive.remember()
+        self.simulation.step(self.task.substeps)
+        self._steps += 1
+        observation = self.task.observe(self.simulation.sensors, self._time())
+        diverged = self.simulation.diverged() | ~np.isfinite(observation).all(axis=1)
+        if diverged.any():
+            observation[diverged] = self._observation[diverged]
+        reward, terms, attitude = self._judge(observation, action, diverged, ended)
+        self._observation = observation
+        terminated = (self._outcome == _CAPTURED) | (self._outcome >= _ATTITUDE_LOST)
+        truncated = self._outcome == _TIMEOUT
+        info = self._step_info(terms, attitude)
+        if previous is not None:
+            self._after_end(ended, previous, reward, terms, terminated, truncated)
+        if self.autoreset_mode is AutoresetMode.SAME_STEP and (done := terminated | truncated).any():
+            self._reset_same_step(np.flatnonzero(done), info)
+        if self.render_mode == "human":
+            self.render()
+        return self._observation.copy(), reward, terminated, truncated, info
+
+    def _checked(self, actions: NDArray) -> Array:
+        action = np.asarray(actions)
+        if action.shape != self._action_shape:
+            raise ActionError(f"action must have shape {self._action_shape}, got {action.shape}")
+        if action.dtype.kind not in "fiu":
+            raise ActionError(f"action must be real numbers, got dtype {action.dtype}")
+        action = action.astype(np.float64)
+        inside = np.minimum(np.maximum(action, -1.0), 1.0)
+        # One comparison finds what was clipped and NaN alike; infinity is among the clipped.
+        changed = inside != action
+        if changed.any():
+            if not np.isfinite(action).all():
+                rows = np.flatnonzero(~np.isfinite(action).all(axis=1)).tolist()
+                raise ActionError(f"action holds NaN or infinity in rows {rows}")
+            self._clipped += changed.any(axis=1)
+        return inside
+
+    def _judge(
+        self, observation: Array, action: Array, diverged: NDArray[np.bool_], ended: NDArray[np.bool_]
+    ) -> tuple[Array, dict[str, Array], Array]:
+        """Update outcomes; return rewards (N,), reward terms and attitude (N,) rad."""
+        task = self.task
+        norms, attitude = task.norms(observation), task.attitude(observation)
+        self._held = (self._held + 1) * task.in_envelope(norms)
+        captured = self._held >= task.hold_steps
+        lost = (attitude > np.deg2rad(task.attitude_limit)) | diverged
+        running = ~ended
+        captured = captured & ~lost & running
+        lost = lost & running
+        outcome = np.where(self._steps >= task.horizon, _TIMEOUT, _RUNNING)
+        outcome = np.where(captured, _CAPTURED, outcome)
+        if lost.any():
+            outcome = np.where(lost, np.where(diverged, _DIVERGED, _ATTITUDE_LOST), outcome)
+        self._outcome = np.where(ended, self._outcome, outcome)
+        terms = task.reward_terms(norms, attitude, action, captured, lost)
+        # Added one by one: numpy's own sum over an axis takes another order for N = 1.
+        reward = np.zeros(self.num_envs)
+        for term in terms.values():
+            reward += term
+        return reward, terms, attitude
+
+    def _after_end(
+        self,
+        ended: NDArray[np.bool_],
+        previous: Array,
+        reward: Array,
+        terms: dict[str, Array],
+        terminated: NDArray[np.bool_],
+        truncated: NDArray[np.bool_],
+    ) -> None:
+        """Rows that had ended before this step: frozen, or started anew, with reward 0."""
+        reward[ended] = 0.0
+        for term in terms.values():
+            term[ended] = 0.0
+        if self.autoreset_mode is AutoresetMode.NEXT_STEP:
+            self._begin(np.flatnonzero(ended), {})
+            terminated[ended] = truncated[ended] = False
+        else:
+            self._observation[ended] = previous[ended]
+            self._steps[ended] -= 1
+
+    def _reset_same_step(self, rows: NDArray[np.int64], info: dict[str, Any]) -> None:
+        final = np.full(self.num_envs, None, dtype=object)
+        for row in rows:
+            final[row] = self._observation[row].copy()
+        mask = np.zeros(self.num_envs, dtype=bool)
+        mask[rows] = True
+        last = {key: value if key.startswith("_") else _copied(value) for key, value in info.items()}
+        info.update(final_obs=final, _final_obs=mask, final_info=last, _final_info=mask)
+        self._begin(rows, {})
+
+    # Information -----------------------------------------------------------------------------------------
+
+    def _time(self) -> Array:
+        return self._steps * self.task.control_period
+
+    def _step_info(self, terms: dict[str, Array], attitude: Array) -> dict[str, Any]:
+        present = self._all
+        named: dict[str, Any] = {}
+        for name, term in terms.items():
+            named[name], named["_" + name] = term, present
+        return {
+            "reward_terms": named,
+            "_reward_terms": present,
+            "attitude": np.rad2deg(attitude),
+            "_attitude": present,
+            "is_success": self._outcome == _CAPTURED,
+            "_is_success": present,
+            "outcome": _OUTCOME_NAMES[self._outcome],
+            "_outcome": present,
+            "clipped_actions": self._clipped.copy(),
+            "_clipped_actions": present,
+        }
+
+    def _reset_info(self) -> dict[str, Any]:
+        return {
+            "split": self._split.copy(),
+            "_split": self._all,
+            "index": self._index.copy(),
+            "_index": self._all,
+        }
+
+    # Copies ----------------------------------------------------------------------------------------------
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All that makes the copy go on exactly as the original would; batches and windows are made anew."""
+        return {
+            "arguments": self._arguments,
+            "simulation": self.simulation.snapshot(),
+            "drive": self.drive.snapshot(),
+            "own": {name: copy.deepcopy(getattr(self, name)) for name in _COPIED},
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__init__(**state["arguments"])
+        self.simulation.restore(state["simulation"])
+        self.drive.restore(state["drive"])
+        for name, value in state["own"].items():
+            setattr(self, name, value)
+
+    # Pictures --------------------------------------------------------------------------------------------
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """Pictures (H, W, 3) of the simulations (rgb_array), or the first in a window (human).
+
+        Raises:
+            RenderingError: on a machine that cannot draw; the simulation itself goes on.
+        """
+        if self.render_mode is None:
+            gym.logger.warn("render was called without a render_mode; give render_mode='rgb_array' to gym.make_vec")
+            return None
+        if self._renderer is None:
+            from space_envs.rendering import Renderer  # pictures are rare, and OpenGL may be missing
+
+            self._renderer = Renderer(self.task.render_model, **self._view)
+        if self.render_mode == "human":
+            self._renderer.show(self.simulation.state(0))
+            return None
+        return tuple(self._renderer.render(self.simulation.state(row)) for row in range(self.num_envs))
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Free what pictures needed."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+
+def _copied(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: item if key.startswith("_") else _copied(item) for key, item in value.items()}
+    return value.copy()
+
+
+class CaptureEnv(gym.Env[Array, NDArray]):
+    """One episode at a time: `CaptureVectorEnv` with N = 1 and the same keywords."""
+
+    metadata: ClassVar[dict[str, Any]] = METADATA
+
+    def __init__(self, **keywords: Any) -> None:
+        for name in ("num_envs", "autoreset_mode"):
+            if name in keywords:
+                raise ConfigurationError(f"{name} is a keyword of gym.make_vec, not of gym.make")
+        self.vector = CaptureVectorEnv(num_envs=1, autoreset_mode="disabled", **keywords)
+        self.render_mode = self.vector.render_mode
+        self.observation_space = self.vector.single_observation_space
+        self.action_space = self.vector.single_action_space
+
+    @property
+    def task(self) -> Any:
+        """The task's configuration."""
+        return self.vector.task
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
+        """Start an episode; options as in `CaptureVectorEnv.reset`."""
+        super().reset(seed=seed)
+        self.vector._generators = [self.np_random]
+        observation, info = self.vector.reset(options=options)
+        return observation[0], _first(info)
+
+    def step(self, action: NDArray) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+        """Advance by one control period; action (m,) in [-1, 1]."""
+        action = np.asarray(action)
+        if action.shape != self.action_space.shape:
+            raise ActionError(f"action must have shape {self.action_space.shape}, got {action.shape}")
+        observation, reward, terminated, truncated, info = self.vector.step(action[None])
+        return observation[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), _first(info)
+
+    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+        """A picture (H, W, 3) or a window, by render_mode."""
+        pictures = self.vector.render()
+        return None if pictures is None else pictures[0]
+
+    def close(self) -> None:
+        """Free what pictures needed."""
+        self.vector.close()
+
+
+def _first(info: dict[str, Any]) -> dict[str, Any]:
+    """Row 0 of a vector info, without its presence masks, as plain Python values."""
+    return {
+        key: _first(value) if isinstance(value, dict) else value.item(0)
+        for key, value in info.items()
+        if not key.startswith("_")
+    }

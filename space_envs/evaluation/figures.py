@@ -1,0 +1,275 @@
+"""The report's figures as SVG text that goes inline into HTML.
+
+Data are in the Okabe-Ito colours, which colour-blind readers can tell apart, and no meaning rests on colour
+alone. `shade` gives each policy its colour, the same in all figures (see `colours`).
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+
+from space_envs.evaluation.drawing import INK, WIDTH, Panel, draw_panel, label_points
+from space_envs.evaluation.leaderboard import Row
+from space_envs.evaluation.names import display_name, figure_name
+from space_envs.evaluation.tables import row_name
+from space_envs.evaluation.traces import Traces
+
+# Okabe and Ito without yellow, which white pages swallow, and without black, which dark ones do.
+BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"
+PALETTE = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
+
+
+@dataclass(frozen=True)
+class Plot:
+    """A figure of the report: panels beside each other where there is room, below each other where not."""
+
+    key: str
+    title: str
+    caption: str
+    panels: tuple[Panel, ...]
+
+
+def colours(policies: Sequence[str]) -> dict[str, str]:
+    """A colour for each policy in the order given; they repeat after six, labels always tell them apart."""
+    return {policy: PALETTE[number % len(PALETTE)] for number, policy in enumerate(policies)}
+
+
+def intervals_plot(rows: Sequence[Row], shade: Mapping[str, str]) -> Plot:
+    """Success and final attitude with their 95 % intervals, one line for each row."""
+    names = [row_name(row, rows) for row in rows]
+    colour = [shade[row.policy] for row in rows]
+    panels = []
+    for key, title, scale in (
+        ("success", "success [%]", 100.0),
+        ("capture@1deg", "capture@1deg [%]", 100.0),
+        ("final_attitude", "final attitude [deg]", 1.0),
+    ):
+
+        def draw(axes: Axes, key: str = key, title: str = title, scale: float = scale) -> None:
+            for number, row in enumerate(rows):
+                estimate = row.figures[key]
+                if not math.isfinite(estimate.value):
+                    continue
+                low, high = (scale * end for end in (estimate.low, estimate.high))
+                if math.isfinite(low) and math.isfinite(high):
+                    axes.plot([low, high], [number, number], color=colour[number], lw=5, alpha=0.35)
+                axes.plot(scale * estimate.value, number, "o", color=colour[number], ms=7)
+            axes.set_yticks(range(len(rows)), [figure_name(name) for name in names])
+            axes.set_ylim(len(rows) - 0.4, -0.6)
+            axes.set_xlabel(title)
+            axes.grid(axis="x")
+            if scale == 100:
+                axes.set_xlim(-3, 103)
+            else:
+                _wide_range(axes, [row.figures[key].value for row in rows])
+            axes.tick_params(axis="y", length=0)
+
+        figures = ", ".join(
+            f"{display_name(n)} {scale * r.figures[key].value:.3g}" for n, r in zip(names, rows, strict=True)
+        )
+        panels.append(
+            draw_panel(f"intervals-{key}", draw, f"{title}: {figures}", height=0.75 + 0.27 * len(rows))
+        )
+    caption = "Dots are the figures of the table, bars their 95 % intervals. Failures count."
+    return Plot("intervals", "Success and attitude", caption, tuple(panels))
+
+
+def outcomes_plot(rows: Sequence[Row]) -> Plot:
+    """How the episodes of each policy ended, as stacked bars."""
+    shades = {
+        "captured": GREEN,
+        "timeout": SKY,
+        "attitude_lost": ORANGE,
+        "diverged": PURPLE,
+        "collision": VERMILION,
+        "policy_error": INK,
+    }
+    hatches = {"timeout": "", "attitude_lost": "//", "diverged": "xx", "collision": "..", "policy_error": ""}
+    names = [row_name(row, rows) for row in rows]
+    seen = [outcome for outcome in shades if any(row.outcomes[outcome] for row in rows)]
+
+    def draw(axes: Axes) -> None:
+        left = np.zeros(len(rows))
+        for outcome in seen:
+            share = np.array([100 * row.outcomes[outcome] / row.episodes for row in rows])
+            axes.barh(
+                range(len(rows)),
+                share,
+                left=left,
+                height=0.62,
+                color=shades[outcome],
+                alpha=0.85,
+                hatch=hatches.get(outcome, ""),
+                edgecolor=INK if hatches.get(outcome) else shades[outcome],
+                linewidth=0,
+                label=outcome.replace("_", " "),
+            )
+            left += share
+        axes.set_yticks(range(len(rows)), [figure_name(name) for name in names])
+        axes.set_ylim(len(rows) - 0.4, -0.6)
+        axes.set_xlim(0, 100)
+        axes.set_xlabel("episodes [%]")
+        axes.tick_params(axis="y", length=0)
+        axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, borderaxespad=0.2)
+
+    alt = "; ".join(
+        f"{display_name(name)}: " + ", ".join(f"{row.outcomes[o]} {o}" for o in seen if row.outcomes[o])
+        for name, row in zip(names, rows, strict=True)
+    )
+    panel = draw_panel("outcomes", draw, alt, width=1.5 * WIDTH, height=1.1 + 0.27 * len(rows))
+    return Plot("outcomes", "How episodes ended", "Every episode counts once.", (panel,))
+
+
+def cost_plot(rows: Sequence[Row], shade: Mapping[str, str]) -> Plot | None:
+    """Eq. 20 cost against planning time, both logarithmic; None where no row has both."""
+    points = []
+    for row, name in zip(rows, (row_name(row, rows) for row in rows), strict=True):
+        planning, action = row.timing["planning_ms"], row.timing["action_ms"]
+        wait = planning if planning > 0 else action
+        if wait > 0 and math.isfinite(row.figures["attitude_cost"].value):
+            points.append((name, row, wait, planning > 0))
+    positive = [row.figures["attitude_cost"].value for _, row, _, _ in points]
+    positive = [value for value in positive if value > 0]
+    if not positive:
+        return None
+    floor = min(positive) / 4
+
+    def draw(axes: Axes) -> None:
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        labels = []
+        for name, row, wait, plans in points:
+            cost, colour = row.figures["attitude_cost"], shade[row.policy]
+            value, low, high = (1e4 * max(end, floor) for end in (cost.value, cost.low, cost.high))
+            if math.isfinite(low) and math.isfinite(high):
+                axes.plot([wait, wait], [low, high], color=colour, lw=5, alpha=0.35)
+            marker = "o" if cost.value > 0 else "v"
+            axes.plot(wait, value, marker, ms=8, color=colour, mfc=colour if plans else "none", mew=1.8)
+            labels.append((figure_name(name) + ("" if cost.value > 0 else " (0)"), wait, value))
+        axes.margins(x=0.16, y=0.16)
+        for axis in (axes.xaxis, axes.yaxis):
+            low, high = axis.get_view_interval()
+            axis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 200 * low else (1,)))
+            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            axis.set_minor_formatter(NullFormatter())
+        axes.set_xlabel("planning time [ms]")
+        axes.set_ylabel("eq. 20 cost [cm$^2$/s]")
+        axes.grid(which="major")
+        label_points(axes, labels)
+
+    alt = "; ".join(
+        f"{display_name(n)}: {r.figures['attitude_cost'].value:.3g} m^2/s, {w:.3g} ms"
+        for n, r, w, _ in points
+    )
+    caption = (
+        "Filled: the time to make the plan. Hollow: policies without a plan, at the time of one action. "
+        "A triangle at the lower edge: no cost at all. Low and left is better, for policies that capture."
+    )
+    panel = draw_panel("cost", draw, alt, width=1.5 * WIDTH, height=3.9)
+    return Plot("cost", "Cost against planning time", caption, (panel,))
+
+
+def attitude_plot(traces: Mapping[str, Traces], shade: Mapping[str, str]) -> Plot | None:
+    """Base attitude against time: median and quartile band of each policy, all the others in grey behind."""
+    if not traces:
+        return None
+    bands = {
+        policy: np.quantile(trace.attitude, [0.25, 0.5, 0.75], axis=0) for policy, trace in traces.items()
+    }
+    peaks = np.array([band[2].max() for band in bands.values() if band[2].max() > 0])
+    # One policy that spins the base must not flatten all the others.
+    top = 1.05 * float(min(peaks.max(), 4 * np.median(peaks))) if peaks.size else 1.0
+    cut = " Larger values are cut off." if peaks.size and peaks.max() > top else ""
+    end = max(float(trace.time[-1]) for trace in traces.values())
+    panels = []
+    for number, (policy, trace) in enumerate(traces.items()):
+
+        def draw(axes: Axes, policy: str = policy, trace: Traces = trace) -> None:
+            for other, band in bands.items():
+                if other != policy:
+                    axes.plot(traces[other].time, band[1], color=INK, alpha=0.2, lw=0.9)
+            low, middle, high = bands[policy]
+            axes.fill_between(trace.time, low, high, color=shade[policy], alpha=0.3, lw=0)
+            axes.plot(trace.time, middle, color=shade[policy], lw=2.2)
+            axes.set(xlim=(0, end), ylim=(0, top), xlabel="time [s]", ylabel="base attitude [deg]")
+            axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
+            axes.set_title(figure_name(policy))
+            axes.grid()
+
+        alt = f"{display_name(policy)}: median base attitude {bands[policy][1][-1]:.3g} deg at the end"
+        panels.append(draw_panel(f"attitude-{number}", draw, alt, height=2.5))
+    first = max(trace.episodes for trace in traces.values())
+    caption = (
+        f"Median and quartiles over the first {first} episodes of each policy, on one scale; the thin lines "
+        "are the medians of the others. An episode that ended keeps its last value." + cut
+    )
+    return Plot("attitude", "Base attitude against time", caption, tuple(panels))
+
+
+def motion_plot(traces: Mapping[str, Traces]) -> Plot | None:
+    """Rotation and translation of the base in one episode, the same one for every policy."""
+    moving = {
+        policy: trace
+        for policy, trace in traces.items()
+        if np.any(trace.base_rotation) or np.any(trace.base_position)
+    }
+    if not moving:
+        return None
+    episode = representative_episode(moving)
+    panels = []
+    for number, (policy, trace) in enumerate(moving.items()):
+        row = min(episode, trace.episodes - 1)
+        stop = int(trace.length[row]) + 1
+
+        def draw(
+            figure: Figure, policy: str = policy, trace: Traces = trace, row: int = row, stop: int = stop
+        ) -> None:
+            above, below = figure.subplots(2, 1, sharex=True)
+            for axes, values, label in (
+                (above, trace.base_rotation[row, :stop], "rotation [deg]"),
+                (below, 1000 * trace.base_position[row, :stop], "shift [mm]"),
+            ):
+                for axis, (name, colour, dash) in enumerate(
+                    (("x", BLUE, "-"), ("y", VERMILION, (0, (5, 1.5))), ("z", GREEN, (0, (1.5, 1.2))))
+                ):
+                    axes.plot(trace.time[:stop], values[:, axis], color=colour, ls=dash, lw=1.9, label=name)
+                axes.set_ylabel(label)
+                axes.grid()
+            above.set_title(figure_name(policy))
+            above.legend(ncols=3, loc="lower right", bbox_to_anchor=(1, 0.98), borderaxespad=0)
+            below.set_xlabel("time [s]")
+            below.xaxis.set_major_locator(MaxNLocator(5, integer=True))
+            figure.align_ylabels()
+
+        alt = (
+            f"{display_name(policy)}: the base turns by up to {trace.attitude[row].max():.3g} deg and "
+            f"moves by up to {1000 * np.linalg.norm(trace.base_position[row], axis=-1).max():.3g} mm"
+        )
+        panels.append(draw_panel(f"motion-{number}", draw, alt, height=3.4, whole=True))
+    caption = (
+        f"Rotation vector and shift of the base from where it started, in inertial axes, in episode "
+        f"{episode}: the one whose peak attitude is the middle one over the policies' medians. "
+        "Scales differ between policies."
+    )
+    return Plot("motion", "The base's motion", caption, tuple(panels))
+
+
+def _wide_range(axes: Axes, values: Sequence[float]) -> None:
+    """Start the horizontal axis at 0; logarithmic above the least value where they differ by much."""
+    positive = [value for value in values if 0 < value < math.inf]
+    if positive and max(positive) > 30 * min(positive):
+        axes.set_xscale("symlog", linthresh=10 ** math.floor(math.log10(min(positive))), linscale=0.5)
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.set_xlim(left=-0.03 * axes.get_xlim()[1] if axes.get_xscale() == "linear" else 0)
+
+
+def representative_episode(traces: Mapping[str, Traces]) -> int:
+    """The traced episode with the middle peak attitude, taking for each episode the median over policies."""
+    count = min(trace.episodes for trace in traces.values())
+    peaks = np.median([trace.attitude[:count].max(axis=1) for trace in traces.values()], axis=0)
+    return int(np.argsort(peaks, kind="stable")[(count - 1) // 2])

@@ -1,0 +1,185 @@
+"""From records to the rows of the leaderboard: one row for each task and policy.
+
+How failures count: success and capture@N deg are shares of all episodes. Time to capture is the median over
+all episodes, a failure being later than any capture, so it exists where more than half captured. The other
+figures are interquartile means over all episodes, failures included, as they stood when the episode ended; a
+policy that does nothing keeps its attitude. Planning time and time per action are medians over the episodes
+that have them and carry no interval.
+"""
+
+import math
+import zlib
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from space_envs.errors import ConfigurationError
+from space_envs.evaluation.records import OUTCOMES, EpisodeRecord
+from space_envs.evaluation.statistics import (
+    ATTITUDE_LIMITS,
+    Estimate,
+    Statistic,
+    capture_rate,
+    interquartile_mean,
+    median,
+    stratified_bootstrap,
+)
+
+DIFFICULTIES = ("easy", "medium", "hard")
+TIMINGS = ("planning_ms", "action_ms")
+
+# Figure -> the statistic of the record field of the same name.
+_BOOTSTRAPPED: dict[str, Statistic] = {
+    "final_attitude": interquartile_mean,
+    "peak_attitude": interquartile_mean,
+    "attitude_cost": interquartile_mean,
+    "time_to_capture": median,
+    "position_error": interquartile_mean,
+    "orientation_error": interquartile_mean,
+    "base_angular_impulse": interquartile_mean,
+    "kinetic_energy_integral": interquartile_mean,
+    "mechanical_work": interquartile_mean,
+    "peak_power": interquartile_mean,
+}
+
+
+@dataclass(frozen=True, order=True)
+class Task:
+    """What was asked: records of different tasks never share a row or a table."""
+
+    env_id: str
+    difficulty: str
+    split: str
+
+    def __str__(self) -> str:
+        return f"{self.env_id}, {self.difficulty}, {self.split} split"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One policy on one task, in the units of the records; rates in 0..1."""
+
+    task: Task
+    policy: str
+    control_mode: str
+    config_hash: str
+    episodes: int
+    seeds: tuple[int, ...]
+    figures: Mapping[str, Estimate]
+    outcomes: Mapping[str, int]  # every outcome with its number of episodes
+    reasons: tuple[tuple[str, int], ...]  # reasons of failures, most frequent first
+    momentum_drift: float  # the largest of all episodes
+    timing: Mapping[str, float]  # ms, NaN where nothing was timed
+
+    def to_dict(self) -> dict[str, Any]:
+        """For summary.json; infinite and NaN become None; what a clock decided stands under `timing`."""
+        return {
+            "env_id": self.task.env_id,
+            "difficulty": self.task.difficulty,
+            "split": self.task.split,
+            "policy": self.policy,
+            "control_mode": self.control_mode,
+            "config_hash": self.config_hash,
+            "episodes": self.episodes,
+            "seeds": list(self.seeds),
+            "figures": {
+                key: {"value": _plain(e.value), "low": _plain(e.low), "high": _plain(e.high)}
+                for key, e in self.figures.items()
+            },
+            "outcomes": dict(self.outcomes),
+            "momentum_drift": _plain(self.momentum_drift),
+            "timing": {key: _plain(value) for key, value in self.timing.items()},
+        }
+
+
+def capture_key(limit: float) -> str:
+    """Name of the figure for captures under an attitude limit [deg], such as capture@0.1deg."""
+    return f"capture@{limit:g}deg"
+
+
+FIGURES = ("success", *map(capture_key, ATTITUDE_LIMITS), *_BOOTSTRAPPED)
+
+
+def build_rows(
+    records: Iterable[EpisodeRecord], generator: np.random.Generator, resamples: int = 5000
+) -> list[Row]:
+    """Aggregate records into rows, best first within each task.
+
+    Sorted by success, then final attitude, then eq. 20 cost, then name. The interval of a row depends on the
+    generator and that row's records only, not on which other policies stand in the table. Raises
+    ConfigurationError where an episode stands twice or a row would mix configurations.
+    """
+    groups: dict[tuple[Task, str, str], list[EpisodeRecord]] = {}
+    for record in records:
+        task = Task(record.env_id, record.difficulty, record.split)
+        groups.setdefault((task, record.policy, record.control_mode), []).append(record)
+    entropy = int(generator.integers(2**63))
+    return sorted((_row(key, group, entropy, resamples) for key, group in groups.items()), key=_rank)
+
+
+def _row(key: tuple[Task, str, str], records: list[EpisodeRecord], entropy: int, resamples: int) -> Row:
+    task, policy, control_mode = key
+    hashes = sorted({record.config_hash for record in records})
+    if len(hashes) > 1:
+        raise ConfigurationError(
+            f"records of {policy!r} on {task} mix the configurations {', '.join(hashes)}"
+        )
+    (seed, episode), count = Counter((record.seed, record.episode) for record in records).most_common(1)[0]
+    if count > 1:
+        raise ConfigurationError(
+            f"episode {episode} of seed {seed} of {policy!r} on {task} stands {count} times"
+        )
+    # The order in which episodes were run must not change the interval.
+    records = sorted(records, key=lambda record: (record.seed, record.episode))
+    seeds = np.array([record.seed for record in records])
+    captured = np.array([record.captured for record in records])
+    final_attitude = _column(records, "final_attitude")
+    figures = {"success": capture_rate(captured)}
+    for limit in ATTITUDE_LIMITS:
+        figures[capture_key(limit)] = capture_rate(captured, final_attitude, limit)
+    for name, statistic in _BOOTSTRAPPED.items():
+        words = (task.env_id, task.difficulty, task.split, policy, control_mode, name)
+        stream = zlib.crc32("\0".join(words).encode("utf-8", "surrogatepass"))
+        figures[name] = stratified_bootstrap(
+            _column(records, name), seeds, np.random.default_rng([entropy, stream]), statistic, resamples
+        )
+    outcomes = Counter(record.outcome for record in records)
+    reasons = Counter(record.reason for record in records if record.reason and not record.captured)
+    return Row(
+        task=task,
+        policy=policy,
+        control_mode=control_mode,
+        config_hash=hashes[0],
+        episodes=len(records),
+        seeds=tuple(sorted({record.seed for record in records})),
+        figures=figures,
+        outcomes={outcome: outcomes[outcome] for outcome in OUTCOMES},
+        reasons=tuple(sorted(reasons.items(), key=lambda item: (-item[1], item[0]))),
+        momentum_drift=float(_column(records, "momentum_drift").max()),
+        timing={key: _timing(records, key) for key in TIMINGS},
+    )
+
+
+def _column(records: list[EpisodeRecord], name: str) -> np.ndarray:
+    """One field of each record (n,), +infinity where the value does not exist."""
+    values = [getattr(record, name) for record in records]
+    return np.array([math.inf if value is None else value for value in values])
+
+
+def _timing(records: list[EpisodeRecord], key: str) -> float:
+    values = [value for record in records if (value := record.timing[key]) is not None]
+    return float(median(np.array(values))) if values else math.nan
+
+
+def _rank(row: Row) -> tuple[Any, ...]:
+    task, figures = row.task, row.figures
+    difficulty = DIFFICULTIES.index(task.difficulty) if task.difficulty in DIFFICULTIES else len(DIFFICULTIES)
+    merit = (-figures["success"].value, figures["final_attitude"].value, figures["attitude_cost"].value)
+    return (task.env_id, difficulty, task.difficulty, task.split, *merit, row.policy, row.control_mode)
+
+
+def _plain(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,0 +1,118 @@
+"""From recorded episodes to the metrics of each."""
+
+from dataclasses import asdict
+from hashlib import sha256
+import json
+from typing import Any
+
+import numpy as np
+
+from space_envs.dynamics.bodies import body_motion, momentum_drift
+from space_envs.dynamics.rotations import Array, logarithm
+from space_envs.dynamics.trajectories import attitude_cost
+from space_envs.evaluation.records import SCHEMA_VERSION, EpisodeRecord, Timing
+from space_envs.evaluation.rollout import Rollout
+from space_envs.evaluation.traces import Traces
+from space_envs.tasks.single_arm import SingleArmTask
+
+TRACED = 30  # episodes of a policy whose course in time is kept
+
+
+def config_hash(env_id: str, control_mode: str, task: SingleArmTask) -> str:
+    """Twelve hexadecimal digits that change with anything that defines the task."""
+    config = {"env_id": env_id, "control_mode": control_mode, **asdict(task), "timestep": task.step_size}
+    del config["split"]
+    return sha256(json.dumps(config, sort_keys=True).encode()).hexdigest()[:12]
+
+
+def episode_metrics(rollout: Rollout, task: SingleArmTask) -> dict[str, Array]:
+    """Metrics (K,) of recorded episodes.
+
+    attitude_cost: eq. 20 times dt, from the base twist after each step, m^2/s.
+    base_angular_impulse: total variation of the satellite's angular momentum about its own centre of mass,
+        which is the time integral of the reaction torque's magnitude, N m s.
+    kinetic_energy_integral: integral of twice the kinetic energy (trapezoid rule), shah2013's C, J s.
+    mechanical_work: sum over joints and steps of |torque times angle turned|, exact for held torques, J.
+    peak_power: largest sum over joints of |torque times rate|, at either end of a control period, W.
+    momentum_drift: largest change of total linear or angular momentum since the start, N s or N m s.
+    """
+    dt = task.control_period
+    motion = body_motion(task.robot, rollout.qpos, rollout.qvel)
+    alive = np.arange(rollout.torque.shape[1]) < rollout.length[:, None]  # (K, T) steps before the end
+    twist = rollout.qvel[:, 1:, :6] * alive[..., None]  # rotation of the axes does not change eq. 20
+    spin = np.linalg.norm(np.diff(motion.base_spin, axis=1), axis=-1)
+    doubled = 2.0 * motion.kinetic_energy
+    rate, turned = rollout.qvel[..., 6:], np.diff(rollout.qpos[..., 7:], axis=1)
+    ends = [np.abs(rollout.torque * r).sum(axis=-1) for r in (rate[:, :-1], rate[:, 1:])]
+    return {
+        "attitude_cost": attitude_cost(twist, dt, task.c),
+        "base_angular_impulse": spin.sum(axis=1),
+        "kinetic_energy_integral": dt * (0.5 * (doubled[:, :-1] + doubled[:, 1:]) * alive).sum(axis=1),
+        "mechanical_work": np.abs(rollout.torque * turned).sum(axis=(1, 2)),
+        "peak_power": np.maximum(*ends).max(axis=1),
+        "momentum_drift": momentum_drift(motion)[0],
+        "position_error": rollout.position_error[:, -1],
+        "orientation_error": rollout.orientation_error[:, -1],
+        "peak_attitude": rollout.attitude.max(axis=1),
+        "final_attitude": rollout.attitude[:, -1],
+    }
+
+
+def episode_records(
+    rollout: Rollout,
+    task: SingleArmTask,
+    env_id: str,
+    policy: str,
+    control_mode: str,
+    split: str,
+    seed: int,
+    timing: Timing,
+) -> list[EpisodeRecord]:
+    """One record an episode."""
+    metrics = episode_metrics(rollout, task)
+    config = config_hash(env_id, control_mode, task)
+    records = []
+    for row in range(len(rollout.index)):
+        captured = rollout.outcome[row] == "captured"
+        values: dict[str, Any] = {name: float(value[row]) for name, value in metrics.items()}
+        records.append(
+            EpisodeRecord(
+                schema=SCHEMA_VERSION,
+                env_id=env_id,
+                policy=policy,
+                control_mode=control_mode,
+                difficulty=task.difficulty,
+                split=split,
+                index=int(rollout.index[row]),
+                episode=row,
+                seed=seed,
+                config_hash=config,
+                captured=captured,
+                outcome=rollout.outcome[row],
+                reason=rollout.reason[row],
+                time_to_capture=float(rollout.length[row] * task.control_period) if captured else None,
+                steps=int(rollout.length[row]),
+                episode_return=float(rollout.episode_return[row]),
+                collisions=0,  # this task has no contact
+                clipped_actions=int(rollout.clipped[row]),
+                timing=timing,
+                **values,
+            )
+        )
+    return records
+
+
+def episode_traces(rollout: Rollout, task: SingleArmTask) -> Traces:
+    """The course of the first episodes in time."""
+    k = slice(0, TRACED)
+    position = rollout.qpos[k, :, :3]
+    return Traces(
+        time=task.control_period * np.arange(rollout.qpos.shape[1]),
+        length=rollout.length[k],
+        attitude=rollout.attitude[k],
+        base_rotation=np.rad2deg(logarithm(rollout.qpos[k, :, 3:7])),
+        base_position=position - position[:, :1],
+        position_error=rollout.position_error[k],
+        orientation_error=rollout.orientation_error[k],
+        joint_position=rollout.qpos[k, :, 7:],
+    )

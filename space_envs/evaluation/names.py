@@ -1,0 +1,47 @@
+"""Names that others chose, made harmless for each place where they are shown.
+
+A policy's name may be any text. HTML is escaped by the template engine; this is for the other places.
+"""
+
+import hashlib
+import re
+import unicodedata
+
+
+def display_name(name: str, longest: int = 60) -> str:
+    """The name on one line: control, format and unassigned characters replaced, cut at `longest`."""
+    shown = "".join("\N{REPLACEMENT CHARACTER}" if unicodedata.category(c)[0] == "C" else c for c in name)
+    shown = " ".join(shown.split()) or "(blank)"
+    return shown if len(shown) <= longest else shown[: longest - 3] + "..."
+
+
+def markdown_name(name: str, longest: int = 60) -> str:
+    """The name inside a Markdown table cell: neither markup, HTML, a link nor the end of the cell."""
+    shown = display_name(name, longest).replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+    # Inside a word an underscore is no markup, and names like minimum_jerk stay readable in the source.
+    return re.sub(r"[\\`*\[\]|~$]|(?<![A-Za-z0-9])_|_(?![A-Za-z0-9])", r"\\\g<0>", shown).replace(
+        "://", "&#58;//"
+    )
+
+
+def csv_name(name: str) -> str:
+    """The name inside a CSV cell; a spreadsheet does not take it for a formula."""
+    shown = display_name(name)
+    return "'" + shown if shown[0] in "=+-@" else shown
+
+
+def figure_name(name: str) -> str:
+    """The name as a matplotlib text: cut short, and dollar signs start no formula."""
+    return display_name(name, 20).replace("$", r"\$")
+
+
+def file_name(name: str) -> str:
+    """A file's stem for the name: itself where it is plain, else its plain characters and a hash.
+
+    Two different names never share a stem, also where the file system ignores case.
+    """
+    if re.fullmatch(r"[a-z0-9][a-z0-9_-]{0,40}", name):
+        return name
+    plain = re.sub(r"[^a-z0-9_-]+", "-", name.lower()).strip("-")[:40] or "policy"
+    digest = hashlib.sha256(name.encode("utf-8", "surrogatepass")).hexdigest()
+    return f"{plain}.{digest[:12]}"

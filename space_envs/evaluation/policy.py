@@ -1,0 +1,143 @@
+"""What a policy is: its signature, what it is told about the task, and how a user's own one is loaded."""
+
+import importlib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol, Self, cast
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from space_envs.control import STOP_MARGIN
+from space_envs.dynamics import FloatingRobot
+from space_envs.dynamics.rotations import Array
+from space_envs.errors import PolicyError, unknown_name
+from space_envs.tasks.common import CaptureEnvelope, ObservationLayout
+
+if TYPE_CHECKING:
+    from space_envs.envs import CaptureEnv, CaptureVectorEnv
+
+DEFAULT_CONTROL_MODE = "joint_velocity"
+
+
+class Policy(Protocol):
+    """Chooses actions; the signature of `predict` is stable-baselines3's.
+
+    A policy class is built as `Class(context, seed)` with a `PolicyContext` and an int. It may name the
+    control mode it wants in a class attribute `control_mode` (joint_velocity without one).
+    """
+
+    def predict(
+        self,
+        observation: Array,
+        state: Any = None,
+        episode_start: NDArray[np.bool_] | None = None,
+        deterministic: bool = True,
+    ) -> tuple[Array, Any]:
+        """Actions (N, m) in [-1, 1] for observations (N, size), and the state to give to the next call.
+
+        Args:
+            observation: (N, size), laid out as the context's layout says.
+            state: what the last call returned; None at first.
+            episode_start: (N,) rows whose episode begins with this observation; a planner plans these.
+                None means all rows if there is no state yet, otherwise none.
+            deterministic: whether a stochastic policy shall give its mean action.
+        """
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class PolicyContext:
+    """All that a policy is told besides observations: the public model and the terms of the task.
+
+    Attributes:
+        env_id: registered id. control_mode: what an action means.
+        model: compiled MuJoCo model with nominal masses, read-only. arm: the same robot's momentum-level
+            mathematics.
+        layout: where each named quantity lies in an observation.
+        control_period: s. horizon: steps after which an episode is cut.
+        action_scale: (m,) physical units per unit action (rad/s, N m, or m/s and rad/s).
+        joint_limits: (n, 2) rad, least and largest angle that the drives go to.
+        rate_limit: rad/s. acceleration_limit: rad/s^2, of every joint.
+        envelope: of a capture. c: m/rad of the attitude cost (eq. 20 of shyam2020).
+    """
+
+    env_id: str
+    control_mode: str
+    model: mujoco.MjModel
+    arm: FloatingRobot
+    layout: ObservationLayout
+    control_period: float
+    horizon: int
+    action_scale: Array
+    joint_limits: Array
+    rate_limit: float
+    acceleration_limit: float
+    envelope: CaptureEnvelope
+    c: float
+
+    @classmethod
+    def from_env(cls, env: "CaptureVectorEnv | CaptureEnv") -> Self:
+        """The context of an environment (unwrapped)."""
+        vector: CaptureVectorEnv = getattr(env, "vector", env)
+        task = vector.task
+        return cls(
+            env_id=vector.env_id,
+            control_mode=vector.control_mode,
+            model=task.model,
+            arm=task.robot,
+            layout=task.layout,
+            control_period=task.control_period,
+            horizon=task.horizon,
+            action_scale=vector.mode.scale,
+            joint_limits=task.robot.range + STOP_MARGIN * np.array([1.0, -1.0]),
+            rate_limit=vector.drive.rate_limit,
+            acceleration_limit=vector.drive.acceleration_limit,
+            envelope=task.envelope,
+            c=task.c,
+        )
+
+    def require_mode(self, mode: str) -> None:
+        """Refuse to be used in another control mode than `mode`.
+
+        Raises:
+            PolicyError: naming both modes.
+        """
+        if self.control_mode != mode:
+            raise PolicyError(f"this policy acts in control mode {mode!r}, the environment is in {self.control_mode!r}")
+
+    def check_observation(self, observation: NDArray) -> Array:
+        """Observations as float64 (N, size).
+
+        Raises:
+            PolicyError: for another shape, NaN or infinity.
+        """
+        observation = np.asarray(observation, dtype=np.float64)
+        if observation.ndim != 2 or observation.shape[1] != self.layout.size:
+            raise PolicyError(f"observations must have shape (N, {self.layout.size}), got {observation.shape}")
+        if not np.isfinite(observation).all():
+            raise PolicyError("observations must be finite, got NaN or infinity")
+        return observation
+
+
+def load_policy_class(path: str) -> type[Policy]:
+    """Import the policy class named as `package.module:Class`. This runs that module's code.
+
+    Raises:
+        PolicyError: if the name has another form, nothing of that name can be imported, or it is no class
+            with a `predict`.
+    """
+    module_name, _, class_name = path.partition(":")
+    if not all(part.isidentifier() for part in [*module_name.split("."), class_name]):
+        raise PolicyError(f"a policy class is named as 'package.module:Class', got {path!r}")
+    try:
+        module = importlib.import_module(module_name)
+    except Exception as error:  # whatever a user's module does when it is imported
+        raise PolicyError(f"module {module_name!r} of policy {path!r} cannot be imported: {error!r}") from error
+    if not hasattr(module, class_name):
+        classes = [name for name, value in vars(module).items() if isinstance(value, type)]
+        raise PolicyError(str(unknown_name(f"class of module {module_name!r}", class_name, classes)))
+    found = getattr(module, class_name)
+    if not isinstance(found, type) or not callable(getattr(found, "predict", None)):
+        raise PolicyError(f"{path!r} is not a class with a method `predict`")
+    return cast("type[Policy]", found)

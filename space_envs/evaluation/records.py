@@ -1,0 +1,234 @@
+"""What an evaluation leaves behind: one record an episode, traces, and everything a report is made from.
+
+Records are JSON lines with the keys always in the order of `EpisodeRecord`, floats as Python's `repr`, so the
+same evaluation writes the same bytes. Everything a clock decides stands in the one field `timing`.
+"""
+
+import dataclasses
+import json
+import math
+import types
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Self, TypedDict, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from space_envs.errors import ConfigurationError, unknown_name
+from space_envs.evaluation.traces import Traces
+from space_envs.files import atomic_write_text
+
+SCHEMA_VERSION = 1
+OUTCOMES = ("captured", "timeout", "attitude_lost", "diverged", "collision", "policy_error")
+
+
+class Timing(TypedDict):
+    """Milliseconds: to make the plan (None where the policy makes none) and for each action (mean)."""
+
+    planning_ms: float | None
+    action_ms: float | None
+
+
+@dataclass(frozen=True)
+class EpisodeRecord:
+    """One episode. A quantity that does not exist for it (a simulation that diverged at once) is None.
+
+    Building one checks it: types, finite numbers, ranges, and that captured, outcome and time_to_capture
+    agree. NumPy scalars become Python's own. Raises ConfigurationError that names the field.
+    """
+
+    schema: int  # SCHEMA_VERSION
+    env_id: str
+    policy: str
+    control_mode: str
+    difficulty: str
+    split: str
+    index: int  # of the goal in its split
+    episode: int  # running number within this policy and seed
+    seed: int  # evaluation seed: the stratum of the bootstrap
+    config_hash: str
+    captured: bool
+    outcome: str  # one of OUTCOMES
+    reason: str | None
+    time_to_capture: float | None  # s
+    steps: int
+    episode_return: float | None
+    position_error: float | None  # m, at the end
+    orientation_error: float | None  # deg, at the end
+    peak_attitude: float | None  # deg
+    final_attitude: float | None  # deg
+    attitude_cost: float | None  # m^2/s, shyam2020 eq. 20 times dt
+    base_angular_impulse: float | None  # N m s
+    kinetic_energy_integral: float | None  # J s, shah2013's C
+    mechanical_work: float | None  # J
+    peak_power: float | None  # W
+    collisions: int
+    clipped_actions: int
+    momentum_drift: float | None  # N m s or N s, the larger of the two maxima
+    timing: Timing
+
+    def __post_init__(self) -> None:
+        for name, kind in _KINDS.items():
+            object.__setattr__(self, name, _checked(name, getattr(self, name), kind))
+        object.__setattr__(self, "timing", _checked_timing(self.timing))
+        if self.schema != SCHEMA_VERSION:
+            raise ConfigurationError(f"schema is {self.schema}; this version reads schema {SCHEMA_VERSION}")
+        if self.outcome not in OUTCOMES:
+            raise unknown_name("outcome", self.outcome, OUTCOMES)
+        if self.captured != (self.outcome == "captured"):
+            raise ConfigurationError(f"captured is {self.captured} but outcome is {self.outcome!r}")
+        if self.captured != (self.time_to_capture is not None):
+            raise ConfigurationError(
+                f"captured is {self.captured} but time_to_capture is {self.time_to_capture}; "
+                "a captured episode has a time, any other has none"
+            )
+        if self.captured:
+            missing = [name for name in _NONNEGATIVE if getattr(self, name) is None]
+            if missing:
+                raise ConfigurationError(f"a captured episode lacks {', '.join(missing)}")
+
+    def to_json(self) -> str:
+        """One line without its end, keys in the order of the fields."""
+        return json.dumps(self.to_dict(), allow_nan=False)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain Python values, keys in the order of the fields."""
+        values = {name: getattr(self, name) for name in _NAMES}
+        values["timing"] = dict(self.timing)
+        return values
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Self:
+        """Build from a mapping that has exactly the fields. Raises ConfigurationError."""
+        if not isinstance(values, Mapping):
+            raise ConfigurationError(f"expected an object with the fields of a record, got {_shown(values)}")
+        for name in values:
+            if name not in _NAMES:
+                raise unknown_name("field", name, _NAMES)
+        missing = [name for name in _NAMES if name not in values]
+        if missing:
+            raise ConfigurationError(f"missing field {', '.join(missing)}")
+        return cls(**values)
+
+    @classmethod
+    def from_json(cls, line: str) -> Self:
+        """Parse one line. NaN, infinity and repeated keys are refused. Raises ConfigurationError."""
+        try:
+            values = json.loads(line, parse_constant=_refuse_constant, object_pairs_hook=_unique)
+        except ConfigurationError:
+            raise
+        except (ValueError, RecursionError) as error:
+            raise ConfigurationError(f"not a JSON object: {error}") from error
+        return cls.from_dict(values)
+
+
+@dataclass(frozen=True)
+class EvaluationResult:
+    """All that `write_report` needs, for one run of `evaluate.py`.
+
+    `provenance` is shown in the report as it is: `command`, `versions`, `machine`, `commit`, ... What a clock
+    or the machine's load decides goes under its key `timing`, so that the rest repeats byte for byte.
+    `pictures` holds uint8 frames (height, width, 3) of a capture for each policy, in order of time; where it
+    is empty, `pictures_note` says why in one sentence.
+    """
+
+    records: Sequence[EpisodeRecord]
+    traces: Mapping[str, Traces] = field(default_factory=dict)
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    pictures: Mapping[str, Sequence[np.ndarray]] = field(default_factory=dict)
+    pictures_note: str = ""
+
+
+def write_records(path: str | Path, records: Iterable[EpisodeRecord]) -> None:
+    """Write one JSON line for each record; a reader sees the whole file or none of it."""
+    atomic_write_text(path, "".join(record.to_json() + "\n" for record in records))
+
+
+def read_records(path: str | Path) -> list[EpisodeRecord]:
+    """Read a file of JSON lines. Raises ConfigurationError that names file, line and mistake."""
+    path = Path(path)
+    try:
+        # Bytes are split at line feeds alone: str.splitlines also splits at U+2028, which JSON allows.
+        lines = path.read_bytes().split(b"\n")
+    except OSError as error:
+        raise ConfigurationError(f"{path}: cannot be read: {error.strerror or error}") from error
+    if lines[-1] != b"":
+        raise ConfigurationError(f"{path}:{len(lines)}: the last line has no end; the file was cut short")
+    records = []
+    for number, line in enumerate(lines[:-1], start=1):
+        try:
+            records.append(EpisodeRecord.from_json(line.decode("utf-8")))
+        except (ConfigurationError, UnicodeDecodeError) as error:
+            raise ConfigurationError(f"{path}:{number}: {error}") from error
+    return records
+
+
+def records_without_timing(records: Iterable[EpisodeRecord]) -> list[dict[str, Any]]:
+    """The records as plain dictionaries without `timing`: what two runs of one seed must have in common."""
+    plain = [record.to_dict() for record in records]
+    for values in plain:
+        del values["timing"]
+    return plain
+
+
+def _checked(name: str, value: Any, kind: Any) -> Any:
+    if isinstance(value, np.generic):
+        value = value.item()
+    if get_origin(kind) in (types.UnionType, Union):
+        if value is None:
+            return None
+        (kind,) = (option for option in get_args(kind) if option is not types.NoneType)
+    if kind is float and type(value) is int:
+        value = float(value)
+    if type(value) is not kind:
+        raise ConfigurationError(f"{name} must be {kind.__name__}, got {_shown(value)}")
+    if kind is float and not math.isfinite(value):
+        raise ConfigurationError(f"{name} must be finite, got {value}; a value that does not exist is null")
+    if (kind is int or name in _NONNEGATIVE or name == "time_to_capture") and value < 0:
+        raise ConfigurationError(f"{name} must not be negative, got {value}")
+    if kind is str and name != "reason" and not value:
+        raise ConfigurationError(f"{name} must not be empty")
+    return value
+
+
+def _checked_timing(value: Any) -> Timing:
+    keys = tuple(get_type_hints(Timing))
+    if not isinstance(value, Mapping) or set(value) != set(keys):
+        raise ConfigurationError(f"timing must have exactly {', '.join(keys)}, got {_shown(value)}")
+    checked = {key: _checked(f"timing.{key}", value[key], float | None) for key in keys}
+    for key, milliseconds in checked.items():
+        if milliseconds is not None and milliseconds < 0:
+            raise ConfigurationError(f"timing.{key} must not be negative, got {milliseconds}")
+    return Timing(planning_ms=checked["planning_ms"], action_ms=checked["action_ms"])
+
+
+def _refuse_constant(name: str) -> None:
+    raise ConfigurationError(f"{name} is not a JSON number; a value that does not exist is null")
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    values = dict(pairs)
+    if len(values) != len(pairs):
+        raise ConfigurationError("a key stands twice in one object")
+    return values
+
+
+def _shown(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 80 else text[:77] + "..."
+
+
+_NAMES = tuple(item.name for item in dataclasses.fields(EpisodeRecord))
+_KINDS = {name: kind for name, kind in get_type_hints(EpisodeRecord).items() if name != "timing"}
+_NONNEGATIVE = (
+    "position_error",
+    "orientation_error",
+    "peak_attitude",
+    "final_attitude",
+    "attitude_cost",
+    "base_angular_impulse",
+    "kinetic_energy_integral",
+    "peak_power",
+    "momentum_drift",
+)

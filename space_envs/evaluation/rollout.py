@@ -1,0 +1,218 @@
+"""Episodes of one policy, all at once in the native vector environment, with every state recorded."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from space_envs.dynamics.rotations import Array
+from space_envs.envs import CaptureVectorEnv
+from space_envs.errors import ConfigurationError, PolicyError
+from space_envs.evaluation.policy import Policy, PolicyContext
+
+PolicyFactory = Callable[[PolicyContext], Policy]
+BATCH = 128  # episodes simulated together
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """K recorded episodes of at most T steps; after its end an episode repeats its last values.
+
+    Attributes:
+        index: (K,) goal in the split. length: (K,) steps until the end.
+        qpos: (K, T + 1, 7 + n), qvel: (K, T + 1, 6 + n) of the robot, MuJoCo's conventions.
+        torque: (K, T, n) N m, zero after the end.
+        goal: (K, 7) grapple position m and quaternion, at the start.
+        position_error: (K, T + 1) m. orientation_error, attitude: (K, T + 1) deg.
+        outcome, reason: K strings. episode_return, clipped: (K,).
+    """
+
+    index: NDArray[np.int64]
+    length: NDArray[np.int64]
+    qpos: Array
+    qvel: Array
+    torque: Array
+    goal: Array
+    position_error: Array
+    orientation_error: Array
+    attitude: Array
+    outcome: list[str]
+    reason: list[str | None]
+    episode_return: Array
+    clipped: NDArray[np.int64]
+
+
+def split_indices(task: Any, split: str, episodes: int, seed: int) -> NDArray[np.int64]:
+    """Which goals of a split are played: `episodes` different ones in an order drawn from the seed.
+
+    Raises:
+        ConfigurationError: if the split has fewer goals.
+    """
+    size = task.split_size(split)
+    if not 1 <= episodes <= size:
+        raise ConfigurationError(f"split {split!r} has {size} goals, so episodes must lie in 1..{size}; got {episodes}")
+    return np.random.default_rng(seed).permutation(size)[:episodes]
+
+
+def roll_out(
+    factory: PolicyFactory,
+    environment: dict[str, Any],
+    split: str,
+    indices: NDArray[np.int64],
+    seed: int,
+    label: str | None = None,
+) -> Rollout:
+    """Play one episode per index.
+
+    Args:
+        factory: makes the policy from its context.
+        environment: keywords of `CaptureVectorEnv`.
+        indices: (K,) goals of the split.
+        seed: of the environment's generators.
+        label: of the progress bar; None shows none.
+
+    Raises:
+        PolicyError: if the policy raises. Rows in which it returns NaN or infinity end as policy_error.
+    """
+    parts = []
+    batches = [indices[start : start + BATCH] for start in range(0, len(indices), BATCH)]
+    with tqdm(total=len(indices), desc=label, unit="episode", disable=label is None, leave=False) as bar:
+        for batch in batches:
+            parts.append(_roll_out_batch(factory, environment, split, batch, seed, bar))
+    return parts[0] if len(parts) == 1 else _joined(parts)
+
+
+def _roll_out_batch(
+    factory: PolicyFactory,
+    environment: dict[str, Any],
+    split: str,
+    indices: NDArray[np.int64],
+    seed: int,
+    bar: "tqdm[Any]",
+) -> Rollout:
+    n = len(indices)
+    env = CaptureVectorEnv(num_envs=n, autoreset_mode="disabled", **environment)
+    task, simulation = env.task, env.simulation
+    policy = factory(PolicyContext.of(env))
+    observation, _ = env.reset(seed=seed, options={"split": split, "index": indices})
+    horizon, robot = task.horizon, 7 + simulation.n_joints
+    qpos = np.empty((n, horizon + 1, robot))
+    qvel = np.empty((n, horizon + 1, robot - 1))
+    torque = np.zeros((n, horizon, simulation.n_joints))
+    seen = np.empty((n, horizon + 1, observation.shape[1]))
+    qpos[:, 0], qvel[:, 0], seen[:, 0] = simulation.qpos[:, :robot], simulation.qvel[:, : robot - 1], observation
+    outcome = np.full(n, "running", dtype=object)
+    reason: list[str | None] = [None] * n
+    length = np.zeros(n, dtype=np.int64)
+    total, clipped = np.zeros(n), np.zeros(n, dtype=np.int64)
+    state: Any = None
+    running = np.ones(n, dtype=bool)
+    for step in range(horizon):
+        action, state = _act(policy, observation, state, np.full(n, step == 0), env.single_action_space.shape)
+        bad = running & ~np.isfinite(action).all(axis=1)
+        if bad.any():
+            action = np.where(bad[:, None], 0.0, action)
+        action[~running] = 0.0
+        observation, reward, _, _, info = env.step(action)
+        total += np.where(running, reward, 0.0)
+        length += running
+        qpos[:, step + 1] = np.where(running[:, None], simulation.qpos[:, :robot], qpos[:, step])
+        qvel[:, step + 1] = np.where(running[:, None], simulation.qvel[:, : robot - 1], qvel[:, step])
+        torque[:, step] = np.where(running[:, None], simulation.ctrl, 0.0)
+        seen[:, step + 1] = observation
+        outcome = np.where(running, info["outcome"], outcome)
+        clipped = np.where(running, info["clipped_actions"], clipped)
+        for row in np.flatnonzero(bad):
+            outcome[row], reason[row] = "policy_error", f"the action held NaN or infinity at step {step}"
+        for row in np.flatnonzero(running & (outcome == "diverged")):
+            # The simulation has started over by itself: the state before is the last true one.
+            qpos[row, step + 1], qvel[row, step + 1] = qpos[row, step], qvel[row, step]
+        ended = running & (outcome != "running")
+        bar.update(int(ended.sum()))
+        running = running & ~ended
+        if not running.any():
+            for array in (qpos, qvel, seen):
+                array[:, step + 2 :] = array[:, step + 1 : step + 2]
+            break
+    env.close()
+    read = task.layout.read
+    return Rollout(
+        index=indices,
+        length=length,
+        qpos=qpos,
+        qvel=qvel,
+        torque=torque,
+        goal=np.concatenate([read(seen[:, 0], "goal_position"), read(seen[:, 0], "goal_quaternion")], axis=1),
+        position_error=np.linalg.norm(read(seen, "position_error"), axis=-1),
+        orientation_error=np.rad2deg(np.linalg.norm(read(seen, "rotation_error"), axis=-1)),
+        attitude=np.rad2deg(task.attitude(seen.reshape(-1, seen.shape[-1])).reshape(n, -1)),
+        outcome=list(outcome),
+        reason=reason,
+        episode_return=total,
+        clipped=clipped,
+    )
+
+
+def _act(
+    policy: Policy, observation: Array, state: Any, start: NDArray[np.bool_], shape: tuple[int, ...]
+) -> tuple[Array, Any]:
+    try:
+        action, state = policy.predict(observation, state=state, episode_start=start, deterministic=True)
+        action = np.array(action, dtype=np.float64)
+    except Exception as error:
+        raise PolicyError(f"{type(policy).__name__} raised {type(error).__name__}: {error}") from error
+    if action.shape != (len(observation), *shape):
+        raise PolicyError(
+            f"{type(policy).__name__} returned actions of shape {action.shape}, expected {(len(observation), *shape)}"
+        )
+    return action, state
+
+
+def _joined(parts: list[Rollout]) -> Rollout:
+    joined: dict[str, Any] = {}
+    for name in vars(parts[0]):
+        values = [getattr(part, name) for part in parts]
+        joined[name] = sum(values, []) if isinstance(values[0], list) else np.concatenate(values)
+    return Rollout(**joined)
+
+
+@dataclass(frozen=True)
+class PolicyTime:
+    """Milliseconds on one thread, one episode at a time: medians over episodes.
+
+    Attributes:
+        planning: of the first call of an episode beyond what a later call takes.
+        action: of a later call.
+    """
+
+    planning: float
+    action: float
+
+
+def time_policy(
+    factory: PolicyFactory, environment: dict[str, Any], split: str, indices: NDArray[np.int64], steps: int = 20
+) -> PolicyTime:
+    """Time a policy's calls, apart from the simulation; the first episode warms up and is not counted."""
+    env = CaptureVectorEnv(num_envs=1, autoreset_mode="disabled", **{**environment, "threads": 1})
+    policy = factory(PolicyContext.of(env))
+    planning, acting = [], []
+    for index in [indices[0], *indices]:
+        observation, _ = env.reset(seed=0, options={"split": split, "index": int(index)})
+        state: Any = None
+        durations = []
+        for step in range(steps):
+            before = perf_counter()
+            action, state = policy.predict(
+                observation, state=state, episode_start=np.array([step == 0]), deterministic=True
+            )
+            durations.append(perf_counter() - before)
+            observation, *_ = env.step(np.nan_to_num(np.asarray(action, dtype=np.float64)))
+        later = float(np.median(durations[1:]))
+        acting.append(later)
+        planning.append(max(durations[0] - later, 0.0))
+    env.close()
+    return PolicyTime(1e3 * float(np.median(planning[1:])), 1e3 * float(np.median(acting[1:])))

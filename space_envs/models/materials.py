@@ -1,0 +1,88 @@
+"""Colours, foils and skies that the models are drawn with, all procedural so that MJCF can hold them."""
+
+import mujoco
+
+# name: (red, green, blue, alpha), specular, shininess, emission
+PLAIN = {
+    "gold_foil": ((0.88, 0.60, 0.16, 1.0), 0.9, 0.75, 0.0),
+    "silver_foil": ((0.62, 0.63, 0.66, 1.0), 1.0, 0.8, 0.0),
+    "white_paint": ((0.93, 0.93, 0.91, 1.0), 0.35, 0.4, 0.0),
+    "grey_paint": ((0.55, 0.56, 0.58, 1.0), 0.3, 0.3, 0.0),
+    "dark_metal": ((0.13, 0.135, 0.15, 1.0), 0.7, 0.55, 0.0),
+    "aluminium": ((0.72, 0.74, 0.77, 1.0), 0.9, 0.7, 0.0),
+    "titanium": ((0.40, 0.38, 0.36, 1.0), 0.8, 0.6, 0.0),
+    "scorched": ((0.30, 0.25, 0.21, 1.0), 0.3, 0.3, 0.0),
+    "warning": ((0.95, 0.42, 0.06, 1.0), 0.4, 0.4, 0.15),
+    "blue_mark": ((0.06, 0.22, 0.62, 1.0), 0.4, 0.4, 0.1),
+    "glass": ((0.03, 0.05, 0.10, 1.0), 1.0, 0.95, 0.0),
+    "lamp": ((1.0, 0.25, 0.15, 1.0), 0.2, 0.2, 1.0),
+}
+
+
+def _textured(spec: mujoco.MjSpec, name: str, texture: str, repeat: tuple[float, float], **rest) -> None:
+    material = spec.add_material(name=name, texrepeat=repeat, **rest)
+    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = texture
+
+
+def add_materials(spec: mujoco.MjSpec) -> None:
+    """Add every material that the drawings name."""
+    for name, (rgba, specular, shininess, emission) in PLAIN.items():
+        spec.add_material(name=name, rgba=rgba, specular=specular, shininess=shininess, emission=emission)
+
+    flat, edge = mujoco.mjtBuiltin.mjBUILTIN_FLAT, mujoco.mjtMark.mjMARK_EDGE
+    plane = mujoco.mjtTexture.mjTEXTURE_2D
+    cell = {"type": plane, "builtin": flat, "mark": edge, "width": 64, "height": 64}
+    spec.add_texture(name="cell", rgb1=[0.02, 0.05, 0.20], markrgb=[0.45, 0.48, 0.55], **cell)
+    spec.add_texture(name="dead_cell", rgb1=[0.06, 0.06, 0.10], markrgb=[0.30, 0.28, 0.26], **cell)
+    spec.add_texture(name="mirror", rgb1=[0.70, 0.75, 0.80], markrgb=[0.40, 0.42, 0.45], **cell)
+    _textured(spec, "solar_cells", "cell", (4, 5), specular=0.9, shininess=0.8)
+    _textured(spec, "dead_cells", "dead_cell", (3, 4), specular=0.5, shininess=0.5)
+    _textured(spec, "radiator", "mirror", (5, 5), specular=1.0, shininess=0.9)
+
+
+def add_sky(spec: mujoco.MjSpec) -> None:
+    """Add black space with stars."""
+    spec.add_texture(
+        name="stars",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT,
+        mark=mujoco.mjtMark.mjMARK_RANDOM,
+        rgb1=[0.0, 0.0, 0.004],
+        rgb2=[0.0, 0.0, 0.004],
+        markrgb=[0.85, 0.88, 1.0],
+        random=0.0015,
+        width=800,
+        height=800,
+    )
+
+
+def add_earth(spec: mujoco.MjSpec, pos: tuple[float, float, float], radius: float) -> None:
+    """Add the limb of a planet: an ocean and thin shells of cloud at three scales, which blend into weather."""
+    mesh = spec.add_mesh(name="planet", scale=[radius, radius, radius])
+    mesh.make_sphere(subdivision=4)
+    mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+    layers = [("ocean", 0, 0.0, 1.0), ("weather", 14, 0.30, 0.45), ("cloud", 40, 0.28, 0.40), ("cirrus", 120, 0.25, 0.30)]
+    for name, width, density, alpha in layers:
+        spec.add_texture(
+            name=name,
+            type=mujoco.mjtTexture.mjTEXTURE_CUBE,
+            builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT,
+            mark=mujoco.mjtMark.mjMARK_RANDOM if density else mujoco.mjtMark.mjMARK_NONE,
+            rgb1=[0.05, 0.16, 0.42],
+            rgb2=[0.05, 0.16, 0.42],
+            markrgb=[0.90, 0.94, 1.0],
+            random=density,
+            width=max(width, 1),
+            height=max(width, 1),
+        )
+        _textured(spec, name, name, (1, 1), rgba=[1, 1, 1, alpha], specular=0.1, shininess=0.1)
+        spec.worldbody.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_MESH,
+            meshname="planet",
+            material=name,
+            pos=pos,
+            mass=0,
+            contype=0,
+            conaffinity=0,
+            group=1,
+        )

@@ -1,0 +1,145 @@
+"""The free-floating 7-DoF robot of shyam2020 as an MjSpec and a compiled MjModel."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import mujoco
+import numpy as np
+
+from space_envs.errors import ConfigurationError, unknown_name
+from space_envs.models.appearance import draw_environment, draw_robot, draw_target
+from space_envs.models.parameters import (
+    SINGLE_ARM,
+    VARIANTS,
+    DHLink,
+    SingleArmParameters,
+    cube_inertia,
+    rod_inertia,
+)
+
+SATELLITE = "satellite"
+TARGET = "target"
+END_EFFECTOR = "end_effector"
+GRAPPLE = "grapple"
+
+
+@dataclass(frozen=True)
+class ModelOptions:
+    """What can be chosen about the simulated model.
+
+    Attributes:
+        variant: `paper` takes the inertias of Table II literally; `physical` makes the links solid rods
+            and the satellite a homogeneous cube of the same masses.
+        timestep: integration step of RK4, s. docs/momentum.md shows what follows from it.
+        visual: whether the drawn geometry is kept. It has no mass and does not collide; the simulation
+            leaves it out since MuJoCo would move every geom along.
+    """
+
+    variant: str = "paper"
+    timestep: float = 0.02
+    visual: bool = False
+
+    def __post_init__(self) -> None:
+        if self.variant not in VARIANTS:
+            raise unknown_name("model variant", self.variant, VARIANTS)
+        if not 0 < self.timestep <= 0.1:
+            raise ConfigurationError(f"timestep must lie in (0, 0.1] s, got {self.timestep!r}")
+
+
+def _quaternion_x(angle: float) -> list[float]:
+    return [float(np.cos(angle / 2)), float(np.sin(angle / 2)), 0.0, 0.0]
+
+
+def link_inertia(link: DHLink, variant: str, radius: float) -> tuple[float, float, float]:
+    """Principal inertia of a link in the axes of its DH frame, kg m^2."""
+    if variant == "paper":
+        return link.inertia
+    # The link runs along (a, 0, d) before Rx(alpha); alpha is a quarter turn, so it lies on an axis after it.
+    along = (link.a, link.d * float(np.sin(link.alpha)), link.d * float(np.cos(link.alpha)))
+    return rod_inertia(link.mass, radius, (along[0], along[1], 0.0 if abs(along[2]) < 1e-12 else along[2]))
+
+
+def single_arm_spec(
+    options: ModelOptions = ModelOptions(), parameters: SingleArmParameters = SINGLE_ARM
+) -> mujoco.MjSpec:
+    """Build the editable model.
+
+    Body `link{i}` carries joint i: its frame is DH frame i - 1 turned by the joint angle, so that the joint
+    axis is its z axis. Mass, centre of mass (mid-link) and inertia (axes of DH frame i) are written
+    explicitly; no geom has mass. The satellite's frame is at its centre of mass. The target is a mocap body
+    whose frame is the grapple pose.
+    """
+    spec = mujoco.MjSpec()
+    spec.modelname = f"single_arm_{options.variant}"
+    spec.compiler.degree = False
+    spec.compiler.balanceinertia = False
+    spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
+    spec.compiler.discardvisual = not options.visual
+    spec.option.gravity = [0.0, 0.0, 0.0]
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    spec.option.timestep = options.timestep
+
+    satellite = spec.worldbody.add_body(name=SATELLITE, explicitinertial=True)
+    satellite.mass = parameters.satellite_mass
+    satellite.inertia = (
+        parameters.satellite_inertia
+        if options.variant == "paper"
+        else cube_inertia(parameters.satellite_mass, parameters.satellite_side)
+    )
+    satellite.add_freejoint(name=SATELLITE)
+    satellite.add_site(name=SATELLITE, size=[0.01, 0.01, 0.01], group=4)
+
+    parent, position, orientation = satellite, [0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]
+    for number, link in enumerate(parameters.links, start=1):
+        body = parent.add_body(name=f"link{number}", pos=position, quat=orientation, explicitinertial=True)
+        body.mass = link.mass
+        body.ipos = [link.a / 2, 0.0, link.d / 2]
+        body.iquat = _quaternion_x(link.alpha)
+        body.inertia = link_inertia(link, options.variant, parameters.link_radius)
+        home = parameters.home[number - 1]
+        body.add_joint(
+            name=f"joint{number}",
+            type=mujoco.mjtJoint.mjJNT_HINGE,
+            axis=[0, 0, 1],
+            range=[home - parameters.joint_reach, home + parameters.joint_reach],
+        )
+        spec.add_actuator(
+            name=f"joint{number}",
+            target=f"joint{number}",
+            trntype=mujoco.mjtTrn.mjTRN_JOINT,
+            ctrlrange=[-parameters.torque_limit, parameters.torque_limit],
+            forcerange=[-parameters.torque_limit, parameters.torque_limit],
+        ).set_to_motor()
+        parent, position, orientation = body, [link.a, 0.0, link.d], _quaternion_x(link.alpha)
+    parent.add_site(name=END_EFFECTOR, pos=position, quat=orientation, size=[0.01, 0.01, 0.01], group=4)
+
+    target = spec.worldbody.add_body(name=TARGET, mocap=True, pos=[0.0, 3.0, 2.0])
+    target.add_site(name=GRAPPLE, size=[0.01, 0.01, 0.01], group=4)
+
+    _add_sensors(spec, len(parameters.links))
+    spec.add_key(name="home", qpos=[0, 0, 0, 1, 0, 0, 0, *parameters.home])
+    draw_robot(spec, parameters)
+    draw_target(target)
+    draw_environment(spec)
+    return spec
+
+
+def _add_sensors(spec: mujoco.MjSpec, n_joints: int) -> None:
+    """Sensors in the order of the task's observation layout, so that an observation is one copy of them."""
+    kind, obj = mujoco.mjtSensor, mujoco.mjtObj
+    for number in range(1, n_joints + 1):
+        spec.add_sensor(name=f"position{number}", type=kind.mjSENS_JOINTPOS, objtype=obj.mjOBJ_JOINT, objname=f"joint{number}")
+    for number in range(1, n_joints + 1):
+        spec.add_sensor(name=f"velocity{number}", type=kind.mjSENS_JOINTVEL, objtype=obj.mjOBJ_JOINT, objname=f"joint{number}")
+    for site in (SATELLITE, END_EFFECTOR, GRAPPLE):
+        spec.add_sensor(name=f"{site}_position", type=kind.mjSENS_FRAMEPOS, objtype=obj.mjOBJ_SITE, objname=site)
+        spec.add_sensor(name=f"{site}_quaternion", type=kind.mjSENS_FRAMEQUAT, objtype=obj.mjOBJ_SITE, objname=site)
+        if site != GRAPPLE:
+            spec.add_sensor(name=f"{site}_linear_velocity", type=kind.mjSENS_FRAMELINVEL, objtype=obj.mjOBJ_SITE, objname=site)
+            spec.add_sensor(name=f"{site}_angular_velocity", type=kind.mjSENS_FRAMEANGVEL, objtype=obj.mjOBJ_SITE, objname=site)
+
+
+@lru_cache(maxsize=16)
+def single_arm_model(options: ModelOptions = ModelOptions()) -> mujoco.MjModel:
+    """Compile the model. The result is shared: treat it as read-only, copy it to change it."""
+    return single_arm_spec(options).compile()

@@ -1,0 +1,64 @@
+"""The one table of ids: which task, with what defaults."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+import gymnasium as gym
+
+from space_envs.errors import unknown_name
+from space_envs.tasks.common import CaptureEnvelope
+from space_envs.tasks.single_arm import SingleArmTask
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One id: its task class and a line that says what it asks."""
+
+    task: type[SingleArmTask]
+    summary: str
+
+
+ENTRIES: dict[str, Entry] = {
+    "SpaceCapture/SingleArm-v0": Entry(
+        SingleArmTask, "a 7-DoF arm on a free-floating 200 kg satellite takes a static grapple pose"
+    ),
+}
+
+# Keywords of gym.make that set the capture envelope, and the field of CaptureEnvelope each one sets.
+ENVELOPE_KEYWORDS = {
+    "position_tolerance": "position",
+    "orientation_tolerance": "orientation",
+    "linear_velocity_tolerance": "linear_velocity",
+    "angular_velocity_tolerance": "angular_velocity",
+    "hold_time": "hold",
+}
+
+
+def make_task(env_id: str, keywords: Mapping[str, Any]) -> SingleArmTask:
+    """Build the task of an id from the keywords of `gym.make`.
+
+    Raises:
+        ConfigurationError: for an unknown id or keyword, or a value that is not valid.
+    """
+    if env_id not in ENTRIES:
+        raise unknown_name("environment id", env_id, ENTRIES)
+    task = ENTRIES[env_id].task
+    names = [f.name for f in fields(task) if f.name != "envelope"]
+    own = {"control_mode", "render_mode", "width", "height", "camera", "threads"}
+    for name in keywords:
+        if name not in names and name not in ENVELOPE_KEYWORDS:
+            raise unknown_name("keyword", name, [*names, *ENVELOPE_KEYWORDS, *sorted(own)])
+    envelope = CaptureEnvelope(**{ENVELOPE_KEYWORDS[k]: v for k, v in keywords.items() if k in ENVELOPE_KEYWORDS})
+    return task(**{k: v for k, v in keywords.items() if k in names}, envelope=envelope)
+
+
+def register_all() -> None:
+    """Make every id known to Gymnasium."""
+    for env_id in ENTRIES:
+        gym.register(
+            id=env_id,
+            entry_point="space_envs.envs:CaptureEnv",
+            vector_entry_point="space_envs.envs:CaptureVectorEnv",
+            kwargs={"env_id": env_id},
+        )

@@ -1,0 +1,142 @@
+"""Named views of N simulations of one robot: a thin layer over `mujoco.batch.Batch`."""
+
+import os
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from space_envs.dynamics.rotations import Array
+
+STAGE_VEL = mujoco.mjtStage.mjSTAGE_VEL
+STAGE_POS = mujoco.mjtStage.mjSTAGE_POS
+STAGE_NONE = mujoco.mjtStage.mjSTAGE_NONE
+_ONE_THREAD_UP_TO = 8  # simulations; below this, handing work to threads costs more than it saves
+
+
+class Simulation:
+    """N simulations of a free-floating robot with n joints.
+
+    The base's free joint is the model's first joint and the hinges follow it. The generalised velocity is
+    [v0 in inertial axes; w0 in base axes; joint rates].
+
+    Attributes:
+        qpos (N, nq), qvel (N, nv), ctrl (N, n), mocap_pos (N, 1, 3), mocap_quat (N, 1, 4): live and writable.
+        sensors (N, ns): live, current after `step` and `refresh`.
+    """
+
+    def __init__(self, model: mujoco.MjModel, n: int, threads: int | None = None) -> None:
+        if threads is None:
+            threads = 1 if n <= _ONE_THREAD_UP_TO else min(os.cpu_count() or 1, 16)
+        self.model = model
+        self.n = n
+        self.n_joints = model.nu
+        self.batch = Batch(model, n, threads)
+        for name in ("qpos", "qvel", "ctrl", "mocap_pos", "mocap_quat"):
+            setattr(self, name, self.batch.bind(name))
+        self.sensors = self.batch.bind("sensordata")
+        self._mass = self.batch.bind("M")
+        self._bias = self.batch.bind("qfrc_bias")
+        self._mass_index = _dense_index(model, 6 + self.n_joints)
+        self._nominal = (model.body_mass.copy(), model.body_inertia.copy())
+        self._warned = np.zeros(n, dtype=np.int64)
+
+    qpos: Array
+    qvel: Array
+    ctrl: Array
+    mocap_pos: Array
+    mocap_quat: Array
+
+    @property
+    def joint_position(self) -> Array:
+        """(N, n) rad, a view."""
+        return self.qpos[:, 7 : 7 + self.n_joints]
+
+    @property
+    def joint_velocity(self) -> Array:
+        """(N, n) rad/s, a view."""
+        return self.qvel[:, 6 : 6 + self.n_joints]
+
+    def mass_matrix(self) -> Array:
+        """Mass matrix (N, 6 + n, 6 + n) of the robot in generalised velocities, a copy."""
+        return self._mass.take(self._mass_index, axis=1)
+
+    def bias(self) -> Array:
+        """Coriolis and centrifugal forces (N, 6 + n) of the robot."""
+        return self._bias[:, : 6 + self.n_joints]
+
+    def step(self, substeps: int) -> None:
+        """Advance all simulations and make sensors, mass matrix and bias current."""
+        self.batch.step(nstep=substeps, stage=STAGE_VEL)
+
+    def refresh(self, rows: Array | None = None) -> None:
+        """Make derived quantities agree with a state that was written."""
+        self.batch.forward(ids=rows, stage=STAGE_VEL)
+
+    def reset(self, rows: Array) -> None:
+        """Put rows (k,) into the keyframe `home`, at rest; derived quantities follow at `refresh`."""
+        self.batch.reset(ids=rows, keyframe=0, stage=STAGE_NONE)
+        self._warned[rows] = self.batch.warning[rows, :, 1].sum(axis=1)
+
+    def scale_base(self, rows: Array, scale: Array) -> None:
+        """Multiply the satellite's mass and inertia of rows (k,) by scale (k,), from the model's values."""
+        if self.batch.expanded("body_mass") is None and (scale == 1.0).all():
+            return
+        base = int(self.model.jnt_bodyid[0])
+        mass, inertia = self.batch.expand("body_mass"), self.batch.expand("body_inertia")
+        mass[rows, base] = self._nominal[0][base] * scale
+        inertia[rows, base] = self._nominal[1][base] * scale[:, None]
+        self.batch.set_const(rows)
+
+    def diverged(self) -> Array:
+        """(N,) bool: MuJoCo found a bad state since the last reset and silently started over."""
+        return self.batch.warning[:, :, 1].sum(axis=1) > self._warned
+
+    def set_base_velocity(self, rows: Array) -> None:
+        """Give the base of rows (k,) the velocity that makes total momentum zero with the joint rates set."""
+        self.refresh(rows)
+        mass = self.mass_matrix()[rows]
+        momentum = mass[:, :6, 6:] @ self.joint_velocity[rows][..., None]
+        self.qvel[rows, :6] = -np.linalg.solve(mass[:, :6, :6], momentum)[..., 0]
+
+    def snapshot(self) -> dict[str, Array]:
+        """Everything that `restore` needs to go on from here with the same bits."""
+        kept = {"state": np.stack([self.state(row) for row in range(self.n)])}
+        mass = self.batch.expanded("body_mass")
+        if mass is not None:
+            base = int(self.model.jnt_bodyid[0])
+            kept["mass_scale"] = mass[:, base] / self._nominal[0][base]
+        return kept
+
+    def restore(self, snapshot: dict[str, Array]) -> None:
+        """Take over a snapshot of as many simulations of the same model."""
+        rows = np.arange(self.n)
+        data = mujoco.MjData(self.model)
+        if "mass_scale" in snapshot:
+            self.scale_base(rows, snapshot["mass_scale"])
+        for row, state in enumerate(snapshot["state"]):
+            mujoco.mj_setState(self.model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
+            for name in ("qpos", "qvel", "ctrl", "mocap_pos", "mocap_quat", "qacc_warmstart", "time"):
+                self.batch.bind(name)[row] = getattr(data, name)
+        self.refresh()
+        self._warned = self.batch.warning[:, :, 1].sum(axis=1)
+
+    def state(self, row: int) -> Array:
+        """Integration state of one simulation, for `mujoco.mj_setState`."""
+        data = self.batch.get_data(row)
+        state = np.empty(mujoco.mj_stateSize(self.model, mujoco.mjtState.mjSTATE_INTEGRATION))
+        mujoco.mj_getState(self.model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
+        return state
+
+
+def _dense_index(model: mujoco.MjModel, size: int) -> Array:
+    """Positions in the sparse lower triangle of M of the entries of its leading dense (size, size) block."""
+    index = np.full((size, size), -1, dtype=np.int64)
+    for row in range(size):
+        start = int(model.M_rowadr[row])
+        for place in range(start, start + int(model.M_rownnz[row])):
+            column = int(model.M_colind[place])
+            index[row, column] = index[column, row] = place
+    if (index < 0).any():
+        raise ValueError("the robot's mass matrix has structural zeros; its joints are not one chain")
+    return index

@@ -1,0 +1,339 @@
+"""SpaceCapture/SingleArm: bring the end-effector to a grapple pose that rests in the inertial frame."""
+
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
+
+import mujoco
+import numpy as np
+
+from space_envs.dynamics import FloatingRobot, minimum_jerk, roll_out_base
+from space_envs.dynamics.rotations import Array, from_matrix, multiply, rotate
+from space_envs.errors import ConfigurationError, GoalError, unknown_name
+from space_envs.models.parameters import SINGLE_ARM, VARIANTS
+from space_envs.models.single_arm import ModelOptions, single_arm_model
+from space_envs.tasks.common import (
+    DIFFICULTIES,
+    REWARDS,
+    SPLITS,
+    CaptureEnvelope,
+    Field,
+    Goals,
+    ObservationLayout,
+)
+
+LAYOUT = ObservationLayout(
+    (
+        Field("joint_position", 7, 20.0, "joint angles, rad"),
+        Field("joint_velocity", 7, 100.0, "joint rates, rad/s"),
+        Field("base_position", 3, 10.0, "satellite's centre of mass, inertial frame, m"),
+        Field("base_quaternion", 4, 1.0, "satellite's attitude, w x y z, body to inertial"),
+        Field("base_linear_velocity", 3, 100.0, "of the satellite's centre of mass, inertial axes, m/s"),
+        Field("base_angular_velocity", 3, 100.0, "of the satellite, inertial axes, rad/s"),
+        Field("end_effector_position", 3, 10.0, "inertial frame, m"),
+        Field("end_effector_quaternion", 4, 1.0, "w x y z, end-effector to inertial; either sign"),
+        Field("end_effector_linear_velocity", 3, 100.0, "inertial axes, m/s"),
+        Field("end_effector_angular_velocity", 3, 100.0, "inertial axes, rad/s"),
+        Field("goal_position", 3, 10.0, "grapple, inertial frame, m"),
+        Field("goal_quaternion", 4, 1.0, "grapple, w x y z, grapple to inertial, w >= 0"),
+        Field("position_error", 3, 20.0, "goal minus end-effector, inertial axes, m"),
+        Field("rotation_error", 3, 3.1416, "rotation vector from end-effector to goal, inertial axes, rad"),
+        Field("time", 1, 1e4, "since the start of the episode, s"),
+    )
+)
+MEASURED = 47  # leading components that are sensors of the model, in its order
+
+DEFAULT_TIMESTEP = {"paper": 0.02, "physical": 0.01}  # s
+
+# Half-width of the box around home that goal configurations are drawn from, rad.
+RADIUS = {"easy": 0.3, "medium": 0.6, "hard": 1.0}
+SPLIT_SIZE = {"train": 4096, "validation": 256, "test": 512, "ood": 512}
+SPLIT_SEED = {"train": 20_201, "validation": 20_202, "test": 20_203, "ood": 20_204}
+OOD_RADIUS = (1.0, 1.3)  # of the difficulty's: the largest joint displacement lies in this range
+OOD_MASS = (0.8, 1.2)  # factor on the satellite's mass and inertia
+BLOCK = 64  # goals are computed in whole blocks, so that a goal has the same bits whoever asks for it
+NODES = 41  # of the minimum-jerk motion whose end defines a goal
+CLEARANCE = 0.25  # m, of a goal from the bus
+NEAREST = 0.15  # m, least distance of a goal from the end-effector's start
+
+
+@dataclass(frozen=True)
+class RewardWeights:
+    """Weights of the reward terms; field names are the names in `info["reward_terms"]`.
+
+    With weight 1 the sum of `attitude` over an episode is minus the cost of eq. 20 of shyam2020 times dt.
+    Terms per second are multiplied by the control period.
+    """
+
+    attitude: float = 1.0  # -(c^2 w.w + v.v), per s
+    attitude_angle: float = 1.0  # -angle of the satellite from its initial attitude in rad, per s
+    position: float = 1.0  # -distance to the grapple in m, per s
+    orientation: float = 0.5  # -angle to the grapple in rad, per s
+    precision: float = 1.0  # exp(-worst ratio of error to envelope), per s
+    effort: float = 0.02  # -mean squared action, per s
+    capture: float = 10.0  # once, on capture
+    failure: float = 20.0  # minus, once, when the attitude is lost or the simulation diverges
+
+
+SPARSE = RewardWeights(1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0)
+
+
+@dataclass(frozen=True)
+class SingleArmTask:
+    """The task's configuration and its pure functions on batched state.
+
+    Attributes:
+        difficulty: easy, medium or hard; size of the goal region.
+        split: which goals an episode draws from when `reset` does not say.
+        reward: dense or sparse.
+        variant: inertias of the model, paper or physical.
+        control_period: s. timestep: of the simulation, s; None takes the largest whose momentum drift meets
+            the published bound (docs/momentum.md). horizon: steps after which an episode is cut.
+        envelope: of a capture. attitude_limit: deg from the initial attitude at which it counts as lost.
+        c: m/rad of eq. 20.
+    """
+
+    difficulty: str = "medium"
+    split: str = "train"
+    reward: str = "dense"
+    variant: str = "paper"
+    control_period: float = 0.1
+    timestep: float | None = None
+    horizon: int = 200
+    envelope: CaptureEnvelope = field(default_factory=CaptureEnvelope)
+    attitude_limit: float = 45.0
+    c: float = 1.0
+
+    def __post_init__(self) -> None:
+        for kind, value, valid in (
+            ("model variant", self.variant, VARIANTS),
+            ("difficulty", self.difficulty, DIFFICULTIES),
+            ("split", self.split, SPLITS),
+            ("reward", self.reward, REWARDS),
+        ):
+            if value not in valid:
+                raise unknown_name(kind, value, valid)
+        substeps = self.control_period / self.step_size
+        if not substeps >= 1 or abs(substeps - round(substeps)) > 1e-9:
+            raise ConfigurationError(
+                f"control_period must be a multiple of timestep, got {self.control_period!r} and {self.timestep!r} s"
+            )
+        if not (isinstance(self.horizon, int) and self.horizon > 0):
+            raise ConfigurationError(f"horizon must be a positive number of steps, got {self.horizon!r}")
+        for name in ("attitude_limit", "c"):
+            if not getattr(self, name) > 0:
+                raise ConfigurationError(f"{name} must be positive, got {getattr(self, name)!r}")
+
+    layout = LAYOUT
+    measured = MEASURED
+
+    @cached_property
+    def weights(self) -> RewardWeights:
+        """Weights of the reward terms."""
+        return RewardWeights() if self.reward == "dense" else SPARSE
+
+    @property
+    def step_size(self) -> float:
+        """Time step of the simulation, s."""
+        return DEFAULT_TIMESTEP[self.variant] if self.timestep is None else self.timestep
+
+    @property
+    def substeps(self) -> int:
+        """Simulation steps per control step."""
+        return round(self.control_period / self.step_size)
+
+    @cached_property
+    def hold_steps(self) -> int:
+        """Consecutive control steps inside the envelope that make a capture."""
+        return max(1, round(self.envelope.hold / self.control_period))
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The compiled model, shared and read-only."""
+        return single_arm_model(ModelOptions(self.variant, self.step_size))
+
+    @property
+    def render_model(self) -> mujoco.MjModel:
+        """The same model with its drawn geometry."""
+        return single_arm_model(ModelOptions(self.variant, self.step_size, visual=True))
+
+    @property
+    def robot(self) -> FloatingRobot:
+        """The robot's momentum-level mathematics, read from the model."""
+        return _robot(self.variant)
+
+    def goals(self, split: str, indices: Array) -> Goals:
+        """Goals (K) of a split by index; the same for ever, on every machine to rounding.
+
+        Raises:
+            ConfigurationError: for an unknown split or an index outside it.
+        """
+        if split not in SPLITS:
+            raise unknown_name("split", split, SPLITS)
+        indices = np.asarray(indices)
+        size = SPLIT_SIZE[split]
+        if indices.dtype.kind not in "iu" or (indices < 0).any() or (indices >= size).any():
+            raise ConfigurationError(
+                f"index of split {split!r} must be an integer in 0..{size - 1}, got {indices.tolist()!r}"
+            )
+        blocks = [_goal_block(self.variant, self.difficulty, split, int(b)) for b in indices // BLOCK]
+        rows = indices % BLOCK
+        return Goals(
+            position=np.array([b.position[r] for b, r in zip(blocks, rows, strict=True)]),
+            quaternion=np.array([b.quaternion[r] for b, r in zip(blocks, rows, strict=True)]),
+            mass_scale=np.array([b.mass_scale[r] for b, r in zip(blocks, rows, strict=True)]),
+        )
+
+    def split_size(self, split: str) -> int:
+        """Number of goals in a split."""
+        return SPLIT_SIZE[split]
+
+    def check_goals(self, position: Array, quaternion: Array) -> tuple[Array, Array]:
+        """Validate grapple poses given by a user; returns them with unit quaternions, w >= 0.
+
+        Raises:
+            GoalError: for NaN, a quaternion that is no rotation, a place out of reach or inside the bus.
+        """
+        if not (np.isfinite(position).all() and np.isfinite(quaternion).all()):
+            raise GoalError("a goal must be finite, got NaN or infinity")
+        norm = np.linalg.norm(quaternion, axis=-1, keepdims=True)
+        if (abs(norm - 1.0) > 1e-3).any():
+            raise GoalError(f"goal_quaternion must be a unit quaternion (w, x, y, z), got norm {norm.ravel().tolist()}")
+        distance = np.linalg.norm(position - _centre_of_mass(self.variant), axis=-1)
+        reach = self.robot.reach()
+        if (distance > reach).any():
+            raise GoalError(
+                f"goal out of reach: {distance.max():.2f} m from the system's centre of mass, reach is {reach:.2f} m"
+            )
+        if (np.abs(position).max(axis=-1) < SINGLE_ARM.satellite_side / 2).any():
+            raise GoalError(f"goal inside the satellite: {position.tolist()} m")
+        return position, np.where(quaternion[..., :1] < 0, -quaternion, quaternion) / norm
+
+    @cached_property
+    def _squares(self) -> Array:
+        return LAYOUT.sum_of_squares(
+            "position_error",
+            "rotation_error",
+            "end_effector_linear_velocity",
+            "end_effector_angular_velocity",
+            "base_linear_velocity",
+            "base_angular_velocity",
+        )
+
+    def observe(self, sensors: Array, time: Array) -> Array:
+        """Observations (N, size) from the model's sensors (N, 47) and the time (N,) in s."""
+        observation = np.empty((len(sensors), LAYOUT.size))
+        observation[:, :MEASURED] = sensors
+        at = LAYOUT.slices
+        observation[:, at["position_error"]] = (
+            sensors[:, at["goal_position"]] - sensors[:, at["end_effector_position"]]
+        )
+        # goal * conjugate(end-effector) as two stacked matrix products: few calls, and the same bits for any N.
+        left = (sensors[:, None, at["goal_quaternion"]] @ _QUOTIENT).reshape(-1, 4, 4)
+        error = (left @ sensors[:, at["end_effector_quaternion"], None])[..., 0]
+        vector = error[:, 1:]
+        sine = np.sqrt((vector * vector).sum(axis=1, keepdims=True))
+        cosine = error[:, :1]
+        # Twice atan2 of |w| with the vector's sign flipped where w < 0: the short way round.
+        angle = 2.0 * np.arctan2(sine, np.abs(cosine))
+        factor = np.copysign(angle / np.maximum(sine, 1e-12), cosine)
+        observation[:, at["rotation_error"]] = np.where(sine > 1e-12, factor, np.copysign(2.0, cosine)) * vector
+        observation[:, -1] = time
+        return observation
+
+    def norms(self, observation: Array) -> Array:
+        """(N, 6): position error m, orientation error rad, end-effector |v|, |w|, base |v|, |w|."""
+        return np.sqrt(((observation * observation)[:, None, :] @ self._squares)[:, 0])
+
+    def attitude(self, observation: Array) -> Array:
+        """Angle (N,) of the satellite from its initial attitude, rad."""
+        quaternion = observation[:, LAYOUT.slices["base_quaternion"]]
+        vector = quaternion[:, 1:]
+        return 2.0 * np.arctan2(np.sqrt((vector * vector).sum(axis=1)), np.abs(quaternion[:, 0]))
+
+    def in_envelope(self, norms: Array) -> Array:
+        """Whether the capture conditions hold now, (N,) bool, from `norms`."""
+        return (norms[:, :4] <= self.envelope.limits).all(axis=1)
+
+    def reward_terms(
+        self, norms: Array, attitude: Array, action: Array, captured: Array, failed: Array
+    ) -> dict[str, Array]:
+        """Named terms (N,) whose sum is the reward.
+
+        Args:
+            norms: (N, 6). attitude: (N,) rad. action: (N, m) in [-1, 1].
+            captured, failed: (N,) bool, true on the step where the episode ends so.
+        """
+        dt, weight = self.control_period, self.weights
+        squares = norms[:, 4:] * norms[:, 4:]
+        terms = {"attitude": (-dt * weight.attitude) * (squares[:, 0] + self.c**2 * squares[:, 1])}
+        if self.reward == "dense":
+            worst = (norms[:, :2] / self.envelope.limits[:2]).max(axis=1)
+            terms["attitude_angle"] = (-dt * weight.attitude_angle) * attitude
+            terms["position"] = (-dt * weight.position) * norms[:, 0]
+            terms["orientation"] = (-dt * weight.orientation) * norms[:, 1]
+            terms["precision"] = (dt * weight.precision) * np.exp(-worst)
+            terms["effort"] = (-dt * weight.effort / action.shape[1]) * (action * action).sum(axis=1)
+        terms["capture"] = weight.capture * captured
+        terms["failure"] = -weight.failure * failed
+        return terms
+
+
+def _quotient_tensor() -> Array:
+    """T (4, 16) with (a @ T).reshape(4, 4) @ b the quaternion product of a and the conjugate of b."""
+    unit = np.eye(4)
+    conjugate = unit * np.array([1.0, -1.0, -1.0, -1.0])
+    return np.stack([np.stack([multiply(a, b) for b in conjugate], axis=-1) for a in unit]).reshape(4, 16)
+
+
+_QUOTIENT = _quotient_tensor()
+
+
+@lru_cache(maxsize=4)
+def _robot(variant: str) -> FloatingRobot:
+    return FloatingRobot.from_model(single_arm_model(ModelOptions(variant)))
+
+
+@lru_cache(maxsize=4)
+def _centre_of_mass(variant: str) -> Array:
+    """Of the whole robot at home with the satellite at the origin, (3,) m; it stays there, momentum being zero."""
+    robot = _robot(variant)
+    com = robot.kinematics(robot.home).com
+    return (robot.mass[1:] @ com + robot.mass[0] * robot.com[0]) / robot.mass.sum()
+
+
+@lru_cache(maxsize=512)
+def _goal_block(variant: str, difficulty: str, split: str, block: int) -> Goals:
+    """Goals block * BLOCK ... of a split, from seeds alone.
+
+    A goal is where the end-effector of the resting robot is after a minimum-jerk joint motion from home to a
+    drawn configuration with the base floating freely, so that every goal can be reached.
+    """
+    robot = _robot(variant)
+    draws = 16
+    displacement = np.empty((BLOCK, draws, robot.n_joints))
+    mass_scale = np.ones(BLOCK)
+    for row in range(BLOCK):
+        rng = np.random.default_rng([SPLIT_SEED[split], DIFFICULTIES.index(difficulty), block * BLOCK + row])
+        displacement[row] = rng.uniform(-1.0, 1.0, (draws, robot.n_joints))
+        if split == "ood":
+            largest = np.abs(displacement[row]).max(axis=1, keepdims=True)
+            displacement[row] *= rng.uniform(*OOD_RADIUS, (draws, 1)) / largest
+            mass_scale[row] = rng.uniform(*OOD_MASS)
+    q = robot.home + RADIUS[difficulty] * displacement
+    tip = robot.end_effector_pose(q)[0]
+    start = robot.end_effector_pose(robot.home)[0]
+    # The test is on poses in the base frame: the base moves little, and the margin is ample.
+    clear = np.abs(tip).max(axis=-1) > SINGLE_ARM.satellite_side / 2 + CLEARANCE
+    usable = clear & (np.linalg.norm(tip - start, axis=-1) > NEAREST)
+    if not usable.any(axis=1).all():
+        raise GoalError("a goal could not be drawn: every candidate lies in the satellite or at the start")
+    chosen = q[np.arange(BLOCK), usable.argmax(axis=1)]
+    path, rate, dt = minimum_jerk(robot.home, chosen, 10.0, NODES)
+    position, quaternion = roll_out_base(robot, path, rate, dt)
+    local_position, local_rotation = robot.end_effector_pose(chosen)
+    goal_quaternion = multiply(quaternion[:, -1], from_matrix(local_rotation))
+    return Goals(
+        position=position[:, -1] + rotate(quaternion[:, -1], local_position),
+        quaternion=np.where(goal_quaternion[:, :1] < 0, -goal_quaternion, goal_quaternion),
+        mass_scale=mass_scale,
+    )

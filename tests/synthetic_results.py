@@ -1,0 +1,166 @@
+"""A made-up but plausible evaluation, for the tests of statistics, records and report."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from space_envs.evaluation.records import EpisodeRecord, EvaluationResult
+from space_envs.evaluation.traces import Traces
+
+HOSTILE = "<img src=x onerror=alert(1)>"
+
+
+@dataclass(frozen=True)
+class Character:
+    """How a made-up policy behaves."""
+
+    success: float
+    peak: float  # deg
+    final: float  # deg
+    cost: float  # m^2/s
+    seconds: float
+    planning_ms: float | None
+    action_ms: float
+
+
+CHARACTERS = {
+    "random": Character(0.0, 9.0, 5.0, 2e-2, 20, None, 0.01),
+    "hold": Character(0.0, 0.0, 0.0, 0.0, 20, None, 0.005),
+    "minimum_jerk": Character(0.98, 4.9, 4.7, 4.1e-3, 12.3, 9.0, 0.03),
+    "gjm": Character(0.97, 5.3, 5.0, 8.5e-3, 9.1, None, 0.12),
+    "mpc": Character(1.0, 5.0, 4.8, 6.0e-3, 12.9, 22.0, 0.9),
+    "promp": Character(1.0, 4.9, 4.6, 4.6e-3, 12.4, 14.0, 0.04),
+    "bc": Character(0.88, 5.4, 5.1, 8.8e-3, 10.2, None, 0.2),
+    "ppo": Character(0.94, 3.9, 3.5, 7.1e-3, 7.6, None, 0.2),
+}
+
+
+def make_record(**changes: object) -> EpisodeRecord:
+    """A captured episode with the fields changed as asked."""
+    values: dict[str, object] = {
+        "schema": 1,
+        "env_id": "SpaceCapture/SingleArm-v0",
+        "policy": "mpc",
+        "control_mode": "joint_velocity",
+        "difficulty": "medium",
+        "split": "test",
+        "index": 0,
+        "episode": 0,
+        "seed": 0,
+        "config_hash": "0123456789ab",
+        "captured": True,
+        "outcome": "captured",
+        "reason": None,
+        "time_to_capture": 12.5,
+        "steps": 125,
+        "episode_return": -0.25,
+        "position_error": 0.003,
+        "orientation_error": 0.5,
+        "peak_attitude": 5.0,
+        "final_attitude": 4.5,
+        "attitude_cost": 0.006,
+        "base_angular_impulse": 1.5,
+        "kinetic_energy_integral": 2.5,
+        "mechanical_work": 3.5,
+        "peak_power": 4.5,
+        "collisions": 0,
+        "clipped_actions": 0,
+        "momentum_drift": 1e-7,
+        "timing": {"planning_ms": 20.0, "action_ms": 0.5},
+    }
+    return EpisodeRecord(**(values | changes))  # type: ignore[arg-type]
+
+
+def make_records(
+    policy: str, character: Character, episodes: int, seeds: int, generator: np.random.Generator
+) -> list[EpisodeRecord]:
+    """Episodes of one policy, spread over seeds."""
+    records = []
+    for number in range(episodes):
+        captured = bool(generator.random() < character.success)
+        noise = generator.lognormal(0.0, 0.35)
+        seconds = round(float(character.seconds * generator.uniform(0.8, 1.2)), 1)
+        outcome = "captured" if captured else "timeout" if number % 3 else "attitude_lost"
+        planning = character.planning_ms
+        records.append(
+            make_record(
+                policy=policy,
+                index=number,
+                episode=number // seeds,
+                seed=number % seeds,
+                captured=captured,
+                outcome=outcome,
+                reason="base turned by more than 45 deg" if outcome == "attitude_lost" else None,
+                time_to_capture=seconds if captured else None,
+                steps=round(10 * seconds) if captured else 200,
+                position_error=float((0.004 if captured else 0.6) * noise),
+                orientation_error=float((0.4 if captured else 30) * noise),
+                peak_attitude=character.peak * noise,
+                final_attitude=character.final * noise,
+                attitude_cost=character.cost * noise,
+                timing={
+                    "planning_ms": None if planning is None else planning * generator.lognormal(0, 0.1),
+                    "action_ms": character.action_ms * generator.lognormal(0, 0.1),
+                },
+            )
+        )
+    return records
+
+
+def make_traces(character: Character, generator: np.random.Generator, episodes: int = 10) -> Traces:
+    """Smooth motions of T = 200 steps that end where the character says."""
+    time = np.arange(201) * 0.1
+    phase = np.clip(time / character.seconds, 0, 1)
+    s = phase**3 * (10 - 15 * phase + 6 * phase**2)
+    scale = generator.lognormal(0, 0.35, size=(episodes, 1))
+    bump = 16 * phase**2 * (1 - phase) ** 2
+    axis = generator.normal(size=(episodes, 1, 3))
+    axis /= np.linalg.norm(axis, axis=-1, keepdims=True)
+    side = np.cross(axis, [0.3, 0.5, 0.8])
+    main = scale * (character.final * s)
+    base_rotation = main[..., None] * axis + 0.3 * character.peak * (scale * bump)[..., None] * side
+    return Traces(
+        time=time,
+        length=np.full(episodes, 200),
+        attitude=np.linalg.norm(base_rotation, axis=-1),
+        base_rotation=base_rotation,
+        base_position=0.01 * base_rotation[..., ::-1],
+        position_error=0.004 + 0.8 * scale * (1 - s),
+        orientation_error=0.4 + 40 * scale * (1 - s),
+        joint_position=s[None, :, None] * generator.normal(size=(episodes, 1, 7)),
+    )
+
+
+def make_result(
+    episodes: int = 50, seeds: int = 5, pictures: bool = False, extra: dict[str, Character] | None = None
+) -> EvaluationResult:
+    """Eight policies, always the same numbers."""
+    generator = np.random.default_rng(7)
+    records, traces = [], {}
+    for policy, character in (CHARACTERS | (extra or {})).items():
+        records += make_records(policy, character, episodes, seeds, generator)
+        traces[policy] = make_traces(character, generator)
+    return EvaluationResult(
+        records=records,
+        traces=traces,
+        provenance={
+            "command": "evaluate.py --env SpaceCapture/SingleArm-v0 --policy random hold minimum_jerk gjm "
+            "mpc promp bc ppo --split test --episodes 50 --seed 0",
+            "seeds": list(range(seeds)),
+            "commit": "3f2c9d1",
+            "versions": {"python": "3.11.9", "mujoco": "4.0.0", "numpy": "2.4.6", "gymnasium": "1.4.0"},
+            "machine": {"processor": "an x86-64 with 2 cores", "threads": 2, "system": "Linux"},
+        },
+        pictures={"mpc": [make_picture(step / 5) for step in range(6)]} if pictures else {},
+    )
+
+
+def make_picture(phase: float) -> np.ndarray:
+    """A black sky with a grey bar that turns: (240, 240, 3) uint8."""
+    y, x = np.mgrid[-1:1:240j, -1:1:240j]
+    angle = 1.5 * phase
+    along, across = x * np.cos(angle) + y * np.sin(angle), y * np.cos(angle) - x * np.sin(angle)
+    bar = (np.abs(along) < 0.6) & (np.abs(across) < 0.08)
+    picture = np.full((240, 240, 3), 8, dtype=np.uint8)
+    picture[bar] = (190, 195, 205)
+    return picture

@@ -1,0 +1,284 @@
+"""Compiled base twists: same numbers as numpy, a cache that survives damage, a fall-back that says so once."""
+
+import os
+import shutil
+import subprocess
+import sys
+import threading
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from dynamics_models import ROBOTS, robot_and_model
+
+from space_envs.dynamics import NoCompiledCodeWarning, base_twist, c_library, compiled, trajectory_cost
+from space_envs.dynamics.c_library import LibraryError, cache_folder, load_library
+from space_envs.dynamics.rotations import Array
+from space_envs.errors import ConfigurationError
+
+quiet = pytest.mark.filterwarnings("ignore::space_envs.dynamics.NoCompiledCodeWarning")
+HAS_COMPILER = any(map(shutil.which, [os.environ["CC"]] if os.environ.get("CC") else ["cc", "gcc", "clang"]))
+
+
+@pytest.fixture(autouse=True)
+def fresh(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """As in a new process with an empty cache."""
+    monkeypatch.setattr(compiled, "_kernels", {})
+    monkeypatch.setattr(compiled, "_warned", False)
+    monkeypatch.setenv("SPACE_ENVS_CACHE", str(tmp_path / "cache"))
+
+
+@pytest.fixture(params=["compiled", "numpy"])
+def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    if request.param == "numpy":
+        monkeypatch.setenv("CC", "no-such-compiler")
+    return request.param
+
+
+@pytest.fixture
+def counting_compiler(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[[], int]:
+    """A stand-in for the compiler that copies a library of Python's; returns how often it has compiled.
+
+    So the cache is tested on machines without a compiler too.
+    """
+    library = next(
+        module.__file__
+        for name, module in sorted(sys.modules.items())
+        if name.startswith("numpy.random.")
+        and (getattr(module, "__file__", None) or "").endswith((".so", ".pyd"))
+    )
+    log, script = tmp_path / "log", tmp_path / "compiler.py"
+    script.write_text(
+        "import pathlib, shutil, sys\n"
+        "if '--version' in sys.argv: sys.exit(print('stand-in 1'))\n"
+        f"pathlib.Path({str(log)!r}).open('a').write('x')\n"
+        f"shutil.copy({library!r}, sys.argv[sys.argv.index('-o') + 1])\n"
+    )
+    monkeypatch.setenv("CC", f"'{sys.executable}' '{script}'")
+    return lambda: len(log.read_text()) if log.exists() else 0
+
+
+def samples(name: str, *shape: int) -> tuple[Array, Array]:
+    n = robot_and_model(name)[0].n_joints
+    rng = np.random.default_rng(3)
+    return rng.uniform(-4.0, 4.0, (*shape, n)), rng.normal(size=(*shape, n))
+
+
+@quiet
+@pytest.mark.parametrize("name", ROBOTS)
+def test_same_numbers_as_numpy(name: str) -> None:
+    robot, _ = robot_and_model(name)
+    q, qdot = samples(name, 20, 30)
+    twist = base_twist(robot, q, qdot)
+    np.testing.assert_allclose(twist, robot.base_twist(q, qdot), rtol=0.0, atol=1e-12)
+    assert (compiled._kernel(robot) is not None) == HAS_COMPILER
+
+
+@quiet
+def test_results_do_not_depend_on_the_batch(way: str) -> None:
+    robot, _ = robot_and_model("single arm")
+    q, qdot = samples("single arm", 40, 100)
+    twist, cost = base_twist(robot, q, qdot), trajectory_cost(robot, q, qdot, 0.1)
+    np.testing.assert_array_equal(base_twist(robot, q[3, 4], qdot[3, 4]), twist[3, 4])
+    np.testing.assert_array_equal(base_twist(robot, q[::3, 7], qdot[::3, 7]), twist[::3, 7])
+    np.testing.assert_array_equal(base_twist(robot, q[:, :1], qdot[:, :1]), twist[:, :1])
+    np.testing.assert_array_equal(trajectory_cost(robot, q[5:8], qdot[5:8], 0.1), cost[5:8])
+    np.testing.assert_array_equal(trajectory_cost(robot, q[5], qdot[5], 0.1), cost[5])
+
+
+@quiet
+def test_any_layout_of_arrays(way: str) -> None:
+    robot, _ = robot_and_model("single arm")
+    q, qdot = samples("single arm", 6, 5)
+    twist = base_twist(robot, q, qdot)
+    q.setflags(write=False)
+    misaligned = np.frombuffer(b"x" + q.tobytes(), np.uint8)[1:].view(np.float64).reshape(q.shape)
+    for other in (np.asfortranarray(q), misaligned, q.tolist(), q[::-1][::-1], q.astype(">f8")):
+        np.testing.assert_array_equal(base_twist(robot, other, qdot), twist)
+    broadcast = base_twist(robot, q[:, :1], qdot)
+    np.testing.assert_array_equal(broadcast[:, 2], base_twist(robot, q[:, 0], qdot[:, 2]))
+    assert base_twist(robot, q[:0], qdot[:0]).shape == (0, 5, 6)
+    assert np.isnan(base_twist(robot, np.full(7, np.nan), qdot[0, 0])).all()
+    with pytest.raises(ConfigurationError, match="joint rates"):
+        base_twist(robot, q, qdot[..., :3])
+
+
+@pytest.mark.parametrize("lacking", ["compiler", "any compiler", "cache", "home", "casadi"])
+def test_fall_back_says_once_what_is_missing(
+    lacking: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, counting_compiler: Callable[[], int]
+) -> None:
+    if lacking == "compiler":
+        monkeypatch.setenv("CC", "no-such-compiler -O2")
+        message = r"no C compiler was found \(CC=no-such-compiler\)"
+    elif lacking == "any compiler":
+        monkeypatch.delenv("CC")
+        monkeypatch.setenv("PATH", str(tmp_path))
+        message = r"no C compiler was found \(cc, gcc, clang\)"
+    elif lacking == "cache":
+        (tmp_path / "file").touch()
+        monkeypatch.setenv(
+            "SPACE_ENVS_CACHE", str(tmp_path / "file" / "cache")
+        )  # root may write anywhere else
+        message = "cache of compiled code cannot be used .* set SPACE_ENVS_CACHE"
+    elif lacking == "home":
+        monkeypatch.delenv("SPACE_ENVS_CACHE")
+        monkeypatch.setattr(Path, "home", raise_runtime_error)
+        message = "no home folder .* set SPACE_ENVS_CACHE"
+    else:
+        monkeypatch.setitem(sys.modules, "casadi", None)
+        message = "CasADi is not there"
+    with pytest.warns(NoCompiledCodeWarning, match=message) as caught:
+        for name in ROBOTS:
+            robot, _ = robot_and_model(name)
+            q, qdot = samples(name, 4)
+            for _ in range(2):
+                np.testing.assert_array_equal(base_twist(robot, q, qdot), robot.base_twist(q, qdot))
+    assert len(caught) == 1
+    assert issubclass(NoCompiledCodeWarning, RuntimeWarning)
+    assert counting_compiler() == 0
+
+
+def raise_runtime_error() -> Path:
+    raise RuntimeError("Could not determine home directory.")
+
+
+@pytest.mark.parametrize(
+    ("script", "message"),
+    [
+        ("import sys; sys.exit('syntax error')", "failed .*: syntax error"),
+        ("import time; time.sleep(9)", "did not run"),
+    ],
+)
+def test_compiler_that_fails(
+    script: str, message: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "compiler.py").write_text(f"import sys\nif '--version' not in sys.argv:\n {script}\n")
+    monkeypatch.setenv("CC", f"'{sys.executable}' '{tmp_path / 'compiler.py'}'")
+    monkeypatch.setattr(c_library, "_TIMEOUT", 0.5)
+    with pytest.raises(LibraryError, match=message):
+        load_library("int one(void) { return 1; }")
+    assert list((tmp_path / "cache").iterdir()) == []
+
+
+def test_wrong_code_is_not_trusted(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot, _ = robot_and_model("single arm")
+
+    class Zeros:
+        @staticmethod
+        def base_twists(q: int, qdot: int, twist: int, count: int) -> None:
+            np.ctypeslib.as_array((compiled.ctypes.c_double * (6 * count)).from_address(twist))[:] = 0.0
+
+    monkeypatch.setattr(compiled, "load_library", lambda source: Zeros)
+    with pytest.warns(NoCompiledCodeWarning, match="disagrees with numpy"):
+        twist = base_twist(robot, *samples("single arm", 3))
+    assert (twist != 0.0).all()
+
+
+def test_library_is_compiled_once(counting_compiler: Callable[[], int]) -> None:
+    for _ in range(3):
+        load_library("one")
+    assert counting_compiler() == 1
+    load_library("two")
+    assert counting_compiler() == 2
+    assert len(list(cache_folder().iterdir())) == 2
+
+
+@pytest.mark.parametrize("version", ["stand-in 2", "stand-in 1"])
+def test_another_compiler_compiles_again(
+    version: str, counting_compiler: Callable[[], int], tmp_path: Path
+) -> None:
+    load_library("one")
+    script = tmp_path / "compiler.py"
+    script.write_text(script.read_text().replace("stand-in 1", version))
+    load_library("one")
+    assert counting_compiler() == (1 if version == "stand-in 1" else 2)
+
+
+@pytest.mark.parametrize("damage", ["empty", "half", "one bit", "text"])
+def test_damaged_library_is_built_again(damage: str, counting_compiler: Callable[[], int]) -> None:
+    load_library("one")
+    (path,) = cache_folder().iterdir()
+    intact = path.read_bytes()
+    flipped = bytearray(intact)
+    flipped[len(intact) // 2] ^= 1
+    path.unlink()  # it is mapped into this process, so it must not be written in place
+    contents = {"empty": b"", "half": intact[: len(intact) // 2], "one bit": bytes(flipped), "text": b"#!"}
+    path.write_bytes(contents[damage])
+    load_library("one")
+    assert counting_compiler() == 2
+    assert path.read_bytes() == intact
+
+
+def test_library_of_another_system_is_built_again(counting_compiler: Callable[[], int]) -> None:
+    load_library("one")
+    (path,) = cache_folder().iterdir()
+    key, foreign = path.stem.split("-")[0], b"not for this machine"
+    path.unlink()
+    other = path.with_name(f"{key}-{c_library.hashlib.sha256(foreign).hexdigest()[:32]}{path.suffix}")
+    other.write_bytes(foreign)
+    load_library("one")
+    assert counting_compiler() == 2
+
+
+def test_processes_at_once(counting_compiler: Callable[[], int]) -> None:
+    command = [
+        sys.executable,
+        "-c",
+        "from space_envs.dynamics.c_library import load_library; load_library('one')",
+    ]
+    running = [
+        subprocess.Popen(command, stderr=subprocess.PIPE, cwd=Path(__file__).parents[1]) for _ in range(3)
+    ]
+    assert [(process.communicate()[1], process.returncode) for process in running] == [(b"", 0)] * 3
+    (path,) = cache_folder().iterdir()  # one library, and nothing left of the building
+    built = counting_compiler()
+    load_library("one")
+    assert counting_compiler() == built
+
+
+def test_threads_at_once_build_one_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot, _ = robot_and_model("single arm")
+    built = []
+    monkeypatch.setattr(compiled, "Kernel", lambda robot: built.append(robot) or robot.base_twist)
+    q, qdot = samples("single arm", 10)
+    threads = [threading.Thread(target=base_twist, args=(robot, q, qdot)) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(built) == 1
+
+
+def test_kernels_are_kept_by_content() -> None:
+    names = [robot_and_model(name)[0].fingerprint for name in ROBOTS]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", NoCompiledCodeWarning)
+        for name in (*ROBOTS, *ROBOTS):
+            base_twist(robot_and_model(name)[0], *samples(name, 1))
+    assert sorted(compiled._kernels) == sorted(names)
+
+
+@pytest.mark.parametrize(
+    ("platform", "variables", "expected"),
+    [
+        ("linux", {"SPACE_ENVS_CACHE": "/chosen"}, "/chosen"),
+        ("linux", {"XDG_CACHE_HOME": "/xdg"}, "/xdg/space_envs"),
+        ("linux", {"XDG_CACHE_HOME": "relative"}, "/home/me/.cache/space_envs"),
+        ("linux", {}, "/home/me/.cache/space_envs"),
+        ("darwin", {"XDG_CACHE_HOME": "/xdg"}, "/home/me/Library/Caches/space_envs"),
+        ("win32", {"LOCALAPPDATA": "/local"}, "/local/space_envs"),
+        ("win32", {}, "/home/me/AppData/Local/space_envs"),
+    ],
+)
+def test_place_of_the_cache(
+    platform: str, variables: dict[str, str], expected: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for variable in ("SPACE_ENVS_CACHE", "XDG_CACHE_HOME", "LOCALAPPDATA"):
+        monkeypatch.delenv(variable, raising=False)
+    for variable, value in variables.items():
+        monkeypatch.setenv(variable, value)
+    monkeypatch.setattr(sys, "platform", platform)
+    monkeypatch.setattr(Path, "home", lambda: Path("/home/me"))
+    assert cache_folder() == Path(expected)

@@ -1,0 +1,222 @@
+"""Records and traces: what is written is read back, equal input gives equal bytes, bad input says where."""
+
+import dataclasses
+import json
+import math
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from synthetic_results import CHARACTERS, make_record, make_result, make_traces
+
+from space_envs.errors import ConfigurationError
+from space_envs.evaluation.records import (
+    EpisodeRecord,
+    read_records,
+    records_without_timing,
+    write_records,
+)
+from space_envs.evaluation.traces import Traces
+
+FIELDS = (
+    "schema env_id policy control_mode difficulty split index episode seed config_hash captured outcome reason "
+    "time_to_capture steps episode_return position_error orientation_error peak_attitude final_attitude "
+    "attitude_cost base_angular_impulse kinetic_energy_integral mechanical_work peak_power collisions "
+    "clipped_actions momentum_drift timing"
+).split()
+
+
+def test_keys_stand_in_the_order_of_the_schema() -> None:
+    assert list(json.loads(make_record().to_json())) == FIELDS
+    assert list(json.loads(make_record().to_json())["timing"]) == ["planning_ms", "action_ms"]
+
+
+def test_round_trip_and_equal_bytes(tmp_path: Path) -> None:
+    records = list(make_result(episodes=6).records)
+    write_records(tmp_path / "a.jsonl", records)
+    assert read_records(tmp_path / "a.jsonl") == records
+    write_records(tmp_path / "b.jsonl", read_records(tmp_path / "a.jsonl"))
+    assert (tmp_path / "a.jsonl").read_bytes() == (tmp_path / "b.jsonl").read_bytes()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.jsonl", "b.jsonl"]
+
+
+@given(st.text(min_size=1), st.floats(min_value=0, allow_infinity=False))
+def test_any_name_and_number_survives(name: str, value: float) -> None:
+    record = make_record(policy=name, attitude_cost=value)
+    assert "\n" not in record.to_json()
+    assert EpisodeRecord.from_json(record.to_json()) == record
+
+
+def test_names_with_unusual_line_ends_stay_on_one_line(tmp_path: Path) -> None:
+    records = [make_record(policy="a\u2028b\x85c\nd")]
+    write_records(tmp_path / "records.jsonl", records)
+    assert read_records(tmp_path / "records.jsonl") == records
+
+
+def test_numpy_scalars_and_integers_become_plain_numbers() -> None:
+    plain = make_record(steps=7, position_error=2.0, captured=True)
+    numpy = make_record(steps=np.int64(7), position_error=np.float64(2.0), captured=np.bool_(True))
+    assert numpy.to_json() == plain.to_json() == make_record(steps=7, position_error=2).to_json()
+
+
+def test_timing_is_the_only_difference_between_two_clocks() -> None:
+    slow = make_record(timing={"planning_ms": 900.0, "action_ms": 80.0})
+    assert slow != make_record()
+    assert records_without_timing([slow]) == records_without_timing([make_record()])
+    assert records_without_timing([make_record(steps=3)]) != records_without_timing([make_record()])
+    assert list(records_without_timing([slow])[0]) == FIELDS[:-1]
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"schema": 2}, "schema"),
+        ({"outcome": "captred", "captured": False, "time_to_capture": None}, "Did you mean 'captured'"),
+        ({"outcome": "timeout"}, "captured is True"),
+        ({"captured": False, "outcome": "timeout"}, "time_to_capture"),
+        ({"time_to_capture": None}, "time_to_capture"),
+        ({"final_attitude": None}, "final_attitude"),
+        ({"final_attitude": math.nan}, "final_attitude must be finite"),
+        ({"attitude_cost": math.inf}, "attitude_cost must be finite"),
+        ({"peak_attitude": -0.1}, "peak_attitude must not be negative"),
+        ({"steps": -1}, "steps"),
+        ({"steps": 1.5}, "steps must be int"),
+        ({"steps": True}, "steps must be int"),
+        ({"captured": 1}, "captured must be bool"),
+        ({"policy": ""}, "policy must not be empty"),
+        ({"policy": 3}, "policy must be str"),
+        ({"timing": {"planning_ms": 1.0}}, "timing"),
+        ({"timing": {"planning_ms": 1.0, "action_ms": -1.0}}, "timing.action_ms"),
+        ({"timing": {"planning_ms": 1.0, "action_ms": math.nan}}, "timing.action_ms"),
+    ],
+)
+def test_bad_records_name_their_field(changes: dict[str, object], said: str) -> None:
+    with pytest.raises(ConfigurationError, match=said):
+        make_record(**changes)
+
+
+def test_an_episode_that_diverged_may_lack_values() -> None:
+    record = make_record(
+        captured=False,
+        outcome="diverged",
+        reason="simulation reset itself",
+        time_to_capture=None,
+        final_attitude=None,
+        position_error=None,
+        timing={"planning_ms": None, "action_ms": None},
+    )
+    assert EpisodeRecord.from_json(record.to_json()) == record
+    assert '"final_attitude": null' in record.to_json()
+
+
+GOOD = make_record().to_json()
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("{", "not a JSON object"),
+        ("[1]", "expected an object"),
+        ("", "not a JSON object"),
+        ("[" * 100_000, "not a JSON object"),
+        (GOOD.replace('"steps": 125', '"steps": NaN'), "NaN is not a JSON number"),
+        (GOOD.replace('"position_error": 0.003', '"position_error": 1e999'), "position_error must be finite"),
+        (GOOD.replace('"steps": 125', '"steps": 125, "steps": 1'), "twice"),
+        (GOOD.replace('"steps"', '"step"'), "Did you mean 'steps'"),
+        (GOOD.replace('"steps": 125, ', ""), "missing field steps"),
+    ],
+)
+def test_bad_lines_name_file_and_line(tmp_path: Path, line: str, said: str) -> None:
+    path = tmp_path / "records.jsonl"
+    path.write_text(f"{GOOD}\n{line}\n", encoding="utf-8")
+    with pytest.raises(ConfigurationError, match=rf"records\.jsonl:2: .*{said}"):
+        read_records(path)
+
+
+def test_cut_binary_and_missing_files(tmp_path: Path) -> None:
+    path = tmp_path / "records.jsonl"
+    path.write_text(GOOD[:-5], encoding="utf-8")
+    with pytest.raises(ConfigurationError, match="cut short"):
+        read_records(path)
+    path.write_bytes(b"\xff\xfe\n")
+    with pytest.raises(ConfigurationError, match=r"records\.jsonl:1"):
+        read_records(path)
+    with pytest.raises(ConfigurationError, match="cannot be read"):
+        read_records(tmp_path / "none.jsonl")
+    path.write_bytes(b"")
+    assert read_records(path) == []
+
+
+def traces() -> Traces:
+    return make_traces(CHARACTERS["mpc"], np.random.default_rng(0), episodes=3)
+
+
+def test_traces_round_trip_and_equal_bytes(tmp_path: Path) -> None:
+    saved = traces()
+    saved.save(tmp_path / "a.npz")
+    loaded = Traces.load(tmp_path / "a.npz")
+    for item in dataclasses.fields(Traces):
+        np.testing.assert_array_equal(getattr(loaded, item.name), getattr(saved, item.name))
+    loaded.save(tmp_path / "b.npz")
+    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
+    assert loaded.episodes == 3
+
+
+def test_traces_do_not_share_memory_with_their_source() -> None:
+    time = np.arange(201) * 0.1
+    built = dataclasses.replace(traces(), time=time)
+    time[0] = 7.0
+    assert built.time[0] == 0.0
+    with pytest.raises(ValueError, match="read-only"):
+        built.attitude[0, 0] = 1.0
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("attitude", np.zeros((3, 200)), "attitude must have shape"),
+        ("attitude", np.zeros((2, 201)), "attitude must have shape"),
+        ("base_rotation", np.zeros((3, 201, 4)), "base_rotation must have shape"),
+        ("position_error", np.full((3, 201), np.nan), "position_error holds NaN"),
+        ("length", np.array([0, 200, 201]), "length must lie in 0..200"),
+        ("length", np.array([0, -1, 1]), "length must lie in 0..200"),
+        ("joint_position", np.zeros((3, 201)), "joint_position must have shape"),
+        ("time", np.array(["0"] * 201), "time must hold real numbers"),
+    ],
+)
+def test_bad_traces_are_refused(name: str, value: np.ndarray, said: str) -> None:
+    with pytest.raises(ConfigurationError, match=said):
+        dataclasses.replace(traces(), **{name: value})
+
+
+class Exploit:
+    """Unpickling it makes a folder."""
+
+    def __init__(self, path: str) -> None:
+        self.path = path
+
+    def __reduce__(self):
+        return os.mkdir, (self.path,)
+
+
+def test_traces_never_unpickle(tmp_path: Path) -> None:
+    path, folder = tmp_path / "a.npz", tmp_path / "made"
+    arrays = {item.name: getattr(traces(), item.name) for item in dataclasses.fields(Traces)}
+    np.savez(path, **(arrays | {"attitude": np.array([Exploit(str(folder))], dtype=object)}))
+    with pytest.raises(ConfigurationError, match=r"a\.npz"):
+        Traces.load(path)
+    assert not folder.exists()
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 not really", b"\x80\x04}."])
+def test_files_that_are_no_traces(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "a.npz"
+    path.write_bytes(content)
+    with pytest.raises(ConfigurationError, match=r"a\.npz"):
+        Traces.load(path)
+    np.savez(path, time=np.zeros(3))
+    with pytest.raises(ConfigurationError, match="expected"):
+        Traces.load(path)

@@ -1,0 +1,477 @@
+"""Leaderboard rows, tables, figures and the report's folder."""
+
+import base64
+import csv
+import dataclasses
+import hashlib
+import io
+import itertools
+import json
+import math
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from xml.etree import ElementTree
+
+import matplotlib
+import numpy as np
+import pytest
+from rich.console import Console
+from synthetic_results import CHARACTERS, HOSTILE, Character, make_record, make_result
+
+from space_envs.errors import ConfigurationError
+from space_envs.evaluation import figures
+from space_envs.evaluation.leaderboard import FIGURES, Row, build_rows
+from space_envs.evaluation.names import csv_name, display_name, file_name, markdown_name
+from space_envs.evaluation.records import (
+    EpisodeRecord,
+    EvaluationResult,
+    read_records,
+    records_without_timing,
+)
+from space_envs.evaluation.report import NO_PICTURES, ReportPaths, highlights, write_report
+from space_envs.evaluation.tables import COLUMNS, to_csv, to_markdown, to_terminal
+from space_envs.evaluation.traces import Traces
+
+WICKED = "$x_$ | `a` *b* [c](http://d) & é\x1b[31m\n<script>alert(1)</script>"
+
+
+def failed(**changes: object) -> EpisodeRecord:
+    return make_record(captured=False, outcome="timeout", time_to_capture=None, **changes)
+
+
+def rows_of(records: list[EpisodeRecord]) -> list[Row]:
+    return build_rows(records, np.random.default_rng(0), resamples=200)
+
+
+@pytest.fixture(scope="module")
+def result() -> EvaluationResult:
+    odd = {HOSTILE: CHARACTERS["bc"], WICKED: CHARACTERS["ppo"]}
+    return make_result(pictures=True, extra=odd)
+
+
+@pytest.fixture(scope="module")
+def rows(result: EvaluationResult) -> list[Row]:
+    return build_rows(result.records, np.random.default_rng(0))
+
+
+@pytest.fixture(scope="module")
+def paths(result: EvaluationResult, tmp_path_factory: pytest.TempPathFactory) -> ReportPaths:
+    return write_report(result, tmp_path_factory.mktemp("report") / "new")
+
+
+# Rows
+
+
+def test_a_row_by_hand() -> None:
+    attitudes = [0.05, 0.5, 4.0, 9.0, 1.0]
+    times = [8.0, 10.0, 12.0, None, None]
+    records = [
+        make_record(
+            episode=number,
+            captured=seconds is not None,
+            outcome="captured" if seconds is not None else "timeout",
+            time_to_capture=seconds,
+            final_attitude=attitude,
+            timing={"planning_ms": 10.0 * number if number else None, "action_ms": 1.0},
+        )
+        for number, (attitude, seconds) in enumerate(zip(attitudes, times, strict=True))
+    ]
+    (row,) = rows_of(records)
+    assert row.figures["success"].value == 0.6
+    assert [row.figures[f"capture@{limit}deg"].value for limit in ("5", "1", "0.1")] == [0.6, 0.4, 0.2]
+    # Five values lose one at each end: (0.5 + 1 + 4) / 3.
+    assert row.figures["final_attitude"].value == pytest.approx(5.5 / 3)
+    # The failures are later than any capture: the third of five times, not the middle of three.
+    assert row.figures["time_to_capture"].value == 12.0
+    assert row.timing == {"planning_ms": 25.0, "action_ms": 1.0}
+    assert (row.episodes, row.seeds, row.outcomes["timeout"]) == (5, (0,), 2)
+    assert set(row.figures) == set(FIGURES)
+
+
+def test_time_to_capture_does_not_exist_where_most_fail() -> None:
+    (row,) = rows_of([make_record(), failed(episode=1), failed(episode=2)])
+    assert row.figures["time_to_capture"].value == math.inf
+    assert row.to_dict()["figures"]["time_to_capture"] == {"value": None, "low": 12.5, "high": None}
+
+
+def test_rows_are_sorted_by_success_then_attitude_then_cost() -> None:
+    records = [
+        failed(policy="still", final_attitude=0.0),
+        make_record(policy="turning", final_attitude=9.0),
+        make_record(policy="costly", final_attitude=1.0, attitude_cost=0.2),
+        make_record(policy="cheap", final_attitude=1.0, attitude_cost=0.1),
+    ]
+    assert [row.policy for row in rows_of(records)] == ["cheap", "costly", "turning", "still"]
+
+
+def test_tasks_and_control_modes_never_share_a_row() -> None:
+    records = [
+        make_record(difficulty="hard"),
+        make_record(difficulty="easy"),
+        make_record(split="ood"),
+        make_record(control_mode="reactionless"),
+        make_record(env_id="SpaceCapture/Other-v0"),
+    ]
+    assert [(r.task.env_id[13:18], r.task.difficulty, r.task.split) for r in rows_of(records)] == [
+        ("Other", "medium", "test"),
+        ("Singl", "easy", "test"),
+        ("Singl", "medium", "ood"),
+        ("Singl", "medium", "test"),
+        ("Singl", "hard", "test"),
+    ]
+
+
+def test_a_row_depends_on_its_own_records_only() -> None:
+    records = list(make_result(episodes=10).records)
+    every = {row.policy: row for row in rows_of(records)}
+    mine = [record for record in records if record.policy == "ppo"]
+    assert rows_of(mine[::-1]) == [every["ppo"]]
+    assert every["ppo"].figures["final_attitude"].low < every["ppo"].figures["final_attitude"].high
+
+
+def test_episodes_that_stand_twice_and_mixed_configurations_are_refused() -> None:
+    with pytest.raises(ConfigurationError, match="episode 0 of seed 0 of 'mpc'.*2 times"):
+        rows_of([make_record(), make_record()])
+    with pytest.raises(ConfigurationError, match="mix the configurations"):
+        rows_of([make_record(), make_record(episode=1, config_hash="f" * 12)])
+
+
+# Tables
+
+
+def test_terminal_table_in_a_pipe_has_all_columns_and_no_colours(rows: list[Row]) -> None:
+    file = io.StringIO()
+    to_terminal(rows, Console(file=file))
+    text = file.getvalue()
+    assert "\x1b" not in text and "…" not in text
+    for column in COLUMNS:
+        assert column.title in text
+    (line,) = (line for line in text.splitlines() if line.strip().startswith("mpc "))
+    assert re.match(r" mpc\s+100 \[93, 100\]\s+\d+\s", line)
+    assert HOSTILE in text
+
+
+@pytest.mark.parametrize("width", [60, 80, 120, 200])
+def test_terminal_table_fits_its_terminal(rows: list[Row], width: int) -> None:
+    file = io.StringIO()
+    to_terminal(rows[:4], Console(file=file, force_terminal=True, color_system="standard", width=width))
+    text = file.getvalue()
+    assert "\x1b[" in text
+    lines = re.sub(r"\x1b\[[0-9;]*m", "", text).splitlines()
+    assert max(map(len, lines)) <= width
+    assert any(re.search(r"mpc\s+100 \[93, 100\]", line) for line in lines)
+    assert ("Not shown at this width" in text) == (width < 200)
+
+
+def test_terminal_table_in_ascii(rows: list[Row]) -> None:
+    raw = io.BytesIO()
+    file = io.TextIOWrapper(raw, encoding="ascii")
+    to_terminal(rows, Console(file=file))
+    file.flush()
+    assert b"mpc" in raw.getvalue()
+
+
+def test_markdown_is_a_table_whatever_the_names(rows: list[Row]) -> None:
+    text = to_markdown(rows)
+    lines = [line for line in text.splitlines() if line.startswith("|")]
+    assert len(lines) == 2 + len(rows)
+    assert {len(re.findall(r"(?<!\\)\|", line)) for line in lines} == {len(COLUMNS) + 2}
+    assert "<" not in text and "minimum_jerk" in text and "&lt;img src=x" in text
+    assert re.search(r"\| mpc \| 100 \[93, 100\] \|", text)
+
+
+def test_csv_has_every_figure_with_its_interval(rows: list[Row]) -> None:
+    table = list(csv.DictReader(io.StringIO(to_csv(rows))))
+    assert [line["policy"] for line in table] == [csv_name(row.policy) for row in rows]
+    for line, row in zip(table, rows, strict=True):
+        for key in FIGURES:
+            for suffix, value in (
+                ("", row.figures[key].value),
+                ("_low", row.figures[key].low),
+                ("_high", row.figures[key].high),
+            ):
+                assert line[key + suffix] == (repr(value) if math.isfinite(value) else "")
+    assert table[-1]["time_to_capture"] == ""
+
+
+def test_names_are_made_harmless() -> None:
+    assert csv_name("=1+1") == "'=1+1"
+    assert csv_name("mpc") == "mpc"
+    assert display_name("a\nb\x00\u202ec") == "a\ufffdb\ufffd\ufffdc"
+    assert len(display_name("x" * 1000)) == 60
+    assert markdown_name("minimum_jerk") == "minimum_jerk"
+    assert markdown_name("a|b_*") == r"a\|b\_\*"
+    names = [
+        "mpc",
+        "MPC",
+        "Mpc",
+        "a/b",
+        "a:b",
+        "../../etc/passwd",
+        "..",
+        "",
+        "x" * 300,
+        "\ud800",
+        "con.",
+        "package.m:C",
+    ]
+    stems = [file_name(name) for name in names]
+    assert stems[0] == "mpc" and len({stem.lower() for stem in stems}) == len(names)
+    assert all(
+        re.fullmatch(r"[a-z0-9][a-z0-9_-]*(\.[0-9a-f]{12})?", stem) and len(stem) < 64 for stem in stems
+    )
+
+
+# Figures
+
+
+def test_figures_are_xml_with_names_as_text(result: EvaluationResult, rows: list[Row]) -> None:
+    shade = figures.colours([row.policy for row in rows])
+    plots = [
+        figures.intervals_plot(rows, shade),
+        figures.outcomes_plot(rows),
+        figures.cost_plot(rows, shade),
+        figures.attitude_plot(result.traces, shade),
+        figures.motion_plot(result.traces),
+    ]
+    seen = set()
+    for plot in plots:
+        assert plot and plot.panels
+        for panel in plot.panels:
+            root = ElementTree.fromstring(panel.svg)
+            assert "width" not in root.attrib and "viewBox" in root.attrib
+            assert "#010203" not in panel.svg and "currentColor" in panel.svg
+            names = {element.tag.split("}")[-1] for element in root.iter()}
+            assert "script" not in names and "img" not in names and "image" not in names
+            seen |= {"".join(element.itertext()) for element in root.iter() if element.tag.endswith("text")}
+            defined = set(re.findall(r'\bid="([^"]+)"', panel.svg))
+            used = set(re.findall(r'(?:href="#|url\(#)([^")]+)', panel.svg))
+            assert used and used <= defined
+    assert {"mpc", "minimum_jerk", "<img src=x onerro...", "time [s]"} <= seen
+
+
+def test_figures_repeat_whatever_the_users_style(rows: list[Row]) -> None:
+    shade = figures.colours([row.policy for row in rows])
+    first = figures.cost_plot(rows, shade)
+    before = dict(matplotlib.rcParams)
+    with matplotlib.rc_context({"lines.linewidth": 9, "font.size": 30, "svg.fonttype": "path"}):
+        assert figures.cost_plot(rows, shade) == first
+        assert matplotlib.rcParams["font.size"] == 30
+    assert dict(matplotlib.rcParams) == before
+
+
+def test_figures_without_data() -> None:
+    rows = rows_of([failed(attitude_cost=0.0)])
+    assert figures.cost_plot(rows, {"mpc": "#000000"}) is None
+    assert figures.attitude_plot({}, {}) is None
+    assert figures.motion_plot({}) is None
+    still = make_result(episodes=1).traces["hold"]
+    assert figures.motion_plot({"hold": still}) is None
+    assert figures.attitude_plot({"hold": still}, {"hold": "#000000"})
+
+
+def test_representative_episode_is_the_middle_one(result: EvaluationResult) -> None:
+    trace = result.traces["mpc"]
+    attitude = np.array([3.0, 1.0, 2.0, 9.0, 8.0])[:, None] * np.ones(201)
+    five = {
+        item.name: getattr(trace, item.name)[:5] for item in dataclasses.fields(Traces) if item.name != "time"
+    }
+    made = Traces(time=trace.time, **(five | {"attitude": attitude}))
+    assert figures.representative_episode({"a": made, "b": made}) == 0
+
+
+def test_one_wild_policy_does_not_flatten_the_others(result: EvaluationResult) -> None:
+    wild = dataclasses.replace(result.traces["mpc"], attitude=1000 * result.traces["mpc"].attitude)
+    calm = {name: result.traces[name] for name in ("mpc", "gjm", "promp")}
+    plot = figures.attitude_plot({**calm, "wild": wild}, figures.colours([*calm, "wild"]))
+    assert plot and "cut off" in plot.caption
+    usual = figures.attitude_plot(calm, figures.colours(list(calm)))
+    assert usual and "cut off" not in usual.caption
+
+
+# Report
+
+
+class Page(HTMLParser):
+    """Collects what a browser would act on, and that elements are closed in order."""
+
+    VOID = {"meta", "link", "img", "br"}
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.texts: list[str] = []
+        self.open: list[str] = []
+        self.feed(text)
+        self.close()
+        assert not self.open
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        assert len(dict(attrs)) == len(attrs), tag
+        self.tags.append((tag, dict(attrs)))
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.texts.append(data)
+
+    def named(self, tag: str) -> list[dict[str, str | None]]:
+        return [attributes for name, attributes in self.tags if name == tag]
+
+
+@pytest.fixture(scope="module")
+def page(paths: ReportPaths) -> Page:
+    return Page(paths.html.read_text(encoding="utf-8"))
+
+
+def test_report_writes_what_can_be_read_back(result: EvaluationResult, paths: ReportPaths) -> None:
+    assert read_records(paths.records) == list(result.records)
+    summary = json.loads(paths.summary.read_text(encoding="utf-8"))
+    assert summary["schema"] == 1 and summary["provenance"]["commit"] == "3f2c9d1"
+    assert summary["rows"][0]["figures"]["success"]["value"] == 1.0
+    assert set(summary["traces"]) == set(result.traces) == set(paths.traces)
+    for policy, trace in result.traces.items():
+        assert (paths.folder / summary["traces"][policy]).samefile(paths.traces[policy])
+        np.testing.assert_array_equal(Traces.load(paths.traces[policy]).attitude, trace.attitude)
+    written = {
+        path.relative_to(paths.folder).as_posix() for path in paths.folder.rglob("*") if path.is_file()
+    }
+    assert written == {
+        *("records.jsonl", "summary.json", "leaderboard.md", "leaderboard.csv", "report.html"),
+        *summary["traces"].values(),
+    }
+
+
+def test_report_repeats_byte_for_byte(paths: ReportPaths, tmp_path: Path) -> None:
+    odd = {HOSTILE: CHARACTERS["bc"], WICKED: CHARACTERS["ppo"]}
+    again = write_report(make_result(pictures=True, extra=odd), tmp_path)
+    for path in paths.folder.rglob("*.*"):
+        assert (tmp_path / path.relative_to(paths.folder)).read_bytes() == path.read_bytes(), path
+    assert again.html.stat().st_size < 10_000_000
+
+
+def test_another_clock_changes_timing_only(
+    paths: ReportPaths, result: EvaluationResult, tmp_path: Path
+) -> None:
+    slower = [
+        dataclasses.replace(record, timing={"planning_ms": None, "action_ms": 99.0})
+        for record in result.records
+    ]
+    other = write_report(dataclasses.replace(result, records=slower), tmp_path)
+    assert records_without_timing(read_records(other.records)) == records_without_timing(result.records)
+    first, second = (json.loads(path.summary.read_text(encoding="utf-8")) for path in (paths, other))
+    assert first != second
+    for row in itertools.chain(first["rows"], second["rows"]):
+        del row["timing"]
+    assert first == second
+
+
+def test_page_asks_for_nothing_outside(paths: ReportPaths, page: Page) -> None:
+    allowed = re.compile(r"data:|#|(records\.jsonl|summary\.json|leaderboard\.(md|csv))$")
+    for tag, attributes in page.tags:
+        for name in ("src", "href", "xlink:href", "srcset", "data", "action", "poster"):
+            if attributes.get(name) is not None and not (tag == "svg" or name.startswith("xmlns")):
+                assert allowed.match(attributes[name] or ""), (tag, attributes)
+    text = paths.html.read_text(encoding="utf-8")
+    assert "@import" not in text and not re.search(r"url\((?!#)", text)
+    (policy,) = (m["content"] for m in page.named("meta") if m.get("http-equiv") == "Content-Security-Policy")
+    assert policy and "default-src 'none'" in policy and "img-src data:;" in policy
+    (script,) = re.findall(r"<script>(.*?)</script>", text, re.DOTALL)
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    assert f"script-src 'sha256-{digest}';" in policy
+
+
+def test_hostile_names_do_nothing(page: Page) -> None:
+    assert len(page.named("script")) == 1
+    for tag, attributes in page.tags:
+        assert not any(name.startswith("on") for name in attributes), tag
+    assert all((image["src"] or "").startswith("data:image/jpeg;base64,") for image in page.named("img"))
+    assert HOSTILE in [text.strip() for text in page.texts]
+
+
+def test_table_is_sortable_by_keyboard(page: Page, rows: list[Row]) -> None:
+    buttons = [button for button in page.named("button") if button["type"] == "button"]
+    assert len(buttons) == len(COLUMNS) + 1
+    assert [button["data-first"] for button in buttons[1:3]] == ["descending", "descending"]
+    assert buttons[4]["data-first"] == "ascending"
+    cells = [cell["data-sort"] for cell in page.named("td")]
+    assert len(cells) == len(rows) * len(COLUMNS)
+    assert float(cells[0] or "nan") == 100.0
+    # The time to capture of a policy that never captures sorts last: it has no number.
+    assert cells[len(COLUMNS) * (len(rows) - 1) + 6] == ""
+
+
+def test_page_shows_provenance_pictures_and_reasons(page: Page, result: EvaluationResult) -> None:
+    texts = [text.strip() for text in page.texts]
+    for expected in (
+        result.provenance["command"],
+        "versions: mujoco",
+        "4.0.0",
+        "an x86-64 with 2 cores",
+        "0, 1, 2, 3, 4",
+    ):
+        assert expected in texts
+    assert "base turned by more than 45 deg" in texts
+    assert len(page.named("img")) == 6
+    assert not any(NO_PICTURES[:30] in text for text in texts)
+
+
+def test_page_says_why_there_are_no_pictures(tmp_path: Path) -> None:
+    result = make_result(episodes=4)
+    page = write_report(result, tmp_path).html.read_text(encoding="utf-8")
+    assert NO_PICTURES in page
+    page = write_report(dataclasses.replace(result, pictures_note="No EGL <here>."), tmp_path).html.read_text(
+        "utf-8"
+    )
+    assert NO_PICTURES not in page and "No EGL &lt;here&gt;." in page
+
+
+def test_page_of_several_tasks_has_unique_ids(tmp_path: Path) -> None:
+    records = [
+        make_record(difficulty=difficulty, policy=policy)
+        for difficulty in ("easy", "hard")
+        for policy in ("a", "b")
+    ]
+    text = write_report(EvaluationResult(records), tmp_path).html.read_text(encoding="utf-8")
+    ids = re.findall(r'\bid="([^"]+)"', text)
+    assert len(ids) == len(set(ids)) > 50
+    assert text.count('<table class="sortable">') == 2
+
+
+def test_highlights_name_ties_and_only_able_policies() -> None:
+    records = [
+        make_record(policy="a", final_attitude=2.0),
+        make_record(policy="b", final_attitude=2.0, attitude_cost=0.001),
+        failed(policy="still", final_attitude=0.0, attitude_cost=0.0),
+    ]
+    tiles = {tile["label"]: tile for tile in highlights(rows_of(records))}
+    assert tiles["Most captures"]["names"] == tiles["Least attitude left"]["names"] == "b, a"
+    assert (tiles["Least attitude left"]["value"], tiles["Lowest eq. 20 cost"]["names"]) == ("2.00", "b")
+    assert [tile["label"] for tile in highlights(rows_of([failed()]))] == ["Most captures"]
+
+
+def test_what_cannot_be_reported_leaves_the_folder_as_it_was(tmp_path: Path) -> None:
+    result = make_result(episodes=2)
+    for bad, said in (
+        (dataclasses.replace(result, records=[]), "at least one record"),
+        (dataclasses.replace(result, provenance={"seed": np.int64(3)}), "plain JSON"),
+        (dataclasses.replace(result, provenance={"rate": math.nan}), "plain JSON"),
+        (dataclasses.replace(result, pictures={"mpc": [np.zeros((4, 4))]}), "uint8"),
+    ):
+        with pytest.raises(ConfigurationError, match=said):
+            write_report(bad, tmp_path / "report")
+    assert not (tmp_path / "report").exists()
+
+
+def test_policies_that_plan_nothing_and_capture_nothing_are_shown(tmp_path: Path) -> None:
+    lone = make_result(episodes=3, extra={"nothing": Character(0.0, 0.0, 0.0, 0.0, 20, None, 0.0)})
+    records = [record for record in lone.records if record.policy == "nothing"]
+    written = write_report(EvaluationResult(records, {"nothing": lone.traces["nothing"]}), tmp_path)
+    assert Page(written.html.read_text(encoding="utf-8")).named("table")

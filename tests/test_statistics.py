@@ -1,0 +1,167 @@
+"""Statistics against hand-worked cases, scipy, and coverage by simulation."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.stats import binomtest, trim_mean
+
+from space_envs.errors import ConfigurationError
+from space_envs.evaluation.statistics import (
+    Estimate,
+    capture_rate,
+    interquartile_mean,
+    median,
+    stratified_bootstrap,
+    wilson_interval,
+)
+
+
+def mean(values: np.ndarray) -> np.ndarray:
+    return values.mean(axis=-1)
+
+
+def test_interquartile_mean_by_hand() -> None:
+    assert interquartile_mean(np.array([8, 1, 7, 2, 6, 3, 5, 4])) == 4.5
+    assert interquartile_mean(np.array([100.0, 0.0, 1.0, 3.0])) == 2.0
+    # Fewer than four values leave nothing to cut.
+    assert interquartile_mean(np.array([0.0, 1.0, 8.0])) == 3.0
+    assert interquartile_mean(np.array([5.0])) == 5.0
+
+
+@pytest.mark.parametrize("count", [1, 3, 4, 7, 10, 50])
+def test_interquartile_mean_is_scipys_trimmed_mean(count: int) -> None:
+    values = np.random.default_rng(count).normal(size=(6, count))
+    np.testing.assert_allclose(interquartile_mean(values), trim_mean(values, 0.25, axis=-1), rtol=1e-12)
+
+
+def test_missing_values_rank_last_and_are_not_dropped() -> None:
+    values = np.array([1.0, 2.0, 3.0, math.inf])
+    assert interquartile_mean(values) == 2.5
+    assert interquartile_mean(np.array([1.0, 2.0, math.inf, math.inf])) == math.inf
+    assert median(np.array([4.0, math.inf, 2.0])) == 4.0
+    assert median(np.array([4.0, math.inf])) == math.inf
+    assert median(np.array([4.0, 1.0, 2.0, 3.0])) == 2.5
+
+
+def test_bootstrap_by_hand() -> None:
+    # Means of resamples of (0, 1) are 0, 1/2, 1 with probability 1/4, 1/2, 1/4.
+    estimate = stratified_bootstrap(
+        np.array([0.0, 1.0]), np.zeros(2), np.random.default_rng(0), mean, resamples=400
+    )
+    assert estimate == Estimate(0.5, 0.0, 1.0)
+
+
+def test_bootstrap_resamples_inside_strata_only() -> None:
+    values, strata = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]), np.array([3, 3, 3, 9, 9, 9])
+    inside = stratified_bootstrap(values, strata, np.random.default_rng(0), mean)
+    assert inside == Estimate(0.5, 0.5, 0.5)
+    across = stratified_bootstrap(values, np.zeros(6), np.random.default_rng(0), mean)
+    assert across.low < 0.3 and across.high > 0.7
+
+
+def test_bootstrap_pools_strata_of_one() -> None:
+    values = np.random.default_rng(1).normal(size=30)
+    single = stratified_bootstrap(values, np.arange(30), np.random.default_rng(0))
+    pooled = stratified_bootstrap(values, np.zeros(30), np.random.default_rng(0))
+    assert single == pooled
+    assert single.low < single.value < single.high
+
+
+def test_bootstrap_of_one_value_has_no_interval() -> None:
+    assert stratified_bootstrap(np.array([2.0]), np.zeros(1), np.random.default_rng(0)) == Estimate(
+        2.0, -math.inf, math.inf
+    )
+
+
+def test_bootstrap_with_missing_values_has_no_nan() -> None:
+    values = np.r_[np.linspace(0, 1, 17), np.full(3, math.inf)]
+    estimate = stratified_bootstrap(values, np.zeros(20), np.random.default_rng(0))
+    assert math.isfinite(estimate.value) and math.isfinite(estimate.low)
+    # Some resamples hold more than a quarter of missing values.
+    assert estimate.high == math.inf
+
+
+def test_bootstrap_repeats_with_its_generator_alone() -> None:
+    values, strata = np.random.default_rng(2).normal(size=40), np.arange(40) % 4
+    first = stratified_bootstrap(values, strata, np.random.default_rng(5))
+    np.random.random(3)  # noqa: NPY002
+    assert stratified_bootstrap(values, strata, np.random.default_rng(5)) == first
+    assert stratified_bootstrap(values, strata, np.random.default_rng(6)) != first
+
+
+@pytest.mark.parametrize(("episodes", "seeds"), [(50, 1), (50, 5), (20, 4)])
+@pytest.mark.parametrize("name", ["normal", "exponential"])
+def test_bootstrap_coverage(episodes: int, seeds: int, name: str) -> None:
+    # At 20 episodes in 4 strata plain percentiles cover 88 %.
+    generator = np.random.default_rng(11)
+    draw = generator.normal if name == "normal" else generator.exponential
+    # The trimmed mean of infinitely many: 0 by symmetry; for exponential the integral of -log(1 - u), u in 1/4..3/4.
+    truth = 0.0 if name == "normal" else 2 * (0.5 + 0.25 * math.log(0.25) - 0.75 * math.log(0.75))
+    trials, hits = 1500, 0
+    for _ in range(trials):
+        estimate = stratified_bootstrap(
+            draw(size=episodes), np.arange(episodes) % seeds, generator, resamples=400
+        )
+        hits += estimate.low <= truth <= estimate.high
+    assert 0.93 <= hits / trials <= 0.97
+
+
+def test_wilson_by_hand() -> None:
+    z = 1.959963984540054
+    assert wilson_interval(0, 10) == Estimate(0.0, 0.0, pytest.approx(z * z / (10 + z * z)))
+    assert wilson_interval(10, 10) == Estimate(1.0, pytest.approx(10 / (10 + z * z)), 1.0)
+    estimate = wilson_interval(8, 10)
+    assert (estimate.low, estimate.high) == (
+        pytest.approx(0.4901625, abs=1e-6),
+        pytest.approx(0.9433178, abs=1e-6),
+    )
+
+
+@pytest.mark.parametrize(("successes", "trials"), [(0, 1), (1, 3), (47, 50), (50, 50), (480, 500)])
+def test_wilson_is_scipys(successes: int, trials: int) -> None:
+    interval = binomtest(successes, trials).proportion_ci(method="wilson")
+    estimate = wilson_interval(successes, trials)
+    np.testing.assert_allclose((estimate.low, estimate.high), (interval.low, interval.high), atol=1e-12)
+
+
+def test_wilson_coverage() -> None:
+    # Exact, from the binomial distribution: the mean coverage over rates is what Wilson's interval promises.
+    trials = 50
+    intervals = [wilson_interval(k, trials) for k in range(trials + 1)]
+    coverage = []
+    for rate in np.linspace(0.02, 0.98, 97):
+        chances = [math.comb(trials, k) * rate**k * (1 - rate) ** (trials - k) for k in range(trials + 1)]
+        coverage.append(sum(c for c, e in zip(chances, intervals, strict=True) if e.low <= rate <= e.high))
+    assert 0.945 <= np.mean(coverage) <= 0.96
+
+
+def test_capture_rate_counts_failures_and_attitude() -> None:
+    captured = np.array([True, True, True, False, False])
+    attitude = np.array([0.05, 0.1, 4.0, 0.0, math.inf])
+    assert capture_rate(captured).value == 0.6
+    assert capture_rate(captured, attitude, 5.0).value == 0.6
+    assert capture_rate(captured, attitude, 1.0).value == 0.4
+    # The limit itself still counts, and a failure with a still base does not.
+    assert capture_rate(captured, attitude, 0.1).value == 0.4
+    assert capture_rate(captured, attitude, 0.09).value == 0.2
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: interquartile_mean(np.array([])),
+        lambda: interquartile_mean(np.array([1.0, math.nan])),
+        lambda: median(np.array([1.0, -math.inf])),
+        lambda: wilson_interval(3, 2),
+        lambda: wilson_interval(0, 0),
+        lambda: wilson_interval(-1, 5),
+        lambda: capture_rate(np.array([True]), None, 1.0),
+        lambda: stratified_bootstrap(np.ones(3), np.ones(2), np.random.default_rng(0)),
+        lambda: stratified_bootstrap(np.ones((3, 3)), np.ones((3, 3)), np.random.default_rng(0)),
+        lambda: stratified_bootstrap(np.ones(3), np.ones(3), np.random.default_rng(0), resamples=0),
+    ],
+)
+def test_bad_input_is_refused(call) -> None:
+    with pytest.raises(ConfigurationError):
+        call()
