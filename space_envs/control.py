@@ -43,6 +43,7 @@ class Drive:
         self._low = model.jnt_range[joints, 0] + STOP_MARGIN
         self._high = model.jnt_range[joints, 1] - STOP_MARGIN
         n = simulation.n_joints + 6
+        self.extrapolate = True
         self._last_mass, self._last_bias = np.zeros((simulation.n, n, n)), np.zeros((simulation.n, n))
 
     def reset(self, rows: NDArray[np.int64]) -> None:
@@ -70,24 +71,42 @@ class Drive:
     def reach(self, rate: Array) -> Array:
         """The same for rates that respect every limit but the torque's: M* (rate - rate now) / Tc + h*.
 
-        The change of rate is scaled so that every torque is within its limit.
+        The change of rate is scaled so that every torque is within its limit. Joints that are too fast to
+        stop before their limit brake first, and the others change with the torque that this leaves.
         """
+        now = self.simulation.joint_velocity
+        change = (rate - now) / self.control_period
+        low, high = self.allowed_rates()
+        late = (now < low) | (now > high)
+        if not late.any():
+            need, held = self._inverse_dynamics(change)
+            return self._within(held + need * self._room(held, need))
+        braking, held = self._inverse_dynamics(np.where(late, change, 0.0))
+        rest, _ = self._inverse_dynamics(np.where(late, 0.0, change))
+        held = held + braking * self._room(held, braking)
+        return self._within(held + rest * self._room(held, rest))
+
+    def _inverse_dynamics(self, acceleration: Array) -> tuple[Array, Array]:
+        """Torques (N, n) that a joint acceleration (N, n) needs, and that Coriolis and centrifugal forces need."""
         mass, bias = self._dynamics()
-        change = (rate - self.simulation.joint_velocity) / self.control_period
-        # Columns: what the change needs, what Coriolis and centrifugal forces need.
         force = np.empty((*bias.shape, 2))
-        force[..., 0] = (mass[:, :, 6:] @ change[..., None])[..., 0]
+        force[..., 0] = (mass[:, :, 6:] @ acceleration[..., None])[..., 0]
         force[..., 1] = bias
         base = np.linalg.solve(mass[:, :6, :6], force[:, :6])
         torque = force[:, 6:] - mass[:, 6:, :6] @ base
-        need, held = torque[..., 0], torque[..., 1]
+        return torque[..., 0], torque[..., 1]
+
+    def _room(self, held: Array, need: Array) -> Array:
+        """Largest factor (N, 1) up to 1 with which `need` can be added to `held` within the torque limits."""
         room = np.maximum(self.torque_limit - held * np.sign(need), 0.0)
-        scale = np.minimum((room / np.maximum(np.abs(need), 1e-9)).min(axis=1), 1.0)
-        return np.minimum(np.maximum(need * scale[:, None] + held, -self.torque_limit), self.torque_limit)
+        return np.minimum((room / np.maximum(np.abs(need), 1e-9)).min(axis=1, keepdims=True), 1.0)
+
+    def _within(self, torque: Array) -> Array:
+        return np.minimum(np.maximum(torque, -self.torque_limit), self.torque_limit)
 
     def protect(self, torque: Array) -> Array:
         """Commanded torques (N, n), replaced in rows where they would break a rate or position limit."""
-        torque = np.minimum(np.maximum(torque, -self.torque_limit), self.torque_limit)
+        torque = self._within(torque)
         mass, bias = self._dynamics()
         force = -bias
         force[:, 6:] += torque
@@ -116,6 +135,8 @@ class Drive:
     def _dynamics(self) -> tuple[Array, Array]:
         """Mass matrix (N, 6 + n, 6 + n) and bias (N, 6 + n) in the middle of the period to come."""
         mass, bias = self.simulation.mass_matrix(), self.simulation.bias()
+        if not self.extrapolate:
+            return mass, bias
         return 1.5 * mass - 0.5 * self._last_mass, 1.5 * bias - 0.5 * self._last_bias
 
 
@@ -145,6 +166,7 @@ class JointTorque:
 
     def __init__(self, drive: Drive) -> None:
         self.drive = drive
+        drive.extrapolate = False  # torques jump from period to period, so the past says little
         self.size = drive.simulation.n_joints
         self.scale = drive.torque_limit.copy()
 

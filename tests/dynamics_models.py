@@ -62,7 +62,7 @@ def random_tree(rng: np.random.Generator, parents: tuple[int, ...] = (0, 1, 2, 0
 
 
 def straight_arm() -> mujoco.MjModel:
-    """Two links in a plane; at joint angles zero everything lies on one line and points away from the base."""
+    """Two links in a plane; at joint angles zero everything lies on one line, away from the base."""
     return mujoco.MjModel.from_xml_string("""
     <mujoco>
       <compiler angle="radian" balanceinertia="false"/>

@@ -22,10 +22,10 @@ from space_envs.evaluation.records import (
 from space_envs.evaluation.traces import Traces
 
 FIELDS = (
-    "schema env_id policy control_mode difficulty split index episode seed config_hash captured outcome reason "
-    "time_to_capture steps episode_return position_error orientation_error peak_attitude final_attitude "
-    "attitude_cost base_angular_impulse kinetic_energy_integral mechanical_work peak_power collisions "
-    "clipped_actions momentum_drift timing"
+    "schema env_id policy control_mode difficulty split index episode seed config_hash captured outcome "
+    "reason time_to_capture steps episode_return position_error orientation_error peak_attitude "
+    "final_attitude attitude_cost base_angular_impulse kinetic_energy_integral mechanical_work peak_power "
+    "collisions clipped_actions momentum_drift timing"
 ).split()
 
 
@@ -205,7 +205,8 @@ class Exploit:
 def test_traces_never_unpickle(tmp_path: Path) -> None:
     path, folder = tmp_path / "a.npz", tmp_path / "made"
     arrays = {item.name: getattr(traces(), item.name) for item in dataclasses.fields(Traces)}
-    np.savez(path, **(arrays | {"attitude": np.array([Exploit(str(folder))], dtype=object)}))
+    del arrays["attitude"]
+    np.savez(path, attitude=np.array([Exploit(str(folder))], dtype=object), **arrays)
     with pytest.raises(ConfigurationError, match=r"a\.npz"):
         Traces.load(path)
     assert not folder.exists()

@@ -129,7 +129,7 @@ class FloatingRobot(RobotTree):
     def base_map(self, q: Array) -> Array:
         """Map (..., 6, n) from joint rates to the base twist at zero momentum: -H_b^-1 H_bm."""
         base, coupling = self.momentum_matrices(q)
-        return -np.linalg.solve(base, coupling)
+        return -_solve(base, coupling)
 
     def base_twist(self, q: Array, qdot: Array, momentum: Array | None = None) -> Array:
         """Base twist (..., 6) in base axes for joint rates qdot, m/s and rad/s.
@@ -145,7 +145,7 @@ class FloatingRobot(RobotTree):
         rest = -(coupling @ self.joint_array(qdot, "joint rates")[..., None])
         if momentum is not None:
             rest = rest + np.asarray(momentum)[..., None]
-        return np.linalg.solve(base, rest)[..., 0]
+        return _solve(base, rest)[..., 0]
 
     def momentum(self, q: Array, qdot: Array, twist: Array) -> Array:
         """Total momentum (..., 6) [p; L] in base axes, L about the base origin, N s and N m s.
@@ -209,6 +209,10 @@ class FloatingRobot(RobotTree):
             outboard = self.carries[link - 1] @ self.mass[1:] / total
             vectors[self.parent[link - 1]] += (float(link in chain) - outboard) * self.offset[link - 1]
         return float(np.linalg.norm(vectors, axis=1).sum())
+
+
+def _solve(a: Array, b: Array) -> Array:
+    return np.asarray(np.linalg.solve(a, b), dtype=np.float64)
 
 
 def _skew(v: Array) -> Array:

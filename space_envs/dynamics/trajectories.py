@@ -96,7 +96,7 @@ def _roll_out_with_momentum(
     quaternion: Array,
     momentum: Array,
 ) -> tuple[Array, Array]:
-    """The same with momentum: its components in the base frame depend on the pose, so time is a loop (Heun)."""
+    """The same with momentum (Heun): its components in the base frame depend on the pose; time is a loop."""
     base, coupling = robot.momentum_matrices(q)
     inverse = np.linalg.inv(base)
     joint_momentum = (coupling @ qdot[..., None])[..., 0]

@@ -58,7 +58,7 @@ def intervals_plot(rows: Sequence[Row], shade: Mapping[str, str]) -> Plot:
                 low, high = (scale * end for end in (estimate.low, estimate.high))
                 if math.isfinite(low) and math.isfinite(high):
                     axes.plot([low, high], [number, number], color=colour[number], lw=5, alpha=0.35)
-                axes.plot(scale * estimate.value, number, "o", color=colour[number], ms=7)
+                axes.plot(scale * estimate.value, number, "o", color=colour[number], ms=7, clip_on=False)
             axes.set_yticks(range(len(rows)), [figure_name(name) for name in names])
             axes.set_ylim(len(rows) - 0.4, -0.6)
             axes.set_xlabel(title)
@@ -183,7 +183,7 @@ def attitude_plot(traces: Mapping[str, Traces], shade: Mapping[str, str]) -> Plo
     }
     peaks = np.array([band[2].max() for band in bands.values() if band[2].max() > 0])
     # One policy that spins the base must not flatten all the others.
-    top = 1.05 * float(min(peaks.max(), 4 * np.median(peaks))) if peaks.size else 1.0
+    top = 1.05 * float(min(peaks.max(), 2.5 * np.median(peaks))) if peaks.size else 1.0
     cut = " Larger values are cut off." if peaks.size and peaks.max() > top else ""
     end = max(float(trace.time[-1]) for trace in traces.values())
     panels = []

@@ -25,6 +25,7 @@ NOTE = (
     "A figure that does not exist is shown as -."
 )
 
+_TERMINAL_NAME = 28  # letters of a policy's name that a terminal shows
 _PIPE_WIDTH = 400  # a file has no width; rows stay on one line
 
 
@@ -160,7 +161,7 @@ def _rich_table(rows: Sequence[Row], columns: Sequence[Column]) -> Table:
     for column in columns:
         table.add_column(Text(f"{column.title}\n{column.unit}"), justify="right", no_wrap=True)
     for number, row in enumerate(rows):
-        cells = [Text(display_name(row_name(row, rows)), style="bold" if number == 0 else "")]
+        cells = [Text(display_name(row_name(row, rows), _TERMINAL_NAME), style="bold" if number == 0 else "")]
         for column in columns:
             # Two intervals are what a terminal has room for; the files have all of them.
             interval = column.interval(row) if column.key in ("success", "final_attitude") else ""

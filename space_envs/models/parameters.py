@@ -48,9 +48,10 @@ class SingleArmParameters:
     )
     home: tuple[float, ...] = (0.0, 5 * pi / 4, 0.0, 0.0, pi / 2, -pi / 2, 0.0)  # rad, sec. VI
     joint_reach: float = 3.0  # rad to either side of home; our choice, the paper gives no limits
-    rate_limit: float = 0.5  # rad/s, our choice: a slow, strong arm as flown on stations
+    rate_limit: float = 0.3  # rad/s, our choice: a slow, strong arm as flown on stations
     acceleration_limit: float = 0.25  # rad/s^2, our choice: what 60 N m give the whole arm, roughly
     torque_limit: float = 60.0  # N m, our choice
+    rotor_inertia: float = 1.0  # kg m^2 behind the gear, `physical` variant only; our choice
     link_radius: float = 0.08  # m, rods of the `physical` variant and what is drawn; our choice
 
 

@@ -101,6 +101,7 @@ def single_arm_spec(
             name=f"joint{number}",
             type=mujoco.mjtJoint.mjJNT_HINGE,
             axis=[0, 0, 1],
+            armature=parameters.rotor_inertia if options.variant == "physical" else 0.0,
             range=[home - parameters.joint_reach, home + parameters.joint_reach],
         )
         spec.add_actuator(

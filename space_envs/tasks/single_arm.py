@@ -42,8 +42,6 @@ LAYOUT = ObservationLayout(
 )
 MEASURED = 47  # leading components that are sensors of the model, in its order
 
-DEFAULT_TIMESTEP = {"paper": 0.02, "physical": 0.01}  # s
-
 # Half-width of the box around home that goal configurations are drawn from, rad.
 RADIUS = {"easy": 0.3, "medium": 0.6, "hard": 1.0}
 SPLIT_SIZE = {"train": 4096, "validation": 256, "test": 512, "ood": 512}
@@ -86,8 +84,8 @@ class SingleArmTask:
         split: which goals an episode draws from when `reset` does not say.
         reward: dense or sparse.
         variant: inertias of the model, paper or physical.
-        control_period: s. timestep: of the simulation, s; None takes the largest whose momentum drift meets
-            the published bound (docs/momentum.md). horizon: steps after which an episode is cut.
+        control_period: s. timestep: of the simulation, s; the default is the largest whose momentum drift
+            meets the published bound (docs/momentum.md). horizon: steps after which an episode is cut.
         envelope: of a capture. attitude_limit: deg from the initial attitude at which it counts as lost.
         c: m/rad of eq. 20.
     """
@@ -97,7 +95,7 @@ class SingleArmTask:
     reward: str = "dense"
     variant: str = "paper"
     control_period: float = 0.1
-    timestep: float | None = None
+    timestep: float = 0.02
     horizon: int = 200
     envelope: CaptureEnvelope = field(default_factory=CaptureEnvelope)
     attitude_limit: float = 45.0
@@ -112,7 +110,7 @@ class SingleArmTask:
         ):
             if value not in valid:
                 raise unknown_name(kind, value, valid)
-        substeps = self.control_period / self.step_size
+        substeps = self.control_period / self.timestep
         if not substeps >= 1 or abs(substeps - round(substeps)) > 1e-9:
             raise ConfigurationError(
                 f"control_period must be a multiple of timestep, got {self.control_period!r} and {self.timestep!r} s"
@@ -132,14 +130,9 @@ class SingleArmTask:
         return RewardWeights() if self.reward == "dense" else SPARSE
 
     @property
-    def step_size(self) -> float:
-        """Time step of the simulation, s."""
-        return DEFAULT_TIMESTEP[self.variant] if self.timestep is None else self.timestep
-
-    @property
     def substeps(self) -> int:
         """Simulation steps per control step."""
-        return round(self.control_period / self.step_size)
+        return round(self.control_period / self.timestep)
 
     @cached_property
     def hold_steps(self) -> int:
@@ -149,12 +142,12 @@ class SingleArmTask:
     @property
     def model(self) -> mujoco.MjModel:
         """The compiled model, shared and read-only."""
-        return single_arm_model(ModelOptions(self.variant, self.step_size))
+        return single_arm_model(ModelOptions(self.variant, self.timestep))
 
     @property
     def render_model(self) -> mujoco.MjModel:
         """The same model with its drawn geometry."""
-        return single_arm_model(ModelOptions(self.variant, self.step_size, visual=True))
+        return single_arm_model(ModelOptions(self.variant, self.timestep, visual=True))
 
     @property
     def robot(self) -> FloatingRobot:

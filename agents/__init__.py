@@ -1,0 +1,1 @@
+"""Experts, demonstrations and learned policies."""

@@ -1,0 +1,117 @@
+"""What a network sees of an observation: a fixed, normalised view, computed from the observation alone.
+
+Errors and velocities are turned into the satellite's axes, where the arm's kinematics do not depend on the
+satellite's attitude, so that a network need not learn to rotate vectors. Every entry is divided by a stated
+scale; there are no running statistics, so a policy file needs none.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from space_envs.dynamics.rotations import Array, conjugate, logarithm, rotate
+from space_envs.errors import ConfigurationError, unknown_name
+from space_envs.tasks.common import ObservationLayout
+
+KINDS = ("plain", "from_home", "rotation", "base_axes", "from_base", "bearing")
+
+
+class Feature(NamedTuple):
+    """One part of what a network sees.
+
+    Attributes:
+        field: of the observation layout.
+        kind: plain (x / scale), from_home (minus the home joint angles), rotation (rotation vector of a
+            quaternion), base_axes (in the satellite's axes), from_base (a position relative to the
+            satellite, in its axes), bearing (x / (scale + |x|) in the satellite's axes: large near the goal,
+            where a plain error is lost among larger inputs).
+        scale: what becomes 1, in the field's unit.
+    """
+
+    field: str
+    kind: str
+    scale: float
+
+
+SINGLE_ARM_FEATURES = (
+    Feature("joint_position", "from_home", 0.5),
+    Feature("joint_velocity", "plain", 0.2),
+    Feature("base_quaternion", "rotation", 0.1),
+    Feature("base_linear_velocity", "base_axes", 0.05),
+    Feature("base_angular_velocity", "base_axes", 0.05),
+    Feature("end_effector_position", "from_base", 1.0),
+    Feature("end_effector_linear_velocity", "base_axes", 0.2),
+    Feature("end_effector_angular_velocity", "base_axes", 0.2),
+    Feature("position_error", "base_axes", 0.5),
+    Feature("rotation_error", "base_axes", 0.5),
+    Feature("position_error", "bearing", 0.1),
+    Feature("rotation_error", "bearing", 0.2),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class FeatureView:
+    """Maps observations (N, size) to features (N, F), float32.
+
+    Attributes:
+        table: the features, in order.
+        layout: of the observations.
+        home: (n,) rad, subtracted from joint angles.
+    """
+
+    table: tuple[Feature, ...]
+    layout: ObservationLayout
+    home: Array
+
+    def __post_init__(self) -> None:
+        for feature in self.table:
+            if feature.kind not in KINDS:
+                raise unknown_name("kind of feature", feature.kind, KINDS)
+            if feature.field not in self.layout.slices:
+                raise unknown_name("observation field", feature.field, self.layout.slices)
+            if not feature.scale > 0:
+                raise ConfigurationError(f"scale of feature {feature.field} must be positive, got {feature.scale!r}")
+
+    @property
+    def size(self) -> int:
+        """F."""
+        width = {field.name: field.size for field in self.layout.fields}
+        return sum(3 if f.kind == "rotation" else width[f.field] for f in self.table)
+
+    def __call__(self, observation: NDArray) -> NDArray[np.float32]:
+        """Features (N, F) of observations (N, size)."""
+        layout = self.layout
+        to_base = conjugate(layout.read(observation, "base_quaternion"))
+        parts: list[Array] = []
+        for field, kind, scale in self.table:
+            value = layout.read(observation, field)
+            if kind == "from_home":
+                value = value - self.home
+            elif kind == "rotation":
+                value = logarithm(value)
+            elif kind == "from_base":
+                value = rotate(to_base, value - layout.read(observation, "base_position"))
+            elif kind != "plain":
+                value = rotate(to_base, value)
+            if kind == "bearing":
+                parts.append(value / (scale + np.sqrt((value * value).sum(axis=-1, keepdims=True))))
+            else:
+                parts.append(value / scale)
+        return np.concatenate(parts, axis=-1).astype(np.float32)
+
+
+def feature_table(rows: Sequence[Sequence[object]]) -> tuple[Feature, ...]:
+    """Build a table from rows [field, kind, scale], as a policy file holds them.
+
+    Raises:
+        ConfigurationError: for rows that are not of that form.
+    """
+    table = []
+    for row in rows:
+        if len(row) != 3 or not isinstance(row[2], int | float):
+            raise ConfigurationError(f"a feature must be [field, kind, scale], got {row!r}")
+        table.append(Feature(str(row[0]), str(row[1]), float(row[2])))
+    return tuple(table)

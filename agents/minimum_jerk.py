@@ -1,0 +1,82 @@
+"""Minimum-jerk joint motion to a joint goal that is corrected for the base's own motion."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from agents.inverse_kinematics import JointGoals, JointMotion, Rows, floating_inverse_kinematics
+from agents.tracking import DURATION, TrajectoryPolicy, motion_times
+from space_envs.dynamics.rotations import Array
+from space_envs.evaluation.policy import PolicyContext
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """Motions whose every joint runs q(t) = goal + a(t) (start - goal) + b(t) rate, `rate` being that at t = 0.
+
+    Attributes:
+        displacement, slope: a (T,) and its time derivative, 1/s. drift, pace: b (T,), s, and its derivative.
+        dt: s.
+    """
+
+    displacement: Array
+    slope: Array
+    drift: Array
+    pace: Array
+    dt: float
+
+    def motion(self, start: Array, rate: Array, goal: Array) -> JointMotion:
+        """Motions (N, T, n) from `start` (N, n) rad with `rate` (N, n) rad/s to rest at `goal` (N, n)."""
+        way, rate = (start - goal)[:, None, :], rate[:, None, :]
+        position = goal[:, None, :] + self.displacement[:, None] * way + self.drift[:, None] * rate
+        return JointMotion(position, self.slope[:, None] * way + self.pace[:, None] * rate, self.dt)
+
+
+def minimum_jerk_profile(times: Array, duration: float) -> Profile:
+    """The quintic from any state to rest, which has the least integrated squared jerk for its end states."""
+    s = times / duration
+    return Profile(
+        displacement=1.0 - s**3 * (10.0 + s * (6.0 * s - 15.0)),
+        slope=-30.0 * s**2 * (1.0 - s) ** 2 / duration,
+        drift=duration * s * (1.0 + s**2 * (-6.0 + s * (8.0 - 3.0 * s))),
+        pace=1.0 + s**2 * (-18.0 + s * (32.0 - 15.0 * s)),
+        dt=float(times[1] - times[0]),
+    )
+
+
+def profile_goals(context: PolicyContext, observation: Array, profile: Profile) -> JointGoals:
+    """Joint goals to which `profile` leads from what is observed, so that the inertial goal is met."""
+
+    def read(name: str) -> Array:
+        return context.layout.read(observation, name)
+
+    start, rate = read("joint_position"), read("joint_velocity")
+
+    def motion(goal: Array, rows: Rows) -> JointMotion:
+        return profile.motion(start[rows], rate[rows], goal)
+
+    return floating_inverse_kinematics(
+        context.arm,
+        read("goal_position"),
+        read("goal_quaternion"),
+        motion,
+        read("base_position"),
+        read("base_quaternion"),
+        start,
+        context.joint_limits,
+    )
+
+
+class MinimumJerk(TrajectoryPolicy):
+    """Straight in joint space, as smooth as can be, then holds."""
+
+    def __init__(self, context: PolicyContext, seed: int = 0) -> None:
+        super().__init__(context, seed)
+        self._profile = minimum_jerk_profile(motion_times(context), DURATION)
+
+    def plan(self, observation: Array) -> tuple[JointMotion, JointGoals]:
+        """The quintic motions to the corrected joint goals."""
+        read = self.context.layout.read
+        goals = profile_goals(self.context, observation, self._profile)
+        start, rate = read(observation, "joint_position"), read(observation, "joint_velocity")
+        return self._profile.motion(np.asarray(start), np.asarray(rate), goals.position), goals

@@ -1,0 +1,78 @@
+"""A multilayer perceptron in numpy: what a learned policy needs to act, without a learning library.
+
+Rows are multiplied in blocks of a fixed size, so that the result for an observation does not depend on how
+many others are evaluated with it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from space_envs.errors import PolicyError, unknown_name
+
+Floats = NDArray[np.float32]
+ACTIVATIONS = ("tanh", "relu")
+LOG_DEVIATION = (-20.0, 2.0)  # bounds, those of stable-baselines3's SAC
+_BLOCK = 16  # rows in one matrix product
+
+
+@dataclass(frozen=True, eq=False)
+class Network:
+    """Gaussian policy: mean and log standard deviation of actions from features.
+
+    Attributes:
+        weights, biases: of the hidden layers and of the mean, (in, out) and (out,), float32.
+        deviation_weight, deviation_bias: (last hidden, m) and (m,), the log standard deviation's layer.
+        activation: of the hidden layers, tanh or relu.
+        squash: whether an action is the tanh of its Gaussian variable (SAC, TD3) or clipped (PPO).
+    """
+
+    weights: tuple[Floats, ...]
+    biases: tuple[Floats, ...]
+    deviation_weight: Floats
+    deviation_bias: Floats
+    activation: str
+    squash: bool
+
+    def __post_init__(self) -> None:
+        if self.activation not in ACTIVATIONS:
+            raise unknown_name("activation", self.activation, ACTIVATIONS)
+        if not self.weights or len(self.weights) != len(self.biases):
+            raise PolicyError("a network needs as many weight matrices as bias vectors, at least one")
+        layers = [*zip(self.weights, self.biases, strict=True), (self.deviation_weight, self.deviation_bias)]
+        inputs = [self.weights[0].shape[0], *(len(b) for b in self.biases[:-1])]
+        inputs.append(inputs[-1])
+        for (weight, bias), size in zip(layers, inputs, strict=True):
+            if weight.shape != (size, *bias.shape) or bias.ndim != 1:
+                raise PolicyError(f"layers do not fit: weight {weight.shape}, bias {bias.shape}, input {size}")
+            if not (np.isfinite(weight).all() and np.isfinite(bias).all()):
+                raise PolicyError("a network's parameters must be finite")
+        if self.deviation_bias.shape != self.biases[-1].shape:
+            raise PolicyError("mean and deviation must have the same size")
+
+    @property
+    def inputs(self) -> int:
+        """Number of features."""
+        return self.weights[0].shape[0]
+
+    @property
+    def outputs(self) -> int:
+        """Number of actions."""
+        return len(self.biases[-1])
+
+    def actions(self, features: NDArray, generator: np.random.Generator | None = None) -> NDArray[np.float32]:
+        """Actions (N, m) in [-1, 1] for features (N, F); drawn from the policy where a generator is given."""
+        count = len(features)
+        x = np.zeros((-(-count // _BLOCK) * _BLOCK, self.inputs), dtype=np.float32)
+        x[:count] = features
+        x = x.reshape(-1, _BLOCK, self.inputs)
+        for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
+            x = x @ weight + bias
+            x = np.tanh(x) if self.activation == "tanh" else np.maximum(x, 0.0)
+        mean = (x @ self.weights[-1] + self.biases[-1]).reshape(-1, self.outputs)[:count]
+        if generator is not None:
+            log = (x @ self.deviation_weight + self.deviation_bias).reshape(-1, self.outputs)[:count]
+            noise = generator.standard_normal(mean.shape, dtype=np.float32)
+            mean = mean + np.exp(np.clip(log, *LOG_DEVIATION)) * noise
+        return np.tanh(mean) if self.squash else np.clip(mean, -1.0, 1.0)

@@ -1,0 +1,128 @@
+"""What planners share: plan where an episode starts, follow the plan, then hold the end-effector at the goal."""
+
+from dataclasses import dataclass, fields
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.gjm import resolved_rate
+from agents.inverse_kinematics import JointGoals, JointMotion
+from space_envs.dynamics.rotations import Array
+from space_envs.errors import PolicyError
+from space_envs.evaluation.policy import PolicyContext
+
+State = TypeVar("State")
+
+DURATION = 10.0  # s, of every planned motion
+TRACKING_GAIN = 2.0  # 1/s, of the joint error while a plan is followed
+# What is left at the end of a motion is taken away slowly, once the plan is over.
+HOLD_GAIN, HOLD_LINEAR_SPEED, HOLD_ANGULAR_SPEED = 0.5, 0.02, 0.02  # 1/s, m/s, rad/s
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """The motions of N episodes; unchanged from step to step, so that it can be handed round as a state.
+
+    Attributes:
+        position, velocity: (N, T, n) rad and rad/s, one sample a control period.
+        start: (N,) s, time in the episode at which each motion begins.
+        goals: joint goals, with what inverse kinematics left over.
+    """
+
+    position: Array
+    velocity: Array
+    start: Array
+    goals: JointGoals
+
+
+def motion_steps(context: PolicyContext) -> int:
+    """Control periods that a planned motion takes; the last one may reach past its end."""
+    return int(np.ceil(DURATION / context.control_period - 1e-9))
+
+
+def motion_times(context: PolicyContext) -> Array:
+    """Sampling times (T,) of a planned motion, s: 0, one control period, ..., the duration."""
+    return np.minimum(np.arange(motion_steps(context) + 1) * context.control_period, DURATION)
+
+
+def rows_to_plan(state: Any, episode_start: NDArray[np.bool_] | None, n: int) -> NDArray[np.int64]:
+    """Rows whose episode begins.
+
+    Raises:
+        PolicyError: if `episode_start` has not N entries, or N changed in the middle of episodes.
+    """
+    if episode_start is None:
+        episode_start = np.full(n, state is None)
+    episode_start = np.asarray(episode_start, dtype=bool)
+    if episode_start.shape != (n,):
+        raise PolicyError(f"episode_start must have shape ({n},), got {episode_start.shape}")
+    known = n if episode_start.all() else (0 if state is None else len(state.start))
+    if known != n:
+        raise PolicyError(f"{n} observations, and a state for {known} episodes: all episodes must start together")
+    return np.flatnonzero(episode_start)
+
+
+def merged(old: State, new: State, rows: NDArray[np.int64]) -> State:
+    """`old` with its rows replaced by those of `new`; both are frozen dataclasses of arrays, nested or not."""
+    values = {}
+    for field in fields(old):  # pyright: ignore[reportArgumentType]
+        before, after = getattr(old, field.name), getattr(new, field.name)
+        if isinstance(before, np.ndarray):
+            replaced = before.copy()
+            replaced[rows] = after
+            values[field.name] = replaced
+        else:
+            values[field.name] = merged(before, after, rows)
+    return type(old)(**values)
+
+
+def hold_rate(context: PolicyContext, observation: Array, goals: JointGoals, rows: NDArray[np.int64]) -> Array:
+    """Joint rates (k, n), rad/s, of rows (k,) whose motion is over.
+
+    They correct the pose of the end-effector; where no motion to the goal was found the arm rests.
+    """
+    rate = resolved_rate(context, observation[rows], HOLD_GAIN, HOLD_LINEAR_SPEED, HOLD_ANGULAR_SPEED)
+    return rate * goals.converged[rows, None]
+
+
+class TrajectoryPolicy:
+    """Follows joint motions that a subclass plans, with feedback of the joint angles."""
+
+    control_mode = "joint_velocity"
+
+    def __init__(self, context: PolicyContext, seed: int = 0) -> None:
+        context.require_mode(self.control_mode)
+        self.context = context
+
+    def plan(self, observation: Array) -> tuple[JointMotion, JointGoals]:
+        """Motions (N, T, n), sampled at `motion_times`, and the joint goals they end at."""
+        raise NotImplementedError
+
+    def predict(
+        self,
+        observation: Array,
+        state: Plan | None = None,
+        episode_start: NDArray[np.bool_] | None = None,
+        deterministic: bool = True,
+    ) -> tuple[Array, Plan]:
+        """Actions (N, n) and the plans that they follow."""
+        context, read = self.context, self.context.layout.read
+        observation = context.check_observation(observation)
+        time = read(observation, "time")[:, 0]
+        rows = rows_to_plan(state, episode_start, len(observation))
+        if state is None or rows.size:
+            motion, goals = self.plan(observation[rows])
+            new = Plan(motion.position, motion.velocity, time[rows], goals)
+            state = new if state is None or rows.size == len(observation) else merged(state, new, rows)
+        # The drives reach a rate at the end of the period: the reference's rate there is what to ask for.
+        step = np.rint((time - state.start) / context.control_period).astype(np.int64)
+        last = state.position.shape[1] - 1
+        every = np.arange(len(observation))
+        now, then = np.minimum(step, last), np.minimum(step + 1, last)
+        error = state.position[every, now] - read(observation, "joint_position")
+        rate = state.velocity[every, then] + TRACKING_GAIN * error
+        over = np.flatnonzero(step >= last)
+        if over.size:
+            rate[over] = hold_rate(context, observation, state.goals, over)
+        return np.clip(rate / context.action_scale, -1.0, 1.0), state

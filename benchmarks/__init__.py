@@ -1,0 +1,1 @@
+"""Measurements behind the tables in docs/; each module is a command with --help."""
