@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from agents.inverse_kinematics import JointGoals, JointMotion, Rows, floating_inverse_kinematics
-from agents.tracking import DURATION, TrajectoryPolicy, motion_times
+from agents.tracking import TrajectoryPolicy, motion_times
 from space_envs.dynamics.rotations import Array
 from space_envs.evaluation.policy import PolicyContext
 
@@ -32,8 +32,9 @@ class Profile:
         return JointMotion(position, self.slope[:, None] * way + self.pace[:, None] * rate, self.dt)
 
 
-def minimum_jerk_profile(times: Array, duration: float) -> Profile:
+def minimum_jerk_profile(times: Array) -> Profile:
     """The quintic from any state to rest, which has the least integrated squared jerk for its end states."""
+    duration = times[-1]
     s = times / duration
     return Profile(
         displacement=1.0 - s**3 * (10.0 + s * (6.0 * s - 15.0)),
@@ -72,11 +73,11 @@ class MinimumJerk(TrajectoryPolicy):
 
     def __init__(self, context: PolicyContext, seed: int = 0) -> None:
         super().__init__(context, seed)
-        self._profile = minimum_jerk_profile(motion_times(context), DURATION)
+        self._profile = minimum_jerk_profile(motion_times(context))
 
     def plan(self, observation: Array) -> tuple[JointMotion, JointGoals]:
         """The quintic motions to the corrected joint goals."""
         read = self.context.layout.read
         goals = profile_goals(self.context, observation, self._profile)
         start, rate = read(observation, "joint_position"), read(observation, "joint_velocity")
-        return self._profile.motion(np.asarray(start), np.asarray(rate), goals.position), goals
+        return self._profile.motion(start, rate, goals.position), goals

@@ -13,6 +13,7 @@ from space_envs.errors import PolicyError
 from space_envs.evaluation.policy import PolicyContext
 
 State = TypeVar("State")
+Steps = NDArray[np.int64]
 
 DURATION = 10.0  # s, of every planned motion
 TRACKING_GAIN = 2.0  # 1/s, of the joint error while a plan is followed
@@ -36,14 +37,9 @@ class Plan:
     goals: JointGoals
 
 
-def motion_steps(context: PolicyContext) -> int:
-    """Control periods that a planned motion takes; the last one may reach past its end."""
-    return int(np.ceil(DURATION / context.control_period - 1e-9))
-
-
 def motion_times(context: PolicyContext) -> Array:
-    """Sampling times (T,) of a planned motion, s: 0, one control period, ..., the duration."""
-    return np.minimum(np.arange(motion_steps(context) + 1) * context.control_period, DURATION)
+    """Sampling times (T,) of a planned motion, s: whole control periods from 0 to the duration, or nearly so."""
+    return np.arange(max(1, round(DURATION / context.control_period)) + 1) * context.control_period
 
 
 def rows_to_plan(state: Any, episode_start: NDArray[np.bool_] | None, n: int) -> NDArray[np.int64]:
@@ -99,6 +95,17 @@ class TrajectoryPolicy:
         """Motions (N, T, n), sampled at `motion_times`, and the joint goals they end at."""
         raise NotImplementedError
 
+    def follow(self, observation: Array, plan: Plan, step: Steps) -> Array:
+        """Joint rates (N, n), rad/s, to reach at the end of the control period, `step` (N,) periods into the plan.
+
+        The drives reach a rate at the end of the period: the reference's rate there is what to ask for.
+        """
+        last = plan.position.shape[1] - 1
+        every = np.arange(len(observation))
+        now, then = np.minimum(step, last), np.minimum(step + 1, last)
+        error = plan.position[every, now] - self.context.layout.read(observation, "joint_position")
+        return plan.velocity[every, then] + TRACKING_GAIN * error
+
     def predict(
         self,
         observation: Array,
@@ -115,14 +122,9 @@ class TrajectoryPolicy:
             motion, goals = self.plan(observation[rows])
             new = Plan(motion.position, motion.velocity, time[rows], goals)
             state = new if state is None or rows.size == len(observation) else merged(state, new, rows)
-        # The drives reach a rate at the end of the period: the reference's rate there is what to ask for.
         step = np.rint((time - state.start) / context.control_period).astype(np.int64)
-        last = state.position.shape[1] - 1
-        every = np.arange(len(observation))
-        now, then = np.minimum(step, last), np.minimum(step + 1, last)
-        error = state.position[every, now] - read(observation, "joint_position")
-        rate = state.velocity[every, then] + TRACKING_GAIN * error
-        over = np.flatnonzero(step >= last)
+        rate = self.follow(observation, state, step)
+        over = np.flatnonzero(step >= state.position.shape[1] - 1)
         if over.size:
             rate[over] = hold_rate(context, observation, state.goals, over)
         return np.clip(rate / context.action_scale, -1.0, 1.0), state

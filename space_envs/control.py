@@ -14,7 +14,7 @@ from space_envs.simulation import STAGE_POS, Simulation
 
 CONTROL_MODES = ("joint_velocity", "joint_torque", "end_effector_velocity", "reactionless")
 END_EFFECTOR_SPEED = (0.3, 0.5)  # m/s and rad/s per unit action
-DAMPING = 0.05  # of the generalised Jacobian's inverse, in the units of its singular values
+DAMPING = 0.02  # of the generalised Jacobian's inverse, in the units of its singular values
 BRAKING = 0.04  # rad/s^2 with which a joint may approach its limit; 60 N m leave 0.05 in any configuration
 STOP_MARGIN = 0.1  # rad; the drives stop this far inside the joint range, so that nothing hits its end
 ATTITUDE_GAIN = 0.5  # 1/s, feedback of the attitude left in mode reactionless

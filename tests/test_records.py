@@ -218,6 +218,10 @@ def test_files_that_are_no_traces(tmp_path: Path, content: bytes) -> None:
     path.write_bytes(content)
     with pytest.raises(ConfigurationError, match=r"a\.npz"):
         Traces.load(path)
+    with path.open("wb") as file:
+        np.save(file, np.zeros(3))
+    with pytest.raises(ConfigurationError, match="not an npz archive"):
+        Traces.load(path)
     np.savez(path, time=np.zeros(3))
     with pytest.raises(ConfigurationError, match="expected"):
         Traces.load(path)

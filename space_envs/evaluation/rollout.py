@@ -97,7 +97,7 @@ def _roll_out_batch(
     n = len(indices)
     env = CaptureVectorEnv(num_envs=n, autoreset_mode="disabled", **environment)
     task, simulation = env.task, env.simulation
-    policy = factory(PolicyContext.of(env))
+    policy = factory(PolicyContext.from_env(env))
     observation, _ = env.reset(seed=seed, options={"split": split, "index": indices})
     horizon, robot = task.horizon, 7 + simulation.n_joints
     qpos = np.empty((n, horizon + 1, robot))
@@ -198,7 +198,7 @@ def time_policy(
 ) -> PolicyTime:
     """Time a policy's calls, apart from the simulation; the first episode warms up and is not counted."""
     env = CaptureVectorEnv(num_envs=1, autoreset_mode="disabled", **{**environment, "threads": 1})
-    policy = factory(PolicyContext.of(env))
+    policy = factory(PolicyContext.from_env(env))
     planning, acting = [], []
     for index in [indices[0], *indices]:
         observation, _ = env.reset(seed=0, options={"split": split, "index": int(index)})

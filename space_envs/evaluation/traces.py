@@ -79,12 +79,13 @@ class Traces:
     def load(cls, path: str | Path) -> Self:
         """Read what `save` wrote. Raises ConfigurationError that names the file; never unpickles anything."""
         try:
-            with np.load(path, allow_pickle=False) as archive:
+            # Opened here, since np.load leaves a file that is no archive open.
+            with Path(path).open("rb") as file:
+                archive = np.load(file, allow_pickle=False)
                 if not isinstance(archive, np.lib.npyio.NpzFile):
                     raise ValueError("not an npz archive")
-                names = set(archive.files)
-                if names != set(_SHAPES):
-                    raise ValueError(f"holds {sorted(names)}, expected {sorted(_SHAPES)}")
+                if set(archive.files) != set(_SHAPES):
+                    raise ValueError(f"holds {sorted(archive.files)}, expected {sorted(_SHAPES)}")
                 return cls(**{name: archive[name] for name in _SHAPES})
         except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
             raise ConfigurationError(f"{path}: not a file of traces: {error}") from error

@@ -160,10 +160,8 @@ class SingleArmTask:
         Raises:
             ConfigurationError: for an unknown split or an index outside it.
         """
-        if split not in SPLITS:
-            raise unknown_name("split", split, SPLITS)
+        size = self.split_size(split)
         indices = np.asarray(indices)
-        size = SPLIT_SIZE[split]
         if indices.dtype.kind not in "iu" or (indices < 0).any() or (indices >= size).any():
             raise ConfigurationError(
                 f"index of split {split!r} must be an integer in 0..{size - 1}, got {indices.tolist()!r}"
@@ -177,7 +175,13 @@ class SingleArmTask:
         )
 
     def split_size(self, split: str) -> int:
-        """Number of goals in a split."""
+        """Number of goals in a split.
+
+        Raises:
+            ConfigurationError: for an unknown split.
+        """
+        if split not in SPLITS:
+            raise unknown_name("split", split, SPLITS)
         return SPLIT_SIZE[split]
 
     def check_goals(self, position: Array, quaternion: Array) -> tuple[Array, Array]:
