@@ -5,11 +5,11 @@ Every mode ends in joint torques, which are internal to the robot and so leave i
 
 from typing import Protocol
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array
+from space_envs.models.single_arm import END_EFFECTOR
 from space_envs.simulation import STAGE_POS, Simulation
 
 CONTROL_MODES = ("joint_velocity", "joint_torque", "end_effector_velocity", "reactionless")
@@ -174,6 +174,32 @@ class JointTorque:
         return self.drive.protect(action * self.scale)
 
 
+class Lookahead:
+    """The robot as it will be at the end of the period if its joints keep their rates.
+
+    That is where a commanded rate is reached, so it is where the maps from joint rates to the end-effector
+    and to the base are needed. The base keeps its attitude and is put at the origin. Masses are the nominal
+    ones, which is all that a controller knows.
+    """
+
+    def __init__(self, drive: Drive) -> None:
+        self.drive = drive
+        simulation = drive.simulation
+        self.simulation = Simulation(simulation.model, simulation.n, simulation.batch.nthread)
+
+    def update(self) -> None:
+        """Take the present state of the drive's simulation and look ahead from there."""
+        now, ahead = self.drive.simulation, self.simulation
+        ahead.qpos[:, 3:7] = now.qpos[:, 3:7]
+        ahead.joint_position[:] = now.joint_position + self.drive.control_period * now.joint_velocity
+        ahead.batch.forward(stage=STAGE_POS)
+
+    def base_map(self) -> Array:
+        """Base velocity (N, 6, n) per joint rate at zero momentum; linear in inertial, angular in base axes."""
+        mass = self.simulation.mass_matrix()
+        return -np.linalg.solve(mass[:, :6, :6], mass[:, :6, 6:])
+
+
 class EndEffectorVelocity:
     """End-effector twist [v; w], inertial axes, by the damped inverse of the generalised Jacobian."""
 
@@ -181,20 +207,19 @@ class EndEffectorVelocity:
         self.drive = drive
         self.size = 6
         self.scale = np.repeat(END_EFFECTOR_SPEED, 3)
+        self._ahead = Lookahead(drive)
         model = drive.simulation.model
-        site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, "end_effector")
-        self._body = int(model.site_bodyid[site])
-        sensor = model.sensor("end_effector_position")
-        self._point = slice(int(sensor.adr[0]), int(sensor.adr[0]) + 3)
+        self._body = int(model.site_bodyid[model.site(END_EFFECTOR).id])
+        start = int(model.sensor(f"{END_EFFECTOR}_position").adr[0])
+        self._point = slice(start, start + 3)
 
     def torques(self, action: Array) -> Array:
-        simulation = self.drive.simulation
-        linear, angular = simulation.batch.jac(self._body, simulation.sensors[:, self._point])
-        n = simulation.n_joints
-        jacobian = np.concatenate([linear, angular], axis=1)[:, :, : 6 + n]
-        mass = simulation.mass_matrix()
-        base_map = -np.linalg.solve(mass[:, :6, :6], mass[:, :6, 6:])
-        generalized = jacobian[:, :, 6:] + jacobian[:, :, :6] @ base_map
+        ahead = self._ahead
+        ahead.update()
+        linear, angular = ahead.simulation.batch.jac(self._body, ahead.simulation.sensors[:, self._point])
+        jacobian = np.concatenate([linear, angular], axis=1)
+        joints = slice(6, 6 + ahead.simulation.n_joints)
+        generalized = jacobian[:, :, joints] + jacobian[:, :, :6] @ ahead.base_map()
         square = generalized @ generalized.swapaxes(1, 2) + DAMPING**2 * np.eye(6)
         command = np.linalg.solve(square, (action * self.scale)[..., None])
         rate = (generalized.swapaxes(1, 2) @ command)[..., 0]
@@ -205,25 +230,21 @@ class EndEffectorVelocity:
 class Reactionless:
     """Joint rates projected onto the reaction null space: the satellite's attitude stays, whatever the action.
 
-    The null space is taken at the configuration predicted for the end of the period, where the commanded
-    rate is reached, and the attitude left is fed back. Joints that a limit stops are taken out of the
-    projection, since stopping them afterwards would leave the null space.
+    The attitude left is fed back. Joints that a limit stops are taken out of the projection, since stopping
+    them afterwards would leave the null space.
     """
 
     def __init__(self, drive: Drive) -> None:
         self.drive = drive
         self.size = drive.simulation.n_joints
         self.scale = np.full(self.size, drive.rate_limit)
-        # A second batch computes mass matrices at predicted configurations, with the base at the origin.
-        self._ahead = Simulation(drive.simulation.model, drive.simulation.n, drive.simulation.batch.nthread)
+        self._ahead = Lookahead(drive)
 
     def torques(self, action: Array) -> Array:
-        simulation, period = self.drive.simulation, self.drive.control_period
+        simulation = self.drive.simulation
         low, high = self.drive.allowed_rates()
-        self._ahead.joint_position[:] = simulation.joint_position + period * simulation.joint_velocity
-        self._ahead.batch.forward(stage=STAGE_POS)
-        mass = self._ahead.mass_matrix()
-        turning = -np.linalg.solve(mass[:, :6, :6], mass[:, :6, 6:])[:, 3:]  # (N, 3, n), base axes
+        self._ahead.update()
+        turning = self._ahead.base_map()[:, 3:]  # (N, 3, n), base axes
         quaternion = simulation.qpos[:, 3:7]
         # For the small angles that are left, twice the vector part is the rotation vector, in base axes too.
         wanted = -2.0 * ATTITUDE_GAIN * quaternion[:, 1:] * np.copysign(1.0, quaternion[:, :1])
@@ -242,7 +263,7 @@ class Reactionless:
         # The acceleration limit slows the way from the present motion, made reactionless again, to the new.
         present = _project(turning, now, wanted, np.ones_like(now))
         change = rate - present
-        limit = self.drive.acceleration_limit * period
+        limit = self.drive.acceleration_limit * self.drive.control_period
         return self.drive.reach(present + change / np.maximum(np.abs(change).max(axis=1, keepdims=True) / limit, 1.0))
 
 
