@@ -12,7 +12,7 @@ from agents.linear_quadratic import RAMP, closed_loop, receding_gains
 from agents.mpc import CONTROL_WEIGHT, POSITION_WEIGHT
 from agents.tracking import DURATION
 from space_envs.control import STOP_MARGIN
-from space_envs.dynamics import trajectory_cost
+from space_envs.dynamics import FloatingRobot, trajectory_cost
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import PlanningError, unknown_name
 from space_envs.models.parameters import SINGLE_ARM, VARIANTS
@@ -22,6 +22,7 @@ from space_envs.tasks.single_arm import SPLIT_SIZE, SingleArmTask
 KINDS = ("cost_matrices", "obstacle", "noise")
 ATTEMPTS = 8  # drawings of one demonstration before it is given up
 STRIDE = 1597  # between the goals of successive groups; odd, so that the split's 4096 are met in turn
+OFF_REDUNDANCY = 0.3  # share of any direction in the side on which an obstacle lies
 
 
 @dataclass(frozen=True)
@@ -47,8 +48,8 @@ class DemonstratorConfig:
     weight_decades: float = 1.0
     ramp: tuple[float, float] = (6.0, 14.0)
     redundancy: float = 0.2
-    radius: tuple[float, float] = (0.2, 0.5)
-    miss: float = 0.05
+    radius: tuple[float, float] = (0.5, 0.9)
+    miss: float = 0.1
     noise: float = 0.03
     quiet: float = 2.5
     rest: float = 2e-3
@@ -95,7 +96,7 @@ class _Draws:
     ramp: Array
     preferred: Array
     obstacle_phase: Array
-    obstacle_offset: Array
+    obstacle_side: Array
     obstacle_radius: Array
     disturbance: Array
 
@@ -170,7 +171,7 @@ def _attempt(
     # First where the undisturbed way leads, then the detour from that way, then the goal with the detour.
     straight = solve(None, start).position
     middle = start + draws.obstacle_phase[:, None] * (straight - start)
-    obstacles = Obstacles(middle + draws.obstacle_offset, draws.obstacle_radius)
+    obstacles = Obstacles(middle + config.miss * _beside(arm, middle, draws.obstacle_side), draws.obstacle_radius)
     off = detour(start, straight, obstacles, _progress(time), config.dt)
     found = solve(off, straight)
     motion = motion_with(off, found.position, np.arange(len(number)))
@@ -198,6 +199,14 @@ def _usable(made: Demonstrations, goal: Array, limits: Array, config: Demonstrat
     return inside & slow & gentle & resting
 
 
+def _beside(arm: FloatingRobot, q: Array, side: Array) -> Array:
+    """Unit directions (D, n) in joint space, mostly along the arm's redundancy at q, from normal draws `side`."""
+    jacobian = arm.generalized_jacobian(q)
+    rest = side - (np.linalg.pinv(jacobian) @ jacobian @ side[..., None])[..., 0]
+    direction = rest + OFF_REDUNDANCY * side
+    return direction / np.sqrt((direction * direction).sum(axis=1, keepdims=True))
+
+
 def _progress(time: Array) -> Array:
     """Share (T,) of the way that the controller of policy `mpc` has made."""
     gains, _ = receding_gains(np.diag([POSITION_WEIGHT, 0.0]), np.array([[CONTROL_WEIGHT]]), time)
@@ -222,19 +231,18 @@ def _draw(
         preferred = home + rng.normal(0.0, config.redundancy, n)
         position, control = _random_spd(rng, n, config.weight_decades), _random_spd(rng, n, config.weight_decades / 2)
         ramp = rng.uniform(*config.ramp)
-        phase, radius, offset = rng.uniform(0.3, 0.7), rng.uniform(*config.radius), rng.standard_normal(n)
+        phase, radius, side = rng.uniform(0.3, 0.7), rng.uniform(*config.radius), rng.standard_normal(n)
         noise = rng.normal(0.0, config.noise, (samples, n)) * (time < time[-1] - config.quiet)[:, None]
         varied, pushed, noisy = (k == KINDS.index(name) for name in KINDS)
         q = np.zeros((2 * n, 2 * n))
         q[:n, :n] = POSITION_WEIGHT * (position if varied else np.eye(n))
         r = CONTROL_WEIGHT * (control if varied else np.eye(n))
-        offset = config.miss * offset / np.linalg.norm(offset)
         # An obstacle of no size pushes nothing.
         size = np.array(radius if pushed else 0.0)
         ramp = np.array(ramp if varied else RAMP)
-        rows.append((q, r, ramp, preferred, np.array(phase), offset, size, noise * noisy))
-    q, r, ramp, preferred, phase, offset, size, noise = (np.stack(column) for column in zip(*rows, strict=True))
-    return _Draws(q, r, ramp, preferred, phase, offset, size, np.ascontiguousarray(noise.swapaxes(0, 1)))
+        rows.append((q, r, ramp, preferred, np.array(phase), side, size, noise * noisy))
+    q, r, ramp, preferred, phase, side, size, noise = (np.stack(column) for column in zip(*rows, strict=True))
+    return _Draws(q, r, ramp, preferred, phase, side, size, np.ascontiguousarray(noise.swapaxes(0, 1)))
 
 
 def _random_spd(rng: np.random.Generator, n: int, decades: float) -> Array:

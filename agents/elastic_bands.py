@@ -8,9 +8,11 @@ from scipy.interpolate import CubicSpline
 from space_envs.dynamics.rotations import Array
 
 NODES = 21
-TENSION = 0.25  # share of the way to the middle of its neighbours that a node goes in an iteration
-REPULSION = 0.2  # share of its depth in an obstacle that a node is pushed by in an iteration
-ITERATIONS = 150
+TENSION = 0.8  # share of the way to the middle of its neighbours that a node goes in an iteration
+# Share of its depth in an obstacle that a node is pushed by in an iteration. A stiff band in soft obstacles
+# bends over its whole length, which a slow arm can follow.
+REPULSION = 0.01
+ITERATIONS = 300
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,20 +1,12 @@
-"""What a table of measurements must say about where it was made."""
+"""What the tables of measurements have in common."""
 
-import os
-import platform
-from importlib.metadata import version
-from pathlib import Path
+from space_envs.evaluation.provenance import machine, versions
 
 
 def machine_class() -> str:
-    """Processor, cores, Python and the versions that matter, in one line of Markdown."""
-    processor = platform.processor() or platform.machine()
-    cpuinfo = Path("/proc/cpuinfo")
-    if cpuinfo.exists():
-        names = [line.split(":", 1)[1].strip() for line in cpuinfo.read_text().splitlines() if line.startswith("model name")]
-        processor = names[0] if names else processor
-    packages = ", ".join(f"{name} {version(name)}" for name in ("mujoco", "numpy", "gymnasium"))
-    return f"{processor}, {os.cpu_count()} cores, Python {platform.python_version()}, {packages}"
+    """Processor, cores, Python and the versions that matter, in one line."""
+    used = versions()
+    return f"{machine()}, " + ", ".join(f"{name} {used[name]}" for name in ("python", "mujoco", "numpy", "gymnasium"))
 
 
 def markdown_table(header: list[str], rows: list[list[str]]) -> str:

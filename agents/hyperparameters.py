@@ -1,0 +1,223 @@
+"""Every number that learning depends on, in typed tables per task and algorithm."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+from agents.features import SINGLE_ARM_FEATURES, Feature, feature_table
+from agents.network import ACTIVATIONS
+from space_envs.errors import ConfigurationError, unknown_name
+
+ALGORITHMS = ("ppo", "sac", "td3", "bc")
+
+
+@dataclass(frozen=True)
+class Hyperparameters:
+    """What all algorithms share.
+
+    Attributes:
+        num_envs: episodes simulated together. steps: control steps of all of them together.
+        learning_rate: of Adam. batch_size: samples in one of its steps.
+        hidden: widths of the hidden layers, of actor and critic alike. activation: tanh or relu.
+        gamma: discount per control step.
+        interval: steps between validations, each followed by a checkpoint.
+        features: what the networks see.
+    """
+
+    num_envs: int
+    steps: int
+    learning_rate: float
+    batch_size: int
+    hidden: tuple[int, ...]
+    activation: str
+    interval: int
+    gamma: float = 0.99
+    features: tuple[Feature, ...] = SINGLE_ARM_FEATURES
+
+    def __post_init__(self) -> None:
+        if self.activation not in ACTIVATIONS:
+            raise unknown_name("activation", self.activation, ACTIVATIONS)
+        for name in ("num_envs", "steps", "batch_size", "interval"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+                raise ConfigurationError(f"{name} must be a positive integer, got {value!r}")
+        if not self.learning_rate > 0:
+            raise ConfigurationError(f"learning_rate must be positive, got {self.learning_rate!r}")
+        if not 0 < self.gamma <= 1:
+            raise ConfigurationError(f"gamma must lie in (0, 1], got {self.gamma!r}")
+        if not self.hidden or not all(isinstance(width, int) and width > 0 for width in self.hidden):
+            raise ConfigurationError(f"hidden must be positive layer widths, got {self.hidden!r}")
+
+
+@dataclass(frozen=True)
+class PPO(Hyperparameters):
+    """Proximal policy optimisation (Schulman et al. 2017), names as in stable-baselines3.
+
+    Attributes:
+        expert: cloned first, unless a run to start from is named; None starts from random weights.
+        deviation: initial standard deviation of an action, in units of the action.
+        critic_warm_up: steps in which only the critic learns, where the actor is warm started.
+        final_rate: share of the learning rate left at the end of the linear decay.
+        minutes: limit on the wall time with the cloning; None is no limit.
+    """
+
+    n_steps: int = 128
+    n_epochs: int = 5
+    gae_lambda: float = 0.95
+    clip_range: float = 0.2
+    ent_coef: float = 0.0
+    vf_coef: float = 0.5
+    max_grad_norm: float = 0.5
+    target_kl: float | None = None
+    expert: str | None = "gjm"
+    deviation: float = 0.1
+    critic_warm_up: int = 0
+    final_rate: float = 0.1
+    minutes: float | None = None
+
+
+@dataclass(frozen=True)
+class OffPolicy(Hyperparameters):
+    """What SAC and TD3 share, names as in stable-baselines3; train_freq counts steps of all environments."""
+
+    buffer_size: int = 200_000
+    learning_starts: int = 5_000
+    tau: float = 0.005
+    train_freq: int = 1
+    gradient_steps: int = 8
+
+
+@dataclass(frozen=True)
+class SAC(OffPolicy):
+    """Soft actor-critic (Haarnoja et al. 2018) with its entropy coefficient learned."""
+
+
+@dataclass(frozen=True)
+class TD3(OffPolicy):
+    """Twin delayed deterministic policy gradient (Fujimoto et al. 2018).
+
+    Attributes:
+        exploration: standard deviation of the noise on actions while collecting.
+    """
+
+    exploration: float = 0.1
+    policy_delay: int = 2
+    target_policy_noise: float = 0.1
+    target_noise_clip: float = 0.3
+
+
+@dataclass(frozen=True)
+class BC(Hyperparameters):
+    """Behaviour cloning by DAgger (Ross et al. 2011): the expert labels what the learner visits.
+
+    An expert that plans ahead (one with a state) drives itself in every round, since it cannot label the
+    states of another.
+
+    Attributes:
+        expert: name in the registry of policies.
+        episode: steps in an episode; a capture does not end it, so that resting at the goal is learned too.
+        epochs: passes over all data so far, after each round. last_epochs: after the last one.
+        weight: errors count relative to the expert's mean absolute action plus this, in units of the action.
+        noise: standard deviation of what disturbs the expert's own actions, in half of the steps.
+        final_rate: share of the learning rate left at the end of a round.
+        deviation: standard deviation written into the policy.
+    """
+
+    expert: str = "gjm"
+    episode: int = 120
+    epochs: int = 4
+    last_epochs: int = 12
+    weight: float = 0.05
+    noise: float = 0.1
+    final_rate: float = 0.1
+    deviation: float = 0.1
+
+
+AnyHyperparameters = PPO | SAC | TD3 | BC
+_CLASSES: dict[str, type[PPO] | type[SAC] | type[TD3] | type[BC]] = {"ppo": PPO, "sac": SAC, "td3": TD3, "bc": BC}
+
+TABLES: dict[str, dict[str, AnyHyperparameters]] = {
+    "SpaceCapture/SingleArm-v0": {
+        "ppo": PPO(
+            num_envs=128,
+            steps=2_000_000,
+            learning_rate=3e-4,
+            batch_size=2048,
+            hidden=(128, 128),
+            activation="tanh",
+            interval=200_000,
+            gamma=0.99,
+            n_steps=64,
+            deviation=0.1,
+            critic_warm_up=100_000,
+            target_kl=0.03,
+            minutes=9.0,
+        ),
+        "sac": SAC(
+            num_envs=16,
+            steps=200_000,
+            learning_rate=5e-4,
+            batch_size=256,
+            hidden=(128, 128),
+            activation="relu",
+            interval=20_000,
+        ),
+        "td3": TD3(
+            num_envs=16,
+            steps=200_000,
+            learning_rate=5e-4,
+            batch_size=256,
+            hidden=(128, 128),
+            activation="relu",
+            interval=20_000,
+        ),
+        "bc": BC(
+            num_envs=128,
+            steps=12 * 120 * 128,
+            learning_rate=2e-3,
+            batch_size=1024,
+            hidden=(128, 128),
+            activation="tanh",
+            interval=120 * 128,
+        ),
+    }
+}
+
+
+def hyperparameters(env_id: str, algorithm: str) -> AnyHyperparameters:
+    """The table for a task and an algorithm.
+
+    Raises:
+        ConfigurationError: for an algorithm or id that has none.
+    """
+    if env_id not in TABLES:
+        raise unknown_name("environment id", env_id, TABLES)
+    if algorithm not in TABLES[env_id]:
+        raise unknown_name("algorithm", algorithm, TABLES[env_id])
+    return TABLES[env_id][algorithm]
+
+
+def to_json(parameters: AnyHyperparameters) -> dict[str, Any]:
+    """As plain JSON values."""
+    return asdict(parameters) | {"features": [list(feature) for feature in parameters.features]}
+
+
+def from_json(algorithm: str, values: Mapping[str, Any]) -> AnyHyperparameters:
+    """Hyperparameters from what `to_json` gave.
+
+    Raises:
+        ConfigurationError: for an unknown algorithm, or names or values that do not fit it.
+    """
+    if algorithm not in _CLASSES:
+        raise unknown_name("algorithm", algorithm, _CLASSES)
+    kind = _CLASSES[algorithm]
+    names = [field.name for field in fields(kind)]
+    if unknown := [name for name in values if name not in names]:
+        raise unknown_name(f"hyperparameter of {algorithm}", unknown[0], names)
+    given = dict(values)
+    try:
+        given["hidden"] = tuple(given["hidden"])
+        given["features"] = feature_table(given["features"])
+        return kind(**given)
+    except (TypeError, KeyError) as error:
+        raise ConfigurationError(f"hyperparameters of {algorithm} do not fit: {error}") from None

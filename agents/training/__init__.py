@@ -1,0 +1,1 @@
+"""Parts of a training run: its folder, models, checkpoints, validation, progress."""

@@ -1,0 +1,83 @@
+"""How well a policy does on the held-out part of the train split, while it learns."""
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from space_envs.envs import CaptureVectorEnv
+from space_envs.errors import ConfigurationError
+
+SPLIT = "validation"
+EPISODES = 256
+_RESOLUTION = 0.02  # of the share captured; what is below it is noise of 256 goals
+
+
+@dataclass(frozen=True)
+class Validation:
+    """Means over the episodes.
+
+    Attributes:
+        captured: share. episode_return: undiscounted sum of rewards.
+        final_attitude: deg from the initial attitude at the end. attitude_cost: eq. 20 times dt.
+        seconds: length of an episode. episodes: how many.
+    """
+
+    captured: float
+    episode_return: float
+    final_attitude: float
+    attitude_cost: float
+    seconds: float
+    episodes: int
+
+    @property
+    def score(self) -> tuple[int, float]:
+        """Order of policies: captures come first, return decides between policies that capture alike."""
+        return round(self.captured / _RESOLUTION), self.episode_return
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain JSON values."""
+        return asdict(self)
+
+
+class Validator:
+    """Plays the first goals of the validation split, all at once.
+
+    Args:
+        env_id, keywords: of the environment.
+        episodes: how many of the split's goals.
+    """
+
+    def __init__(self, env_id: str, episodes: int = EPISODES, **keywords: Any) -> None:
+        self.env = CaptureVectorEnv(env_id, episodes, autoreset_mode="disabled", **{**keywords, "split": SPLIT})
+        size = self.env.task.split_size(SPLIT)
+        if episodes > size:
+            raise ConfigurationError(f"the validation split has {size} goals, got {episodes} episodes")
+
+    def __call__(self, act: Callable[[NDArray], NDArray]) -> Validation:
+        """Validate a policy that maps observations (N, size) to actions (N, m)."""
+        env, n = self.env, self.env.num_envs
+        observation, _ = env.reset(seed=0, options={"split": SPLIT, "index": np.arange(n)})
+        running = np.ones(n, dtype=bool)
+        total, cost, attitude = np.zeros(n), np.zeros(n), np.zeros(n)
+        length = np.zeros(n, dtype=np.int64)
+        captured = np.zeros(n, dtype=bool)
+        while running.any():
+            observation, reward, terminated, truncated, info = env.step(act(observation))
+            # Rows that ended are frozen and their reward is 0.
+            total += reward
+            cost -= info["reward_terms"]["attitude"] / max(env.task.weights.attitude, 1e-12)
+            length += running
+            attitude = np.where(running, info["attitude"], attitude)
+            captured |= info["is_success"]
+            running &= ~(terminated | truncated)
+        return Validation(
+            captured=float(captured.mean()),
+            episode_return=float(total.mean()),
+            final_attitude=float(attitude.mean()),
+            attitude_cost=float(cost.mean()),
+            seconds=float(length.mean() * env.task.control_period),
+            episodes=n,
+        )

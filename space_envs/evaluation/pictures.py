@@ -1,0 +1,44 @@
+"""Pictures of captures for the report, drawn from recorded states."""
+
+from collections.abc import Mapping
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from space_envs.errors import RenderingError
+from space_envs.evaluation.rollout import Rollout
+from space_envs.tasks.single_arm import SingleArmTask
+
+FRAMES = 4
+WIDTH, HEIGHT = 480, 360
+
+
+def capture_pictures(
+    task: SingleArmTask, rollouts: Mapping[str, Rollout]
+) -> tuple[dict[str, list[NDArray[np.uint8]]], str]:
+    """Frames (HEIGHT, WIDTH, 3) of each policy's first captured episode, and a note where there are none."""
+    from space_envs.rendering import Renderer  # OpenGL may be missing, and is not needed without pictures
+
+    model = task.render_model
+    data = mujoco.MjData(model)
+    state = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_INTEGRATION))
+    pictures: dict[str, list[NDArray[np.uint8]]] = {}
+    try:
+        renderer = Renderer(model, width=WIDTH, height=HEIGHT, camera="overview")
+        for name, rollout in rollouts.items():
+            captured = [row for row, outcome in enumerate(rollout.outcome) if outcome == "captured"]
+            if not captured:
+                continue
+            row = captured[0]
+            frames = []
+            for step in np.linspace(0, rollout.length[row], FRAMES).round().astype(int):
+                data.qpos[:] = rollout.qpos[row, step]
+                data.mocap_pos[0], data.mocap_quat[0] = rollout.goal[row, :3], rollout.goal[row, 3:]
+                mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
+                frames.append(renderer.render(state))
+            pictures[name] = frames
+        renderer.close()
+    except RenderingError as error:
+        return {}, f"There are no pictures: {error}"
+    return pictures, "" if pictures else "There are no pictures, since no policy captured anything."
