@@ -20,7 +20,7 @@ from space_envs.tasks.common import DIFFICULTIES
 from space_envs.tasks.single_arm import SPLIT_SIZE, SingleArmTask
 
 KINDS = ("cost_matrices", "obstacle", "noise")
-ATTEMPTS = 8  # drawings of one demonstration before it is given up
+ATTEMPTS = 40  # drawings of one demonstration before it is given up
 STRIDE = 1597  # between the goals of successive groups; odd, so that the split's 4096 are met in turn
 OFF_REDUNDANCY = 0.3  # share of any direction in the side on which an obstacle lies
 
@@ -46,11 +46,12 @@ class DemonstratorConfig:
     dt: float = 0.1
     per_goal: int = 3
     weight_decades: float = 1.0
-    ramp: tuple[float, float] = (6.0, 14.0)
+    ramp: tuple[float, float] = (2.0, 12.0)
+    scale_decades: float = 1.5
     redundancy: float = 0.2
-    radius: tuple[float, float] = (0.5, 0.9)
+    radius: tuple[float, float] = (0.4, 0.7)
     miss: float = 0.1
-    noise: float = 0.03
+    noise: float = 0.015
     quiet: float = 2.5
     rest: float = 2e-3
 
@@ -231,15 +232,16 @@ def _draw(
         preferred = home + rng.normal(0.0, config.redundancy, n)
         position, control = _random_spd(rng, n, config.weight_decades), _random_spd(rng, n, config.weight_decades / 2)
         ramp = rng.uniform(*config.ramp)
+        scale = 10.0 ** rng.uniform(-config.scale_decades, config.scale_decades)
         phase, radius, side = rng.uniform(0.3, 0.7), rng.uniform(*config.radius), rng.standard_normal(n)
         noise = rng.normal(0.0, config.noise, (samples, n)) * (time < time[-1] - config.quiet)[:, None]
         varied, pushed, noisy = (k == KINDS.index(name) for name in KINDS)
         q = np.zeros((2 * n, 2 * n))
-        q[:n, :n] = POSITION_WEIGHT * (position if varied else np.eye(n))
+        q[:n, :n] = scale * POSITION_WEIGHT * (position if varied else np.eye(n))
         r = CONTROL_WEIGHT * (control if varied else np.eye(n))
         # An obstacle of no size pushes nothing.
         size = np.array(radius if pushed else 0.0)
-        ramp = np.array(ramp if varied else RAMP)
+        ramp = np.array(ramp)
         rows.append((q, r, ramp, preferred, np.array(phase), side, size, noise * noisy))
     q, r, ramp, preferred, phase, side, size, noise = (np.stack(column) for column in zip(*rows, strict=True))
     return _Draws(q, r, ramp, preferred, phase, side, size, np.ascontiguousarray(noise.swapaxes(0, 1)))

@@ -21,6 +21,7 @@ class Hyperparameters:
         hidden: widths of the hidden layers, of actor and critic alike. activation: tanh or relu.
         gamma: discount per control step.
         interval: steps between validations, each followed by a checkpoint.
+        minutes: limit on the wall time, all in all; None is no limit.
         features: what the networks see.
     """
 
@@ -32,6 +33,7 @@ class Hyperparameters:
     activation: str
     interval: int
     gamma: float = 0.99
+    minutes: float | None = None
     features: tuple[Feature, ...] = SINGLE_ARM_FEATURES
 
     def __post_init__(self) -> None:
@@ -43,6 +45,8 @@ class Hyperparameters:
                 raise ConfigurationError(f"{name} must be a positive integer, got {value!r}")
         if not self.learning_rate > 0:
             raise ConfigurationError(f"learning_rate must be positive, got {self.learning_rate!r}")
+        if self.minutes is not None and not self.minutes > 0:
+            raise ConfigurationError(f"minutes must be positive, got {self.minutes!r}")
         if not 0 < self.gamma <= 1:
             raise ConfigurationError(f"gamma must lie in (0, 1], got {self.gamma!r}")
         if not self.hidden or not all(isinstance(width, int) and width > 0 for width in self.hidden):
@@ -58,7 +62,6 @@ class PPO(Hyperparameters):
         deviation: initial standard deviation of an action, in units of the action.
         critic_warm_up: steps in which only the critic learns, where the actor is warm started.
         final_rate: share of the learning rate left at the end of the linear decay.
-        minutes: limit on the wall time with the cloning; None is no limit.
     """
 
     n_steps: int = 128
@@ -73,12 +76,15 @@ class PPO(Hyperparameters):
     deviation: float = 0.1
     critic_warm_up: int = 0
     final_rate: float = 0.1
-    minutes: float | None = None
 
 
 @dataclass(frozen=True)
 class OffPolicy(Hyperparameters):
-    """What SAC and TD3 share, names as in stable-baselines3; train_freq counts steps of all environments."""
+    """What SAC and TD3 share, names as in stable-baselines3.
+
+    Attributes:
+        train_freq: steps of the vector environment between updates. gradient_steps: of one update.
+    """
 
     buffer_size: int = 200_000
     learning_starts: int = 5_000
@@ -178,7 +184,7 @@ TABLES: dict[str, dict[str, AnyHyperparameters]] = {
             batch_size=1024,
             hidden=(128, 128),
             activation="tanh",
-            interval=120 * 128,
+            interval=3 * 120 * 128,
         ),
     }
 }

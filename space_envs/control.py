@@ -40,55 +40,71 @@ class Drive:
         self.acceleration_limit = acceleration_limit
         self.torque_limit = model.actuator_forcerange[:, 1].copy()
         joints = model.actuator_trnid[:, 0]
-        self._low = model.jnt_range[joints, 0] + STOP_MARGIN
-        self._high = model.jnt_range[joints, 1] - STOP_MARGIN
-        n = simulation.n_joints + 6
+        # Distance to the lower and the upper stop is offset + sign * angle, (2, n).
+        self._sign = np.array([[1.0], [-1.0]])
+        self._offset = -self._sign * model.jnt_range[joints].T - STOP_MARGIN
         self.extrapolate = True
+        n = simulation.n_joints + 6
         self._last_mass, self._last_bias = np.zeros((simulation.n, n, n)), np.zeros((simulation.n, n))
+        self._mass, self._bias = self._last_mass, self._last_bias
+
+    low: Array  # (N, n) least and largest rate, rad/s, from which each joint can still brake before its limit
+    high: Array
 
     def reset(self, rows: NDArray[np.int64]) -> None:
         """Forget the past of rows (k,) whose state was written."""
         self._last_mass[rows] = self.simulation.mass_matrix()[rows]
         self._last_bias[rows] = self.simulation.bias()[rows]
 
-    def allowed_rates(self) -> tuple[Array, Array]:
-        """Least and largest rate (N, n), rad/s, from which each joint can still brake before its limit."""
-        q = self.simulation.joint_position
-        low = -np.sqrt(2.0 * BRAKING * np.maximum(q - self._low, 0.0))
-        high = np.sqrt(2.0 * BRAKING * np.maximum(self._high - q, 0.0))
-        return np.maximum(low, -self.rate_limit), np.minimum(high, self.rate_limit)
+    def begin(self) -> None:
+        """Take in the state at the start of a control period; call once before torques are asked for."""
+        room = np.maximum(self._offset + self._sign * self.simulation.joint_position[:, None, :], 0.0)
+        fastest = np.minimum(np.sqrt(2.0 * BRAKING * room), self.rate_limit)
+        self.low, self.high = -fastest[:, 0], fastest[:, 1]
+        mass, bias = self.simulation.mass_matrix(), self.simulation.bias().copy()
+        self._mass, self._bias = mass, bias
+        if self.extrapolate:
+            # To the middle of the period.
+            self._mass, self._bias = 1.5 * mass - 0.5 * self._last_mass, 1.5 * bias - 0.5 * self._last_bias
+        self._last_mass, self._last_bias = mass, bias
+
+    def snapshot(self) -> tuple[Array, Array]:
+        """What is remembered of the period before."""
+        return self._last_mass.copy(), self._last_bias.copy()
+
+    def restore(self, snapshot: tuple[Array, Array]) -> None:
+        """Take over a snapshot."""
+        self._last_mass, self._last_bias = snapshot[0].copy(), snapshot[1].copy()
 
     def track(self, rate: Array) -> Array:
         """Torques (N, n), N m, that reach joint rates (N, n), rad/s, at the end of the control period.
 
         Each joint's acceleration is limited on its own.
         """
-        low, high = self.allowed_rates()
-        change = np.minimum(np.maximum(rate, low), high) - self.simulation.joint_velocity
-        limit = self.acceleration_limit * self.control_period
-        return self.reach(self.simulation.joint_velocity + np.minimum(np.maximum(change, -limit), limit))
+        acceleration = np.minimum(np.maximum(rate, self.low), self.high) - self.simulation.joint_velocity
+        acceleration /= self.control_period
+        limit = self.acceleration_limit
+        return self.accelerate(np.minimum(np.maximum(acceleration, -limit), limit))
 
-    def reach(self, rate: Array) -> Array:
-        """The same for rates that respect every limit but the torque's: M* (rate - rate now) / Tc + h*.
+    def accelerate(self, acceleration: Array) -> Array:
+        """Torques (N, n) for joint accelerations (N, n) that respect every limit but the torque's: M* a + h*.
 
-        The change of rate is scaled so that every torque is within its limit. Joints that are too fast to
+        The acceleration is scaled so that every torque is within its limit. Joints that are too fast to
         stop before their limit brake first, and the others change with the torque that this leaves.
         """
         now = self.simulation.joint_velocity
-        change = (rate - now) / self.control_period
-        low, high = self.allowed_rates()
-        late = (now < low) | (now > high)
+        late = (now < self.low) | (now > self.high)
         if not late.any():
-            need, held = self._inverse_dynamics(change)
+            need, held = self._inverse_dynamics(acceleration)
             return self._within(held + need * self._room(held, need))
-        braking, held = self._inverse_dynamics(np.where(late, change, 0.0))
-        rest, _ = self._inverse_dynamics(np.where(late, 0.0, change))
+        braking, held = self._inverse_dynamics(np.where(late, acceleration, 0.0))
+        rest, _ = self._inverse_dynamics(np.where(late, 0.0, acceleration))
         held = held + braking * self._room(held, braking)
         return self._within(held + rest * self._room(held, rest))
 
     def _inverse_dynamics(self, acceleration: Array) -> tuple[Array, Array]:
         """Torques (N, n) that a joint acceleration (N, n) needs, and that Coriolis and centrifugal forces need."""
-        mass, bias = self._dynamics()
+        mass, bias = self._mass, self._bias
         force = np.empty((*bias.shape, 2))
         force[..., 0] = (mass[:, :, 6:] @ acceleration[..., None])[..., 0]
         force[..., 1] = bias
@@ -107,37 +123,16 @@ class Drive:
     def protect(self, torque: Array) -> Array:
         """Commanded torques (N, n), replaced in rows where they would break a rate or position limit."""
         torque = self._within(torque)
-        mass, bias = self._dynamics()
-        force = -bias
+        force = -self._bias
         force[:, 6:] += torque
-        acceleration = np.linalg.solve(mass, force[..., None])[:, 6:, 0]
+        acceleration = np.linalg.solve(self._mass, force[..., None])[:, 6:, 0]
         rate = self.simulation.joint_velocity + self.control_period * acceleration
-        low, high = self.allowed_rates()
         # Half the rate limit in one period is more than a torque held that long can steer.
         harsh = np.abs(acceleration) > 0.5 * self.rate_limit / self.control_period
-        broken = ((rate < low) | (rate > high) | harsh).any(axis=1)
+        broken = ((rate < self.low) | (rate > self.high) | harsh).any(axis=1)
         if not broken.any():
             return torque
         return np.where(broken[:, None], self.track(rate), torque)
-
-    def remember(self) -> None:
-        """Keep the dynamics at the start of this period for the next one; call once a step."""
-        self._last_mass, self._last_bias = self.simulation.mass_matrix(), self.simulation.bias().copy()
-
-    def snapshot(self) -> tuple[Array, Array]:
-        """What is remembered of the period before."""
-        return self._last_mass.copy(), self._last_bias.copy()
-
-    def restore(self, snapshot: tuple[Array, Array]) -> None:
-        """Take over a snapshot."""
-        self._last_mass, self._last_bias = snapshot[0].copy(), snapshot[1].copy()
-
-    def _dynamics(self) -> tuple[Array, Array]:
-        """Mass matrix (N, 6 + n, 6 + n) and bias (N, 6 + n) in the middle of the period to come."""
-        mass, bias = self.simulation.mass_matrix(), self.simulation.bias()
-        if not self.extrapolate:
-            return mass, bias
-        return 1.5 * mass - 0.5 * self._last_mass, 1.5 * bias - 0.5 * self._last_bias
 
 
 class ControlMode(Protocol):
@@ -242,7 +237,7 @@ class Reactionless:
 
     def torques(self, action: Array) -> Array:
         simulation = self.drive.simulation
-        low, high = self.drive.allowed_rates()
+        low, high = self.drive.low, self.drive.high
         self._ahead.update()
         turning = self._ahead.base_map()[:, 3:]  # (N, 3, n), base axes
         quaternion = simulation.qpos[:, 3:7]
@@ -262,9 +257,10 @@ class Reactionless:
         rate = np.where(late, 0.0, rate)
         # The acceleration limit slows the way from the present motion, made reactionless again, to the new.
         present = _project(turning, now, wanted, np.ones_like(now))
-        change = rate - present
-        limit = self.drive.acceleration_limit * self.drive.control_period
-        return self.drive.reach(present + change / np.maximum(np.abs(change).max(axis=1, keepdims=True) / limit, 1.0))
+        change = (rate - present) / self.drive.control_period
+        largest = np.abs(change).max(axis=1, keepdims=True) / self.drive.acceleration_limit
+        correction = (present - now) / self.drive.control_period
+        return self.drive.accelerate(correction + change / np.maximum(largest, 1.0))
 
 
 def _project(turning: Array, rate: Array, wanted: Array, free: Array) -> Array:

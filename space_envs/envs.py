@@ -284,8 +284,8 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         action = self._checked(actions)
         ended = self._outcome != _RUNNING
         previous = self._observation if ended.any() else None
+        self.drive.begin()
         self.simulation.ctrl[:] = self.mode.torques(action)
-        self.drive.remember()
         self.simulation.step(self.task.substeps)
         self._steps += 1
         observation = self.task.observe(self.simulation.sensors, self._time())
@@ -329,16 +329,15 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         task = self.task
         norms, attitude = task.norms(observation), task.attitude(observation)
         self._held = (self._held + 1) * task.in_envelope(norms)
-        captured = self._held >= task.hold_steps
-        lost = (attitude > np.deg2rad(task.attitude_limit)) | diverged
-        running = ~ended
-        captured = captured & ~lost & running
-        lost = lost & running
-        outcome = np.where(self._steps >= task.horizon, _TIMEOUT, _RUNNING)
-        outcome = np.where(captured, _CAPTURED, outcome)
-        if lost.any():
-            outcome = np.where(lost, np.where(diverged, _DIVERGED, _ATTITUDE_LOST), outcome)
-        self._outcome = np.where(ended, self._outcome, outcome)
+        lost = (attitude > task.attitude_limit_rad) | diverged
+        captured = (self._held >= task.hold_steps) & ~lost
+        over = self._steps >= task.horizon
+        if ended.any():
+            captured, lost, over = captured & ~ended, lost & ~ended, over & ~ended
+        if (captured | lost | over).any():
+            self._outcome[over] = _TIMEOUT
+            self._outcome[captured] = _CAPTURED
+            self._outcome[lost] = np.where(diverged[lost], _DIVERGED, _ATTITUDE_LOST)
         terms = task.reward_terms(norms, attitude, action, captured, lost)
         # Added one by one: numpy's own sum over an axis takes another order for N = 1.
         reward = np.zeros(self.num_envs)

@@ -62,7 +62,7 @@ def random_tree(rng: np.random.Generator, parents: tuple[int, ...] = (0, 1, 2, 0
 
 
 def straight_arm() -> mujoco.MjModel:
-    """Two links in a plane; at joint angles zero everything lies on one line, away from the base."""
+    """Two links in a tilted plane; at joint angles zero everything lies on one line, away from the base."""
     return mujoco.MjModel.from_xml_string("""
     <mujoco>
       <compiler angle="radian" balanceinertia="false"/>
@@ -71,7 +71,7 @@ def straight_arm() -> mujoco.MjModel:
         <body name="satellite">
           <freejoint/>
           <inertial pos="-0.1 0 0" mass="10" diaginertia="2 2 2"/>
-          <body name="upper" pos="0.5 0 0">
+          <body name="upper" pos="0.5 0 0" quat="0.8 0.6 0 0">
             <joint axis="0 0 1"/>
             <inertial pos="0.4 0 0" mass="3" diaginertia="0.1 0.5 0.5"/>
             <body name="lower" pos="1 0 0">

@@ -5,6 +5,7 @@ import shutil
 import subprocess
 import sys
 import threading
+import time
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -13,7 +14,14 @@ import numpy as np
 import pytest
 from dynamics_models import ROBOTS, robot_and_model
 
-from space_envs.dynamics import NoCompiledCodeWarning, base_twist, c_library, compiled, trajectory_cost
+from space_envs.dynamics import (
+    FloatingRobot,
+    NoCompiledCodeWarning,
+    base_twist,
+    c_library,
+    compiled,
+    trajectory_cost,
+)
 from space_envs.dynamics.c_library import LibraryError, cache_folder, load_library
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError
@@ -244,7 +252,13 @@ def test_processes_at_once(counting_compiler: Callable[[], int]) -> None:
 def test_threads_at_once_build_one_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
     robot, _ = robot_and_model("single arm")
     built = []
-    monkeypatch.setattr(compiled, "Kernel", lambda robot: built.append(robot) or robot.base_twist)
+
+    def slow_kernel(robot: FloatingRobot) -> Callable[[Array, Array], Array]:
+        built.append(robot)
+        time.sleep(0.05)
+        return robot.base_twist
+
+    monkeypatch.setattr(compiled, "Kernel", slow_kernel)
     q, qdot = samples("single arm", 10)
     threads = [threading.Thread(target=base_twist, args=(robot, q, qdot)) for _ in range(8)]
     for thread in threads:

@@ -127,7 +127,7 @@ def test_end_effector_velocity_reaches_the_commanded_twist(seed):
     env.reset(seed=0)
     rng = np.random.default_rng(seed)
     command = rng.normal(size=6)
-    command *= 0.2 / np.abs(command).max()
+    command *= 0.1 / np.abs(command).max()  # slow enough for every joint, whatever the direction
     for _ in range(15):
         observation, *_ = env.step(command[None])
     read = env.task.layout.read

@@ -1,5 +1,6 @@
 """The CasADi functions against numpy, which has another algorithm, and against MuJoCo."""
 
+from dataclasses import replace
 from functools import cache
 
 import mujoco
@@ -8,7 +9,7 @@ import pytest
 from dynamics_models import ROBOTS, data_at, mass_in_base_axes, random_state, robot_and_model
 
 from space_envs.dynamics import FloatingRobot
-from space_envs.dynamics.rotations import Array
+from space_envs.dynamics.rotations import Array, exponential, to_matrix
 from space_envs.dynamics.symbolic import SymbolicRobot
 
 
@@ -69,6 +70,15 @@ def test_end_effectors(name: str, state: dict[str, Array]) -> None:
         close(found["rotation"], expected[1], 1e-12)
         jacobian = symbolic.generalized_jacobian(tip)(q=state["q"])["jacobian"]
         close(jacobian, robot.generalized_jacobian(state["q"], tip), 1e-12)
+
+
+def test_mountings_next_to_a_quarter_turn_are_kept() -> None:
+    _, robot, _ = both("single arm")
+    askew = to_matrix(exponential(np.array([1e-6, 2e-6, -1e-6])))
+    robot = replace(robot, mounting=robot.mounting @ askew)
+    state = random_state(np.random.default_rng(0), 7)
+    found = SymbolicRobot(robot).base_twist(q=state["q"], qdot=state["qdot"])["twist"]
+    close(found, robot.base_twist(state["q"], state["qdot"]), 1e-12)
 
 
 def test_masses_and_energy(name: str, state: dict[str, Array]) -> None:

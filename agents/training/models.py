@@ -46,9 +46,8 @@ def build_model(
             return PPO("MlpPolicy", env, n_steps=2, **(common | {"batch_size": 2}))
         names = ("n_steps", "n_epochs", "gae_lambda", "clip_range", "ent_coef", "vf_coef", "max_grad_norm", "target_kl")
         return PPO("MlpPolicy", env, **common, **{name: getattr(parameters, name) for name in names})
-    names = ("buffer_size", "learning_starts", "tau", "gradient_steps")
+    names = ("buffer_size", "learning_starts", "tau", "train_freq", "gradient_steps")
     common |= {name: getattr(parameters, name) for name in names}
-    common["train_freq"] = (max(1, parameters.train_freq // parameters.num_envs), "step")
     if isinstance(parameters, tables.SAC):
         return SAC("MlpPolicy", env, **common)
     size = env.action_space.shape or (0,)
@@ -149,6 +148,9 @@ def restore_model(model: BaseAlgorithm, state: dict[str, Any]) -> None:
             model.replay_buffer.pos, model.replay_buffer.full = replay.pop("pos"), replay.pop("full")
             for name, array in replay.items():
                 getattr(model.replay_buffer, name)[: len(array)] = array
+        else:
+            # The buffer was too large for a checkpoint: fill it again before learning goes on.
+            model.learning_starts += model.num_timesteps
 
 
 def _matrix(layer: nn.Linear) -> np.ndarray:

@@ -139,6 +139,11 @@ class SingleArmTask:
         """Consecutive control steps inside the envelope that make a capture."""
         return max(1, round(self.envelope.hold / self.control_period))
 
+    @cached_property
+    def attitude_limit_rad(self) -> float:
+        """The attitude limit in rad."""
+        return float(np.deg2rad(self.attitude_limit))
+
     @property
     def model(self) -> mujoco.MjModel:
         """The compiled model, shared and read-only."""

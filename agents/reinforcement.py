@@ -1,0 +1,114 @@
+"""Reinforcement learning with stable-baselines3 over the native vector environment."""
+
+from typing import Any
+
+import numpy as np
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback
+
+from agents.features import FeatureView
+from agents.hyperparameters import PPO, SAC, TD3
+from agents.network import Network
+from agents.training.models import (
+    actor_parameters,
+    build_model,
+    export_network,
+    import_network,
+    model_state,
+    restore_model,
+)
+from agents.training.recorder import Recorder
+from agents.training.runs import Budget, Settings
+from agents.vec_env import NativeVecEnv
+from space_envs.envs import CaptureVectorEnv
+
+
+class Reinforcement:
+    """A stable-baselines3 model that learns until its steps or its time are used up.
+
+    Args:
+        settings, parameters, budget: of the run.
+        steps: taken in earlier sittings; they enter the seed, so that a resumed run sees other episodes.
+        began: wall time at which learning first began, s; the learning rate of ppo falls from then on.
+
+    Raises:
+        ConfigurationError: for settings that the environment does not know.
+    """
+
+    def __init__(
+        self, settings: Settings, parameters: PPO | SAC | TD3, budget: Budget, steps: int = 0, began: float = 0.0
+    ) -> None:
+        self.settings, self.parameters, self.budget, self.began = settings, parameters, budget, began
+        env = CaptureVectorEnv(
+            settings.env_id, parameters.num_envs, autoreset_mode="same_step", **settings.environment
+        )
+        self.view = FeatureView(parameters.features, env.task.layout, env.task.robot.home)
+        seed = int(np.random.SeedSequence([settings.seed, steps]).generate_state(1)[0])
+        rate = self._rate if isinstance(parameters, PPO) else None
+        self.model: BaseAlgorithm = build_model(
+            parameters, NativeVecEnv(env, self.view), seed, settings.device, rate
+        )
+        self.warm = False  # whether ppo's actor was warm started, and the critic has to catch up first
+
+    @property
+    def network(self) -> Network:
+        """The actor as it is now."""
+        return export_network(self.model, self.parameters.activation)
+
+    def start_from(self, network: Network) -> None:
+        """Warm start the actor; errors as in `import_network`."""
+        import_network(self.model, network)
+        self.warm = True
+
+    def state(self) -> dict[str, Any]:
+        """What `restore` needs."""
+        return {"model": model_state(self.model), "began": self.began, "warm": self.warm}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go back to a checkpoint."""
+        restore_model(self.model, state["model"])
+        self.began, self.warm = state["began"], state["warm"]
+
+    def run(self, recorder: Recorder) -> int:
+        """Learn to the end of the steps or the time limit; returns the steps taken."""
+        self.model.set_logger(recorder.logger)
+        left = self.parameters.steps - self.model.num_timesteps
+        callback = _AtIntervals(self, recorder)
+        if left > 0 and not self.budget.exhausted:
+            self.model.learn(left, callback=callback, log_interval=10, reset_num_timesteps=False)
+        if callback.recorded < self.model.num_timesteps or not recorder.history:
+            recorder.record(self.model.num_timesteps, self.network, self.state())
+        return self.model.num_timesteps
+
+    def hold_actor(self) -> None:
+        """While the critic warms up the actor stays as it is."""
+        if isinstance(self.parameters, PPO):
+            learns = not self.warm or self.model.num_timesteps >= self.parameters.critic_warm_up
+            for parameter in actor_parameters(self.model):
+                parameter.requires_grad_(learns)
+
+    def _rate(self, remaining: float) -> float:
+        """Learning rate of ppo, falling linearly with the steps or the time, whichever runs out first."""
+        parameters = self.parameters
+        final = parameters.final_rate if isinstance(parameters, PPO) else 1.0
+        remaining = min(remaining, 1.0 - self.budget.fraction(self.began))
+        return parameters.learning_rate * (final + (1.0 - final) * max(remaining, 0.0))
+
+
+class _AtIntervals(BaseCallback):
+    """Records at intervals, between an update and the next rollout, and ends the run when its time is up."""
+
+    def __init__(self, learner: Reinforcement, recorder: Recorder) -> None:
+        super().__init__()
+        self._learner, self._recorder = learner, recorder
+        self.recorded = learner.model.num_timesteps
+
+    def _on_rollout_start(self) -> None:
+        if self.num_timesteps - self.recorded >= self._learner.parameters.interval:
+            self._recorder.record(self.num_timesteps, self._learner.network, self._learner.state())
+            self.recorded = self.num_timesteps
+        self._learner.hold_actor()
+
+    def _on_step(self) -> bool:
+        self._recorder.bar.update(self.training_env.num_envs)
+        return not self._learner.budget.exhausted

@@ -1,0 +1,144 @@
+"""Environment steps a second, and what the environment adds to the simulation that it cannot do without.
+
+The simulation alone (`Batch.step` of the same states, the same number of substeps, sensors current) is the
+physical limit, measured in the same run. With --reference, FetchReach-v4 of gymnasium-robotics runs in turn
+with it, in the interpreter of a virtual environment of its own:
+
+    python3 -m venv fetch && fetch/bin/pip install gymnasium-robotics mujoco==3.3.7
+    python -m benchmarks.speed --reference fetch/bin/python
+"""
+
+import argparse
+import subprocess
+from pathlib import Path
+from time import perf_counter
+
+import gymnasium as gym
+import numpy as np
+from tqdm import tqdm
+
+from benchmarks.machine import machine_class, markdown_table
+from space_envs.control import CONTROL_MODES
+from space_envs.envs import CaptureEnv, CaptureVectorEnv
+
+SIZES = (1, 16, 64, 256)
+SECONDS = 1.0  # of each measurement
+REFERENCE = """
+import time, gymnasium as gym, gymnasium_robotics
+gym.register_envs(gymnasium_robotics)
+env = gym.make("FetchReach-v4")
+env.action_space.seed(0)
+actions = [env.action_space.sample() for _ in range(100)]
+def play(seconds):
+    env.reset(seed=0)
+    steps, start = 0, time.perf_counter()
+    while time.perf_counter() - start < seconds:
+        *_, terminated, truncated, _ = env.step(actions[steps % 100])
+        steps += 1
+        if terminated or truncated:
+            env.reset()
+    return steps / (time.perf_counter() - start)
+play(0.5)
+print(play(SECONDS))
+"""
+
+
+def rate(step, seconds: float) -> float:
+    """Calls of `step` a second."""
+    calls, start = 0, perf_counter()
+    while (passed := perf_counter() - start) < seconds:
+        step()
+        calls += 1
+    return calls / passed
+
+
+def vector_rates(n: int, mode: str, seconds: float) -> tuple[float, float]:
+    """Calls a second of the vector environment's step and of the simulation alone.
+
+    The two take turns call by call and the median call counts, so that other load on the machine falls on
+    both alike.
+    """
+    env = CaptureVectorEnv(num_envs=n, control_mode=mode, threads=1 if n == 1 else 2, autoreset_mode="next_step")
+    rng = np.random.default_rng(0)
+    env.task.goals("train", np.arange(env.task.split_size("train")))  # drawn once a process, as in training
+    env.reset(seed=0)
+    actions = rng.uniform(-1, 1, (64, *env.action_space.shape))
+    simulation, substeps = env.simulation, env.task.substeps
+    durations: tuple[list[float], list[float]] = ([], [])
+    start = perf_counter()
+    while perf_counter() - start < seconds or len(durations[0]) < 20:
+        action = actions[len(durations[0]) % 64]
+        before = perf_counter()
+        env.step(action)
+        between = perf_counter()
+        simulation.ctrl[:] = 0.0
+        simulation.step(substeps)
+        durations[0].append(between - before)
+        durations[1].append(perf_counter() - between)
+    return float(1 / np.median(durations[0][10:])), float(1 / np.median(durations[1][10:]))
+
+
+def single_rate(seconds: float) -> float:
+    """Steps a second of the environment that `gym.make` returns, resets included."""
+    env = gym.make("SpaceCapture/SingleArm-v0")
+    assert isinstance(env.unwrapped, CaptureEnv)
+    env.unwrapped.task.goals("train", np.arange(env.unwrapped.task.split_size("train")))
+    env.reset(seed=0)
+    actions = np.random.default_rng(0).uniform(-1, 1, (100, 7))
+    count = iter(range(10**9))
+
+    def step() -> None:
+        *_, terminated, truncated, _ = env.step(actions[next(count) % 100])
+        if terminated or truncated:
+            env.reset()
+
+    rate(step, 0.5)
+    return rate(step, seconds)
+
+
+def reference_rate(python: Path) -> float:
+    """Steps a second of FetchReach-v4 in another interpreter."""
+    code = REFERENCE.replace("SECONDS", str(SECONDS))
+    done = subprocess.run([python, "-c", code], capture_output=True, text=True, check=True)
+    return float(done.stdout.split()[-1])
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Print the tables of docs/speed.md."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.speed", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--rounds", type=int, default=5, help="seconds for each cell and turns of the comparison (default 5)")
+    parser.add_argument("--reference", type=Path, help="python with gymnasium-robotics, to compare FetchReach-v4")
+    options = parser.parse_args(arguments)
+    rows = []
+    for mode, n in tqdm([(mode, n) for mode in CONTROL_MODES for n in SIZES], unit="cell"):
+        env, batch = vector_rates(n, mode, options.rounds * SECONDS)
+        added = 1e6 / n * (1 / env - 1 / batch)
+        rows.append([mode, str(n), f"{n * env:,.0f}", f"{n * batch:,.0f}", f"{added:.1f}", f"{env / batch:.2f}"])
+    header = ["control mode", "N", "env steps/s", "simulation alone, steps/s", "added, us an env step", "share of limit"]
+    print(f"\nVector environment, 2 threads for N > 1; medians; {machine_class()}\n")
+    print(markdown_table(header, rows))
+    if options.reference is None:
+        return
+    ours, vector, theirs = [], [], []
+    for _ in tqdm(range(options.rounds), unit="round"):
+        ours.append(single_rate(SECONDS))
+        theirs.append(reference_rate(options.reference))
+        vector.append(256 * vector_rates(256, "joint_velocity", SECONDS)[0])
+    base = np.median(theirs)
+    print("\nSide by side, env steps a second (medians):\n")
+    print(
+        markdown_table(
+            ["environment", "env steps/s", "ratio"],
+            [
+                ["FetchReach-v4, gym.make", f"{base:,.0f}", "1"],
+                ["SingleArm-v0, gym.make", f"{np.median(ours):,.0f}", f"{np.median(ours) / base:.1f}"],
+                ["SingleArm-v0, gym.make_vec, N = 256", f"{np.median(vector):,.0f}", f"{np.median(vector) / base:.1f}"],
+            ],
+        )
+    )
+
+
+if __name__ == "__main__":
+    main()
