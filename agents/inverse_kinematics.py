@@ -20,7 +20,11 @@ ORIENTATION_TOLERANCE = 2e-5  # rad
 SETTLED = 2e-3  # rad, largest step along the redundancy at which it counts as settled
 ITERATIONS = 40
 DAMPING = 1e-8  # least damping of the normal equations, in squared units of the Jacobian
-BIAS_RATE = 0.5  # share of the way towards the preferred configuration that a step may take
+# Share of the way towards the preferred configuration that a step takes in what the pose leaves free. Where
+# both pull at each other for long, that share decays and the pose wins.
+BIAS_RATE = 0.7
+PATIENCE = 12  # iterations before the share decays
+DECAY = 0.75  # of the share, an iteration
 LARGEST_STEP = 0.5  # rad a joint
 # Other starts for the rows that fail from the first one: offsets in rad, spread evenly by a fixed seed.
 RETRIES = 6
@@ -168,7 +172,7 @@ def _descend(
     q = np.clip(start, limits[:, 0], limits[:, 1])
     best, best_residual = q.copy(), np.full((len(q), 2), np.inf)
     active, step = np.arange(len(q)), np.full_like(q, np.inf)
-    for _ in range(ITERATIONS):
+    for iteration in range(ITERATIONS):
         error = pose_error(arm, q[active], *target(q[active], rows[active]))
         residual = np.sqrt(np.stack([(error[:, :3] ** 2).sum(axis=1), (error[:, 3:] ** 2).sum(axis=1)], axis=1))
         within = _within(residual)
@@ -179,14 +183,14 @@ def _descend(
         active, error = active[~done], error[~done]
         if active.size == 0:
             break
-        step[active] = _step(jacobian(q[active]), error, q[active], limits, preferred[active])
+        wish = BIAS_RATE * DECAY ** max(0, iteration - PATIENCE) * (preferred[active] - q[active])
+        step[active] = _step(jacobian(q[active]), error, wish, q[active], limits)
         q[active] = np.clip(q[active] + step[active], limits[:, 0], limits[:, 1])
     return best, best_residual
 
 
-def _step(jacobian: Array, error: Array, q: Array, limits: Array, preferred: Array) -> Array:
-    """Damped step (k, n) towards zero error (k, 6) and, in what is left free, towards `preferred`."""
-    wish = BIAS_RATE * (preferred - q)
+def _step(jacobian: Array, error: Array, wish: Array, q: Array, limits: Array) -> Array:
+    """Damped step (k, n) from q that takes away the error (k, 6) and, in what is left free, is `wish` (k, n)."""
     step = _damped(jacobian, error, wish)
     # Joints that would leave their range stay where they are, and the others do their work.
     stuck = ((q <= limits[:, 0]) & (step < 0.0)) | ((q >= limits[:, 1]) & (step > 0.0))

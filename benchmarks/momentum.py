@@ -23,7 +23,9 @@ STEPS = (0.005, 0.01, 0.02, 0.05)
 REFERENCE = 0.00125
 
 
-def drift(variant: str, mode: str, timestep: float, episodes: int, seed: int) -> tuple[float, float, np.ndarray]:
+def drift(
+    variant: str, mode: str, timestep: float, episodes: int, seed: int
+) -> tuple[float, float, np.ndarray]:
     """Largest drift (N s or N m s), largest ratio to what a body carried, and the torques (E, T, n) applied."""
     env = CaptureVectorEnv(
         num_envs=episodes,
@@ -86,8 +88,17 @@ def main(arguments: list[str] | None = None) -> None:
             + [f"{results[m][1]:.1e}" for m in CONTROL_MODES]
             + [f"{max(r[0] for r in results.values()):.1e}", f"{error:.1e}", f"{angle:.1e}", f"{rate:,.0f}"]
         )
-    print(f"\n{options.episodes} episodes of 20 s for each control mode, seed {options.seed}; {machine_class()}\n")
-    header = ["variant", "step, ms", *CONTROL_MODES, "largest drift, N s or N m s", "base error, mm", "base error, deg"]
+    print(
+        f"\n{options.episodes} episodes of 20 s for each control mode, seed {options.seed}; {machine_class()}\n"
+    )
+    header = [
+        "variant",
+        "step, ms",
+        *CONTROL_MODES,
+        "largest drift, N s or N m s",
+        "base error, mm",
+        "base error, deg",
+    ]
     print(markdown_table([*header, "control steps/s"], rows))
 
 

@@ -58,7 +58,9 @@ def vector_rates(n: int, mode: str, seconds: float) -> tuple[float, float]:
     The two take turns call by call and the median call counts, so that other load on the machine falls on
     both alike.
     """
-    env = CaptureVectorEnv(num_envs=n, control_mode=mode, threads=1 if n == 1 else 2, autoreset_mode="next_step")
+    env = CaptureVectorEnv(
+        num_envs=n, control_mode=mode, threads=1 if n == 1 else 2, autoreset_mode="next_step"
+    )
     rng = np.random.default_rng(0)
     env.task.goals("train", np.arange(env.task.split_size("train")))  # drawn once a process, as in training
     env.reset(seed=0)
@@ -106,17 +108,32 @@ def reference_rate(python: Path) -> float:
 def main(arguments: list[str] | None = None) -> None:
     """Print the tables of docs/speed.md."""
     parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.speed", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+        prog="python -m benchmarks.speed",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--rounds", type=int, default=5, help="seconds for each cell and turns of the comparison (default 5)")
-    parser.add_argument("--reference", type=Path, help="python with gymnasium-robotics, to compare FetchReach-v4")
+    parser.add_argument(
+        "--rounds", type=int, default=5, help="seconds for each cell and turns of the comparison (default 5)"
+    )
+    parser.add_argument(
+        "--reference", type=Path, help="python with gymnasium-robotics, to compare FetchReach-v4"
+    )
     options = parser.parse_args(arguments)
     rows = []
     for mode, n in tqdm([(mode, n) for mode in CONTROL_MODES for n in SIZES], unit="cell"):
         env, batch = vector_rates(n, mode, options.rounds * SECONDS)
         added = 1e6 / n * (1 / env - 1 / batch)
-        rows.append([mode, str(n), f"{n * env:,.0f}", f"{n * batch:,.0f}", f"{added:.1f}", f"{env / batch:.2f}"])
-    header = ["control mode", "N", "env steps/s", "simulation alone, steps/s", "added, us an env step", "share of limit"]
+        rows.append(
+            [mode, str(n), f"{n * env:,.0f}", f"{n * batch:,.0f}", f"{added:.1f}", f"{env / batch:.2f}"]
+        )
+    header = [
+        "control mode",
+        "N",
+        "env steps/s",
+        "simulation alone, steps/s",
+        "added, us an env step",
+        "share of limit",
+    ]
     print(f"\nVector environment, 2 threads for N > 1; medians; {machine_class()}\n")
     print(markdown_table(header, rows))
     if options.reference is None:
@@ -134,7 +151,11 @@ def main(arguments: list[str] | None = None) -> None:
             [
                 ["FetchReach-v4, gym.make", f"{base:,.0f}", "1"],
                 ["SingleArm-v0, gym.make", f"{np.median(ours):,.0f}", f"{np.median(ours) / base:.1f}"],
-                ["SingleArm-v0, gym.make_vec, N = 256", f"{np.median(vector):,.0f}", f"{np.median(vector) / base:.1f}"],
+                [
+                    "SingleArm-v0, gym.make_vec, N = 256",
+                    f"{np.median(vector):,.0f}",
+                    f"{np.median(vector) / base:.1f}",
+                ],
             ],
         )
     )

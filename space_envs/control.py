@@ -93,7 +93,7 @@ class Drive:
         stop before their limit brake first, and the others change with the torque that this leaves.
         """
         now = self.simulation.joint_velocity
-        late = (now < self.low) | (now > self.high)
+        late = np.asarray((now < self.low) | (now > self.high))
         if not late.any():
             need, held = self._inverse_dynamics(acceleration)
             return self._within(held + need * self._room(held, need))
@@ -103,7 +103,7 @@ class Drive:
         return self._within(held + rest * self._room(held, rest))
 
     def _inverse_dynamics(self, acceleration: Array) -> tuple[Array, Array]:
-        """Torques (N, n) that a joint acceleration (N, n) needs, and that Coriolis and centrifugal forces need."""
+        """Torques (N, n) for a joint acceleration (N, n), and for Coriolis and centrifugal forces."""
         mass, bias = self._mass, self._bias
         force = np.empty((*bias.shape, 2))
         force[..., 0] = (mass[:, :, 6:] @ acceleration[..., None])[..., 0]
@@ -129,14 +129,14 @@ class Drive:
         rate = self.simulation.joint_velocity + self.control_period * acceleration
         # Half the rate limit in one period is more than a torque held that long can steer.
         harsh = np.abs(acceleration) > 0.5 * self.rate_limit / self.control_period
-        broken = ((rate < self.low) | (rate > self.high) | harsh).any(axis=1)
+        broken = np.any((rate < self.low) | (rate > self.high) | harsh, axis=1)
         if not broken.any():
             return torque
         return np.where(broken[:, None], self.track(rate), torque)
 
 
 class ControlMode(Protocol):
-    """Turns actions (N, size) in [-1, 1] into torques (N, n), N m; `scale` is physical units per unit action."""
+    """Turns actions (N, size) in [-1, 1] into torques (N, n); `scale` is physical units per unit action."""
 
     size: int
     scale: Array
@@ -190,7 +190,7 @@ class Lookahead:
         ahead.batch.forward(stage=STAGE_POS)
 
     def base_map(self) -> Array:
-        """Base velocity (N, 6, n) per joint rate at zero momentum; linear in inertial, angular in base axes."""
+        """Base velocity (N, 6, n) per joint rate, zero momentum; linear in inertial, angular in base axes."""
         mass = self.simulation.mass_matrix()
         return -np.linalg.solve(mass[:, :6, :6], mass[:, :6, 6:])
 
@@ -223,7 +223,7 @@ class EndEffectorVelocity:
 
 
 class Reactionless:
-    """Joint rates projected onto the reaction null space: the satellite's attitude stays, whatever the action.
+    """Joint rates projected onto the reaction null space: the attitude stays, whatever the action.
 
     The attitude left is fed back. Joints that a limit stops are taken out of the projection, since stopping
     them afterwards would leave the null space.

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
@@ -70,6 +71,11 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
 
     metadata: dict[str, Any] = {**METADATA, "autoreset_mode": AutoresetMode.NEXT_STEP}
 
+    single_observation_space: gym.spaces.Box
+    single_action_space: gym.spaces.Box
+    observation_space: gym.spaces.Box
+    action_space: gym.spaces.Box
+
     def __init__(
         self,
         env_id: str = "SpaceCapture/SingleArm-v0",
@@ -118,13 +124,13 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         )
         self.mode = MODES[control_mode](self.drive)
         self._view = {"width": width, "height": height, "camera": camera}
-        self._renderer: "Renderer | None" = None
+        self._renderer: Renderer | None = None
 
         bound = self.task.layout.bound
         self.single_observation_space = gym.spaces.Box(-bound, bound, dtype=np.float64)
         self.single_action_space = gym.spaces.Box(-1.0, 1.0, (self.mode.size,), np.float32)
-        self.observation_space = gym.vector.utils.batch_space(self.single_observation_space, num_envs)
-        self.action_space = gym.vector.utils.batch_space(self.single_action_space, num_envs)
+        self.observation_space = _batched(self.single_observation_space, num_envs)
+        self.action_space = _batched(self.single_action_space, num_envs)
 
         self._action_shape = (num_envs, self.mode.size)
         self._all = np.ones(num_envs, dtype=bool)
@@ -164,7 +170,9 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         self._seed(seed)
         mask = np.asarray(options.pop("reset_mask", self._all))
         if mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
-            raise ConfigurationError(f"reset_mask must be bool of shape ({self.num_envs},), got {mask.dtype} {mask.shape}")
+            raise ConfigurationError(
+                f"reset_mask must be bool of shape ({self.num_envs},), got {mask.dtype} {mask.shape}"
+            )
         if not self._started and not mask.all():
             raise ConfigurationError("the first reset must reset every row")
         self._begin(np.flatnonzero(mask), options)
@@ -186,18 +194,20 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
             if len(seeds) != self.num_envs:
                 raise ConfigurationError(f"seed must be one number or {self.num_envs}, got {len(seeds)}")
         if not self._generators:
-            self._generators = [gym.utils.seeding.np_random(s)[0] for s in seeds]
+            self._generators = [seeding.np_random(s)[0] for s in seeds]
             return
         for row, s in enumerate(seeds):
             if s is not None:
-                self._generators[row] = gym.utils.seeding.np_random(s)[0]
+                self._generators[row] = seeding.np_random(s)[0]
 
     def _begin(self, rows: NDArray[np.int64], options: dict[str, Any]) -> None:
         """Reset rows (k,) of the simulation and of the bookkeeping, and observe them."""
         position, quaternion, scale, split, index = self._choose_goals(rows, options)
         simulation = self.simulation
         joints = {
-            name: self._joint_option(rows, options, name) for name in ("joint_position", "joint_velocity") if name in options
+            name: self._joint_option(rows, options, name)
+            for name in ("joint_position", "joint_velocity")
+            if name in options
         }
         simulation.reset(rows)
         simulation.scale_base(rows, scale)
@@ -234,17 +244,29 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         if "index" in options:
             index = np.asarray(options["index"])
             if index.shape not in ((), (self.num_envs,)):
-                raise ConfigurationError(f"index must be a number or {self.num_envs} of them, got shape {index.shape}")
+                raise ConfigurationError(
+                    f"index must be a number or {self.num_envs} of them, got shape {index.shape}"
+                )
             index = np.broadcast_to(index, (self.num_envs,))[rows]
         else:
             size = self.task.split_size(name)
             index = np.array([self._generators[row].integers(size) for row in rows], dtype=np.int64)
         goals = self.task.goals(name, index)
-        return goals.position, goals.quaternion, goals.mass_scale, np.full(len(rows), name, dtype=object), index
+        return (
+            goals.position,
+            goals.quaternion,
+            goals.mass_scale,
+            np.full(len(rows), name, dtype=object),
+            index,
+        )
 
     def _joint_option(self, rows: NDArray[np.int64], options: dict[str, Any], name: str) -> Array:
         value = self._rows_option(rows, options, name, self.simulation.n_joints)
-        limits = self.task.robot.range if name == "joint_position" else SINGLE_ARM.rate_limit * np.array([[-1.0, 1.0]])
+        limits = (
+            self.task.robot.range
+            if name == "joint_position"
+            else SINGLE_ARM.rate_limit * np.array([[-1.0, 1.0]])
+        )
         if (value < limits[:, 0]).any() or (value > limits[:, 1]).any():
             raise ConfigurationError(
                 f"{name} outside its limits: got {value.tolist()}, limits {limits.tolist()}"
@@ -266,7 +288,9 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
 
     # Step ----------------------------------------------------------------------------------------------
 
-    def step(self, actions: NDArray) -> tuple[Array, Array, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+    def step(
+        self, actions: NDArray
+    ) -> tuple[Array, Array, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         """Advance every episode by one control period.
 
         Args:
@@ -433,16 +457,19 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
             RenderingError: on a machine that cannot draw; the simulation itself goes on.
         """
         if self.render_mode is None:
-            gym.logger.warn("render was called without a render_mode; give render_mode='rgb_array' to gym.make_vec")
+            gym.logger.warn(
+                "render was called without a render_mode; give render_mode='rgb_array' to gym.make_vec"
+            )
             return None
-        if self._renderer is None:
+        renderer = self._renderer
+        if renderer is None:
             from space_envs.rendering import Renderer  # pictures are rare, and OpenGL may be missing
 
-            self._renderer = Renderer(self.task.render_model, **self._view)
+            renderer = self._renderer = Renderer(self.task.render_model, **self._view)
         if self.render_mode == "human":
-            self._renderer.show(self.simulation.state(0))
+            renderer.show(self.simulation.state(0))
             return None
-        return tuple(self._renderer.render(self.simulation.state(row)) for row in range(self.num_envs))
+        return tuple(renderer.render(self.simulation.state(row)) for row in range(self.num_envs))
 
     def close_extras(self, **kwargs: Any) -> None:
         """Free what pictures needed."""
@@ -451,13 +478,17 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
             self._renderer = None
 
 
+def _batched(space: gym.spaces.Box, n: int) -> gym.spaces.Box:
+    return gym.spaces.Box(np.tile(space.low, (n, 1)), np.tile(space.high, (n, 1)), dtype=space.dtype.type)
+
+
 def _copied(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: item if key.startswith("_") else _copied(item) for key, item in value.items()}
     return value.copy()
 
 
-class CaptureEnv(gym.Env[Array, NDArray]):
+class CaptureEnv(gym.Env[NDArray, NDArray]):
     """One episode at a time: `CaptureVectorEnv` with N = 1 and the same keywords."""
 
     metadata: ClassVar[dict[str, Any]] = METADATA
@@ -476,7 +507,9 @@ class CaptureEnv(gym.Env[Array, NDArray]):
         """The task's configuration."""
         return self.vector.task
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Array, dict[str, Any]]:
         """Start an episode; options as in `CaptureVectorEnv.reset`."""
         super().reset(seed=seed)
         self.vector._generators = [self.np_random]

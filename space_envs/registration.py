@@ -49,7 +49,9 @@ def make_task(env_id: str, keywords: Mapping[str, Any]) -> SingleArmTask:
     for name in keywords:
         if name not in names and name not in ENVELOPE_KEYWORDS:
             raise unknown_name("keyword", name, [*names, *ENVELOPE_KEYWORDS, *sorted(own)])
-    envelope = CaptureEnvelope(**{ENVELOPE_KEYWORDS[k]: v for k, v in keywords.items() if k in ENVELOPE_KEYWORDS})
+    envelope = CaptureEnvelope(
+        **{ENVELOPE_KEYWORDS[k]: v for k, v in keywords.items() if k in ENVELOPE_KEYWORDS}
+    )
     return task(**{k: v for k, v in keywords.items() if k in names}, envelope=envelope)
 
 

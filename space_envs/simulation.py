@@ -5,8 +5,11 @@ import os
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
+from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array
+
+Rows = NDArray[np.int64]
 
 STAGE_VEL = mujoco.mjtStage.mjSTAGE_VEL
 STAGE_POS = mujoco.mjtStage.mjSTAGE_POS
@@ -69,16 +72,16 @@ class Simulation:
         """Advance all simulations and make sensors, mass matrix and bias current."""
         self.batch.step(nstep=substeps, stage=STAGE_VEL)
 
-    def refresh(self, rows: Array | None = None) -> None:
+    def refresh(self, rows: Rows | None = None) -> None:
         """Make derived quantities agree with a state that was written."""
         self.batch.forward(ids=rows, stage=STAGE_VEL)
 
-    def reset(self, rows: Array) -> None:
+    def reset(self, rows: Rows) -> None:
         """Put rows (k,) into the keyframe `home`, at rest; derived quantities follow at `refresh`."""
         self.batch.reset(ids=rows, keyframe=0, stage=STAGE_NONE)
         self._warned[rows] = self.batch.warning[rows, :, 1].sum(axis=1)
 
-    def scale_base(self, rows: Array, scale: Array) -> None:
+    def scale_base(self, rows: Rows, scale: Array) -> None:
         """Multiply the satellite's mass and inertia of rows (k,) by scale (k,), from the model's values."""
         if self.batch.expanded("body_mass") is None and (scale == 1.0).all():
             return
@@ -88,11 +91,11 @@ class Simulation:
         inertia[rows, base] = self._nominal[1][base] * scale[:, None]
         self.batch.set_const(rows)
 
-    def diverged(self) -> Array:
+    def diverged(self) -> NDArray[np.bool_]:
         """(N,) bool: MuJoCo found a bad state since the last reset and silently started over."""
         return self.batch.warning[:, :, 1].sum(axis=1) > self._warned
 
-    def set_base_velocity(self, rows: Array) -> None:
+    def set_base_velocity(self, rows: Rows) -> None:
         """Give the base of rows (k,) the velocity that makes total momentum zero with the joint rates set."""
         self.refresh(rows)
         mass = self.mass_matrix()[rows]
@@ -129,7 +132,7 @@ class Simulation:
         return state
 
 
-def _dense_index(model: mujoco.MjModel, size: int) -> Array:
+def _dense_index(model: mujoco.MjModel, size: int) -> NDArray[np.int64]:
     """Positions in the sparse lower triangle of M of the entries of its leading dense (size, size) block."""
     index = np.full((size, size), -1, dtype=np.int64)
     for row in range(size):

@@ -12,7 +12,7 @@ GOAL_FIELDS = ("goal_position", "goal_quaternion")
 ACHIEVED_FIELDS = ("end_effector_position", "end_effector_quaternion")
 
 
-class GoalConditioned(gym.Wrapper[dict[str, Array], NDArray, Array, NDArray]):
+class GoalConditioned(gym.Wrapper[Any, NDArray, Any, NDArray]):
     """A capture environment as Gymnasium-Robotics' goal environments and HER expect it.
 
     Observations are a dictionary of `observation` (all of it), `achieved_goal` and `desired_goal` (7,):
@@ -20,7 +20,7 @@ class GoalConditioned(gym.Wrapper[dict[str, Array], NDArray, Array, NDArray]):
     capture envelope's position and orientation, else -1, and can be recomputed for any goal.
     """
 
-    def __init__(self, env: gym.Env[Array, NDArray]) -> None:
+    def __init__(self, env: gym.Env[Any, NDArray]) -> None:
         super().__init__(env)
         self._task = env.unwrapped.task  # type: ignore[attr-defined]
         box = env.observation_space

@@ -97,7 +97,9 @@ def test_joint_velocity_servo_tracks_a_minimum_jerk_motion(variant):
     robot = env.task.robot
     goal = robot.home + np.random.default_rng(1).uniform(-1.0, 1.0, (16, 7))
     q, qdot, _ = minimum_jerk(robot.home, goal, 10.0, 101)
-    actions = qdot[:, 1:].swapaxes(0, 1) / SINGLE_ARM.rate_limit  # the rate to reach at the end of each period
+    actions = (
+        qdot[:, 1:].swapaxes(0, 1) / SINGLE_ARM.rate_limit
+    )  # the rate to reach at the end of each period
     qpos, qvel, torques = recorded(env, actions)
     peak = np.abs(qdot).max(axis=(1, 2))
     error = np.abs(qvel[..., 6:] - qdot).max(axis=(1, 2))
@@ -115,7 +117,7 @@ def test_joint_velocity_servo_tracks_a_minimum_jerk_motion(variant):
 def test_joint_torque_is_applied_as_commanded_within_the_limits():
     env = endless(control_mode="joint_torque")
     env.reset(seed=0)
-    action = np.random.default_rng(0).uniform(-0.02, 0.02, (20, *env.action_space.shape))
+    action = np.random.default_rng(0).uniform(-0.02, 0.02, (20, *env._action_shape))
     *_, torques = recorded(env, action)
     np.testing.assert_allclose(torques, action.swapaxes(0, 1) * SINGLE_ARM.torque_limit, atol=1e-12)
 

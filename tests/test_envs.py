@@ -129,10 +129,14 @@ def test_derived_parts_of_the_observation():
     for _ in range(10):
         observation, *_ = env.step(np.full(7, 0.4))
     field = lambda name: env.unwrapped.task.layout.read(observation, name)  # noqa: E731
-    np.testing.assert_allclose(field("position_error"), field("goal_position") - field("end_effector_position"))
+    np.testing.assert_allclose(
+        field("position_error"), field("goal_position") - field("end_effector_position")
+    )
     from scipy.spatial.transform import Rotation
 
-    goal, tip = (Rotation.from_quat(field(f"{k}_quaternion"), scalar_first=True) for k in ("goal", "end_effector"))
+    goal, tip = (
+        Rotation.from_quat(field(f"{k}_quaternion"), scalar_first=True) for k in ("goal", "end_effector")
+    )
     np.testing.assert_allclose(field("rotation_error"), (goal * tip.inv()).as_rotvec(), atol=1e-12)
     assert field("time")[0] == pytest.approx(1.0)
 

@@ -38,7 +38,9 @@ def parser() -> argparse.ArgumentParser:
         "(terminal, Markdown, CSV) and a self-contained HTML report.",
         epilog="Example: evaluate.py --policy gjm promp runs/my_ppo my_package.planner:Planner --episodes 200",
     )
-    out.add_argument("--env", default=DEFAULT_ENV, metavar="ID", help=f"environment id (default {DEFAULT_ENV})")
+    out.add_argument(
+        "--env", default=DEFAULT_ENV, metavar="ID", help=f"environment id (default {DEFAULT_ENV})"
+    )
     out.add_argument(
         "--policy",
         nargs="+",
@@ -49,13 +51,19 @@ def parser() -> argparse.ArgumentParser:
     )
     out.add_argument("--split", default="test", help=f"{', '.join(SPLITS)} (default test)")
     out.add_argument("--difficulty", default="medium", help=f"{', '.join(DIFFICULTIES)} (default medium)")
-    out.add_argument("--variant", default="paper", help=f"inertias of the model: {', '.join(VARIANTS)} (default paper)")
     out.add_argument(
-        "--control-mode", help=f"{', '.join(CONTROL_MODES)}; by default what each policy was made for", metavar="MODE"
+        "--variant", default="paper", help=f"inertias of the model: {', '.join(VARIANTS)} (default paper)"
+    )
+    out.add_argument(
+        "--control-mode",
+        help=f"{', '.join(CONTROL_MODES)}; by default what each policy was made for",
+        metavar="MODE",
     )
     out.add_argument("--episodes", type=int, default=100, help="different goals of the split (default 100)")
     out.add_argument("--seed", type=int, default=0, help="of goals, policies and intervals (default 0)")
-    out.add_argument("--output", type=Path, default=Path("results/evaluation"), help="folder (default %(default)s)")
+    out.add_argument(
+        "--output", type=Path, default=Path("results/evaluation"), help="folder (default %(default)s)"
+    )
     out.add_argument("--no-pictures", action="store_true", help="do not draw captures for the report")
     out.add_argument("--list", action="store_true", help="list ids and built-in policies, and stop")
     return out
@@ -98,8 +106,12 @@ def run(options: argparse.Namespace, arguments: list[str]) -> None:
     rollouts: dict[str, Rollout] = {}
     for policy in policies:
         environment = {"env_id": options.env, "control_mode": policy.control_mode, **keywords}
-        rollout = roll_out(policy.factory(options.seed), environment, options.split, indices, options.seed, policy.name)
-        timed = time_policy(policy.factory(options.seed), environment, options.split, indices[:TIMED_EPISODES])
+        rollout = roll_out(
+            policy.factory(options.seed), environment, options.split, indices, options.seed, policy.name
+        )
+        timed = time_policy(
+            policy.factory(options.seed), environment, options.split, indices[:TIMED_EPISODES]
+        )
         timing = Timing(planning_ms=timed.planning, action_ms=timed.action)
         records += episode_records(
             rollout, task, options.env, policy.name, policy.control_mode, options.split, options.seed, timing

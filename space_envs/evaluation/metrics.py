@@ -1,8 +1,8 @@
 """From recorded episodes to the metrics of each."""
 
+import json
 from dataclasses import asdict
 from hashlib import sha256
-import json
 from typing import Any
 
 import numpy as np

@@ -79,7 +79,7 @@ class PolicyContext:
     @classmethod
     def from_env(cls, env: "CaptureVectorEnv | CaptureEnv") -> Self:
         """The context of an environment (unwrapped)."""
-        vector: CaptureVectorEnv = getattr(env, "vector", env)
+        vector = cast("CaptureVectorEnv", getattr(env, "vector", env))
         task = vector.task
         return cls(
             env_id=vector.env_id,

@@ -54,7 +54,9 @@ def split_indices(task: Any, split: str, episodes: int, seed: int) -> NDArray[np
     """
     size = task.split_size(split)
     if not 1 <= episodes <= size:
-        raise ConfigurationError(f"split {split!r} has {size} goals, so episodes must lie in 1..{size}; got {episodes}")
+        raise ConfigurationError(
+            f"split {split!r} has {size} goals, so episodes must lie in 1..{size}; got {episodes}"
+        )
     return np.random.default_rng(seed).permutation(size)[:episodes]
 
 
@@ -104,7 +106,11 @@ def _roll_out_batch(
     qvel = np.empty((n, horizon + 1, robot - 1))
     torque = np.zeros((n, horizon, simulation.n_joints))
     seen = np.empty((n, horizon + 1, observation.shape[1]))
-    qpos[:, 0], qvel[:, 0], seen[:, 0] = simulation.qpos[:, :robot], simulation.qvel[:, : robot - 1], observation
+    qpos[:, 0], qvel[:, 0], seen[:, 0] = (
+        simulation.qpos[:, :robot],
+        simulation.qvel[:, : robot - 1],
+        observation,
+    )
     outcome = np.full(n, "running", dtype=object)
     reason: list[str | None] = [None] * n
     length = np.zeros(n, dtype=np.int64)
@@ -194,7 +200,11 @@ class PolicyTime:
 
 
 def time_policy(
-    factory: PolicyFactory, environment: dict[str, Any], split: str, indices: NDArray[np.int64], steps: int = 20
+    factory: PolicyFactory,
+    environment: dict[str, Any],
+    split: str,
+    indices: NDArray[np.int64],
+    steps: int = 20,
 ) -> PolicyTime:
     """Time a policy's calls, apart from the simulation; the first episode warms up and is not counted."""
     env = CaptureVectorEnv(num_envs=1, autoreset_mode="disabled", **{**environment, "threads": 1})

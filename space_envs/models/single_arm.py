@@ -129,15 +129,39 @@ def _add_sensors(spec: mujoco.MjSpec, n_joints: int) -> None:
     """Sensors in the order of the task's observation layout, so that an observation is one copy of them."""
     kind, obj = mujoco.mjtSensor, mujoco.mjtObj
     for number in range(1, n_joints + 1):
-        spec.add_sensor(name=f"position{number}", type=kind.mjSENS_JOINTPOS, objtype=obj.mjOBJ_JOINT, objname=f"joint{number}")
+        spec.add_sensor(
+            name=f"position{number}",
+            type=kind.mjSENS_JOINTPOS,
+            objtype=obj.mjOBJ_JOINT,
+            objname=f"joint{number}",
+        )
     for number in range(1, n_joints + 1):
-        spec.add_sensor(name=f"velocity{number}", type=kind.mjSENS_JOINTVEL, objtype=obj.mjOBJ_JOINT, objname=f"joint{number}")
+        spec.add_sensor(
+            name=f"velocity{number}",
+            type=kind.mjSENS_JOINTVEL,
+            objtype=obj.mjOBJ_JOINT,
+            objname=f"joint{number}",
+        )
     for site in (SATELLITE, END_EFFECTOR, GRAPPLE):
-        spec.add_sensor(name=f"{site}_position", type=kind.mjSENS_FRAMEPOS, objtype=obj.mjOBJ_SITE, objname=site)
-        spec.add_sensor(name=f"{site}_quaternion", type=kind.mjSENS_FRAMEQUAT, objtype=obj.mjOBJ_SITE, objname=site)
+        spec.add_sensor(
+            name=f"{site}_position", type=kind.mjSENS_FRAMEPOS, objtype=obj.mjOBJ_SITE, objname=site
+        )
+        spec.add_sensor(
+            name=f"{site}_quaternion", type=kind.mjSENS_FRAMEQUAT, objtype=obj.mjOBJ_SITE, objname=site
+        )
         if site != GRAPPLE:
-            spec.add_sensor(name=f"{site}_linear_velocity", type=kind.mjSENS_FRAMELINVEL, objtype=obj.mjOBJ_SITE, objname=site)
-            spec.add_sensor(name=f"{site}_angular_velocity", type=kind.mjSENS_FRAMEANGVEL, objtype=obj.mjOBJ_SITE, objname=site)
+            spec.add_sensor(
+                name=f"{site}_linear_velocity",
+                type=kind.mjSENS_FRAMELINVEL,
+                objtype=obj.mjOBJ_SITE,
+                objname=site,
+            )
+            spec.add_sensor(
+                name=f"{site}_angular_velocity",
+                type=kind.mjSENS_FRAMEANGVEL,
+                objtype=obj.mjOBJ_SITE,
+                objname=site,
+            )
 
 
 @lru_cache(maxsize=16)

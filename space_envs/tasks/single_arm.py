@@ -5,6 +5,7 @@ from functools import cached_property, lru_cache
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from space_envs.dynamics import FloatingRobot, minimum_jerk, roll_out_base
 from space_envs.dynamics.rotations import Array, from_matrix, multiply, rotate
@@ -113,7 +114,8 @@ class SingleArmTask:
         substeps = self.control_period / self.timestep
         if not substeps >= 1 or abs(substeps - round(substeps)) > 1e-9:
             raise ConfigurationError(
-                f"control_period must be a multiple of timestep, got {self.control_period!r} and {self.timestep!r} s"
+                f"control_period must be a multiple of timestep, got {self.control_period!r} and "
+                f"{self.timestep!r} s"
             )
         if not (isinstance(self.horizon, int) and self.horizon > 0):
             raise ConfigurationError(f"horizon must be a positive number of steps, got {self.horizon!r}")
@@ -159,7 +161,7 @@ class SingleArmTask:
         """The robot's momentum-level mathematics, read from the model."""
         return _robot(self.variant)
 
-    def goals(self, split: str, indices: Array) -> Goals:
+    def goals(self, split: str, indices: NDArray[np.int64]) -> Goals:
         """Goals (K) of a split by index; the same for ever, on every machine to rounding.
 
         Raises:
@@ -199,12 +201,15 @@ class SingleArmTask:
             raise GoalError("a goal must be finite, got NaN or infinity")
         norm = np.linalg.norm(quaternion, axis=-1, keepdims=True)
         if (abs(norm - 1.0) > 1e-3).any():
-            raise GoalError(f"goal_quaternion must be a unit quaternion (w, x, y, z), got norm {norm.ravel().tolist()}")
+            raise GoalError(
+                f"goal_quaternion must be a unit quaternion (w, x, y, z), got norm {norm.ravel().tolist()}"
+            )
         distance = np.linalg.norm(position - _centre_of_mass(self.variant), axis=-1)
         reach = self.robot.reach()
         if (distance > reach).any():
             raise GoalError(
-                f"goal out of reach: {distance.max():.2f} m from the system's centre of mass, reach is {reach:.2f} m"
+                f"goal out of reach: {distance.max():.2f} m from the system's centre of mass, the reach is "
+                f"{reach:.2f} m"
             )
         if (np.abs(position).max(axis=-1) < SINGLE_ARM.satellite_side / 2).any():
             raise GoalError(f"goal inside the satellite: {position.tolist()} m")
@@ -229,7 +234,7 @@ class SingleArmTask:
         observation[:, at["position_error"]] = (
             sensors[:, at["goal_position"]] - sensors[:, at["end_effector_position"]]
         )
-        # goal * conjugate(end-effector) as two stacked matrix products: few calls, and the same bits for any N.
+        # goal * conjugate(end-effector) as two stacked matrix products: few calls, the same bits for any N.
         left = (sensors[:, None, at["goal_quaternion"]] @ _QUOTIENT).reshape(-1, 4, 4)
         error = (left @ sensors[:, at["end_effector_quaternion"], None])[..., 0]
         vector = error[:, 1:]
@@ -238,7 +243,9 @@ class SingleArmTask:
         # Twice atan2 of |w| with the vector's sign flipped where w < 0: the short way round.
         angle = 2.0 * np.arctan2(sine, np.abs(cosine))
         factor = np.copysign(angle / np.maximum(sine, 1e-12), cosine)
-        observation[:, at["rotation_error"]] = np.where(sine > 1e-12, factor, np.copysign(2.0, cosine)) * vector
+        observation[:, at["rotation_error"]] = (
+            np.where(sine > 1e-12, factor, np.copysign(2.0, cosine)) * vector
+        )
         observation[:, -1] = time
         return observation
 
@@ -252,12 +259,17 @@ class SingleArmTask:
         vector = quaternion[:, 1:]
         return 2.0 * np.arctan2(np.sqrt((vector * vector).sum(axis=1)), np.abs(quaternion[:, 0]))
 
-    def in_envelope(self, norms: Array) -> Array:
+    def in_envelope(self, norms: Array) -> NDArray[np.bool_]:
         """Whether the capture conditions hold now, (N,) bool, from `norms`."""
-        return (norms[:, :4] <= self.envelope.limits).all(axis=1)
+        return np.all(norms[:, :4] <= self.envelope.limits, axis=1)
 
     def reward_terms(
-        self, norms: Array, attitude: Array, action: Array, captured: Array, failed: Array
+        self,
+        norms: Array,
+        attitude: Array,
+        action: Array,
+        captured: NDArray[np.bool_],
+        failed: NDArray[np.bool_],
     ) -> dict[str, Array]:
         """Named terms (N,) whose sum is the reward.
 
@@ -267,7 +279,9 @@ class SingleArmTask:
         """
         dt, weight = self.control_period, self.weights
         squares = norms[:, 4:] * norms[:, 4:]
-        terms = {"attitude": (-dt * weight.attitude) * (squares[:, 0] + self.c**2 * squares[:, 1])}
+        terms: dict[str, Array] = {
+            "attitude": (-dt * weight.attitude) * (squares[:, 0] + self.c**2 * squares[:, 1])
+        }
         if self.reward == "dense":
             worst = (norms[:, :2] / self.envelope.limits[:2]).max(axis=1)
             terms["attitude_angle"] = (-dt * weight.attitude_angle) * attitude
@@ -297,7 +311,7 @@ def _robot(variant: str) -> FloatingRobot:
 
 @lru_cache(maxsize=4)
 def _centre_of_mass(variant: str) -> Array:
-    """Of the whole robot at home with the satellite at the origin, (3,) m; it stays there, momentum being zero."""
+    """Of the robot at home with the satellite at the origin, (3,) m; it stays there, momentum being zero."""
     robot = _robot(variant)
     com = robot.kinematics(robot.home).com
     return (robot.mass[1:] @ com + robot.mass[0] * robot.com[0]) / robot.mass.sum()
