@@ -50,7 +50,9 @@ class Cloning:
             **settings.environment,
         )
         self.view = FeatureView(parameters.features, self.context.layout, self.context.arm.home)
-        self.model = build_model(parameters, NativeVecEnv(self.env, self.view), settings.seed, settings.device)
+        self.model = build_model(
+            parameters, NativeVecEnv(self.env, self.view), settings.seed, settings.device
+        )
         layers, _ = actor_modules(self.model)
         self.actor = [parameter for layer in layers for parameter in layer.parameters()]
         self.optimizer = th.optim.Adam(self.actor, parameters.learning_rate)
@@ -154,7 +156,7 @@ class Cloning:
         return total / batches
 
     def _loss(self, features: th.Tensor, actions: th.Tensor) -> th.Tensor:
-        """Mean squared error relative to the size of the expert's action: near the goal small errors count."""
+        """Mean squared error relative to the expert's action: near the goal small errors count."""
         policy: Any = self.model.policy
         mean = policy.action_net(policy.mlp_extractor.forward_actor(features))
         size = actions.abs().mean(dim=1, keepdim=True) + self.parameters.weight

@@ -1,6 +1,6 @@
 """Demonstrations as files: made in parallel, resumable, checked; and the ProMP prior learned from them.
 
-    python -m agents.demonstrations --count 540 --output demonstrations --jobs 2 --seed 0 --fit prior.npz
+python -m agents.demonstrations --count 540 --output demonstrations --jobs 2 --seed 0 --fit prior.npz
 """
 
 import argparse
@@ -19,7 +19,8 @@ import numpy as np
 from joblib import Parallel, delayed
 from tqdm import tqdm
 
-from agents.demonstrator import DemonstratorConfig, Demonstrations, demonstrate
+from agents.demonstrator import Demonstrations, demonstrate
+from agents.variations import DemonstratorConfig
 from promp import ProMP
 from promp.storage import checksum
 from space_envs.errors import ConfigurationError, SpaceEnvsError
@@ -30,13 +31,15 @@ FORMAT = "space-capture-demonstrations"
 VERSION = 1
 CHUNK = 60  # demonstrations a file of partial results
 COUNT = 540  # as many as make the shipped prior
-# rad, of every weight. All demonstrations leave home at rest; a milliradian of doubt lets a plan start elsewhere.
+# rad, of every weight. All demonstrations leave home at rest; so much doubt lets a plan start elsewhere.
 WEIGHT_NOISE = 1e-3
 
 
 def save(path: Path, demonstrations: Demonstrations, provenance: dict[str, Any]) -> None:
     """Write an npz without pickles, with a checksum over all of it; a reader sees all of the file or none."""
-    content: dict[str, Any] = {field.name: getattr(demonstrations, field.name) for field in fields(Demonstrations)}
+    content: dict[str, Any] = {
+        field.name: getattr(demonstrations, field.name) for field in fields(Demonstrations)
+    }
     content["provenance"] = np.array(json.dumps(provenance, sort_keys=True))
     header = {"format": np.array(FORMAT), "version": np.array(VERSION), "sha256": np.array(checksum(content))}
     with atomic_write(path) as temporary:
@@ -56,14 +59,18 @@ def load(path: str | Path) -> tuple[Demonstrations, dict[str, Any]]:
             stored = {name: archive[name] for name in archive.files}
     # Broken bytes make zipfile and numpy raise a dozen unrelated types; all of them mean the same here.
     except Exception as error:
-        raise ConfigurationError(f"{path}: not a file of demonstrations, or a damaged one: {error}") from error
+        raise ConfigurationError(
+            f"{path}: not a file of demonstrations, or a damaged one: {error}"
+        ) from error
     kind, number, claimed = (str(stored.pop(name, None)) for name in ("format", "version", "sha256"))
     if (kind, number) != (FORMAT, str(VERSION)):
         raise ConfigurationError(f"{path}: expected {FORMAT} version {VERSION}, got {kind} version {number}")
     if set(stored) != {*names, "provenance"}:
         raise ConfigurationError(f"{path}: expected the arrays {names}, got {sorted(stored)}")
     if checksum(stored) != claimed:
-        raise ConfigurationError(f"{path}: its content does not match its checksum; it was changed or damaged")
+        raise ConfigurationError(
+            f"{path}: its content does not match its checksum; it was changed or damaged"
+        )
     return Demonstrations(*[stored[name] for name in names]), json.loads(str(stored["provenance"]))
 
 
@@ -74,8 +81,12 @@ def recipe(config: DemonstratorConfig, seed: int) -> dict[str, Any]:
 
 def provenance(config: DemonstratorConfig, seed: int, count: int) -> dict[str, Any]:
     """The recipe, the command that repeats it and what it ran on."""
-    command = f"python -m agents.demonstrations --count {count} --seed {seed} --difficulty {config.difficulty}"
-    versions = {"python": platform.python_version()} | {name: version(name) for name in ("numpy", "scipy", "mujoco")}
+    command = (
+        f"python -m agents.demonstrations --count {count} --seed {seed} --difficulty {config.difficulty}"
+    )
+    versions = {"python": platform.python_version()} | {
+        name: version(name) for name in ("numpy", "scipy", "mujoco")
+    }
     return recipe(config, seed) | {"command": command, "versions": versions}
 
 
@@ -119,14 +130,18 @@ def generate(
     loaded = [load(path)[0] for path in parts]
     merged = Demonstrations(
         loaded[0].time,
-        *[np.concatenate([getattr(part, f.name) for part in loaded]) for f in fields(Demonstrations) if f.name != "time"],
+        *[
+            np.concatenate([getattr(part, f.name) for part in loaded])
+            for f in fields(Demonstrations)
+            if f.name != "time"
+        ],
     )
     save(folder / "demonstrations.npz", merged, provenance(config, seed, count))
     return merged
 
 
 def fit_prior(demonstrations: Demonstrations) -> ProMP:
-    """The ProMP of eq. 16 and 17, whose start and end states are met exactly by every demonstration's weights."""
+    """The ProMP of eq. 16 and 17; every demonstration's weights meet its first and last state exactly."""
     return ProMP.fit(
         demonstrations.position,
         demonstrations.velocity,
@@ -151,7 +166,9 @@ def _belongs(path: Path, config: DemonstratorConfig, seed: int) -> bool:
         return False
     found = load(path)[1]
     if {key: found.get(key) for key in ("seed", "config")} != recipe(config, seed):
-        raise ConfigurationError(f"{path}: made from another seed or config; take another folder or do not resume")
+        raise ConfigurationError(
+            f"{path}: made from another seed or config; take another folder or do not resume"
+        )
     return True
 
 
@@ -163,19 +180,28 @@ def _make_part(path: Path, config: DemonstratorConfig, seed: int, first: int, si
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command line; returns the exit status."""
     parser = argparse.ArgumentParser(
-        prog="python -m agents.demonstrations", description="Make demonstrations and learn a ProMP prior from them."
+        prog="python -m agents.demonstrations",
+        description="Make demonstrations and learn a ProMP prior from them.",
     )
     parser.add_argument("--count", type=int, default=COUNT, help="how many (default %(default)s)")
-    parser.add_argument("--output", type=Path, default=Path("demonstrations"), help="folder (default %(default)s)")
+    parser.add_argument(
+        "--output", type=Path, default=Path("demonstrations"), help="folder (default %(default)s)"
+    )
     parser.add_argument("--jobs", type=int, default=1, help="processes (default %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="default %(default)s")
     parser.add_argument("--difficulty", choices=DIFFICULTIES, default="medium", help="of the goals")
-    parser.add_argument("--resume", action=argparse.BooleanOptionalAction, default=True, help="keep what is there")
-    parser.add_argument("--fit", type=Path, metavar="PATH", help="write the ProMP prior there (npz, and json beside)")
+    parser.add_argument(
+        "--resume", action=argparse.BooleanOptionalAction, default=True, help="keep what is there"
+    )
+    parser.add_argument(
+        "--fit", type=Path, metavar="PATH", help="write the ProMP prior there (npz, and json beside)"
+    )
     options = parser.parse_args(arguments)
     config = DemonstratorConfig(difficulty=options.difficulty)
     try:
-        made = generate(options.output, options.count, options.seed, config, options.jobs, options.resume, True)
+        made = generate(
+            options.output, options.count, options.seed, config, options.jobs, options.resume, True
+        )
         if options.fit is not None:
             save_prior(options.fit, fit_prior(made), provenance(config, options.seed, options.count))
     except KeyboardInterrupt:

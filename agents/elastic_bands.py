@@ -1,4 +1,4 @@
-"""Elastic bands (Quinlan and Khatib 1993) in joint space, many at once: detours around artificial obstacles."""
+"""Elastic bands (Quinlan and Khatib 1993) in joint space, batched: detours around artificial obstacles."""
 
 from dataclasses import dataclass
 
@@ -55,7 +55,7 @@ def relax(start: Array, goal: Array, obstacles: Obstacles) -> Array:
 
 
 def detour(start: Array, goal: Array, obstacles: Obstacles, progress: Array, dt: float) -> Detour:
-    """How far bands lead off the straight way, when that is travelled as `progress` (T,), from 0 to 1, says."""
+    """How far bands lead off the straight way, of which `progress` (T,), from 0 to 1, has been made."""
     s = np.linspace(0.0, 1.0, NODES)
     straight = start[:, None, :] + s[:, None] * (goal - start)[:, None, :]
     # Clamped: the detour begins and ends at rest, whatever the progress does there.

@@ -73,7 +73,9 @@ class FeatureView:
             if feature.field not in self.layout.slices:
                 raise unknown_name("observation field", feature.field, self.layout.slices)
             if not feature.scale > 0:
-                raise ConfigurationError(f"scale of feature {feature.field} must be positive, got {feature.scale!r}")
+                raise ConfigurationError(
+                    f"scale of feature {feature.field} must be positive, got {feature.scale!r}"
+                )
 
     @property
     def size(self) -> int:

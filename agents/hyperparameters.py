@@ -140,23 +140,26 @@ class BC(Hyperparameters):
 
 
 AnyHyperparameters = PPO | SAC | TD3 | BC
-_CLASSES: dict[str, type[PPO] | type[SAC] | type[TD3] | type[BC]] = {"ppo": PPO, "sac": SAC, "td3": TD3, "bc": BC}
+_CLASSES: dict[str, type[PPO] | type[SAC] | type[TD3] | type[BC]] = {
+    "ppo": PPO,
+    "sac": SAC,
+    "td3": TD3,
+    "bc": BC,
+}
 
 TABLES: dict[str, dict[str, AnyHyperparameters]] = {
     "SpaceCapture/SingleArm-v0": {
         "ppo": PPO(
             num_envs=128,
-            steps=2_000_000,
+            steps=1_500_000,
             learning_rate=3e-4,
-            batch_size=2048,
+            batch_size=1024,
             hidden=(128, 128),
             activation="tanh",
-            interval=200_000,
-            gamma=0.99,
+            interval=150_000,
             n_steps=64,
-            deviation=0.1,
+            n_epochs=8,
             critic_warm_up=100_000,
-            target_kl=0.03,
             minutes=9.0,
         ),
         "sac": SAC(

@@ -1,4 +1,4 @@
-"""Inverse kinematics of a floating arm, batched: joint goals whose motion ends at a pose in the inertial frame.
+"""Inverse kinematics of a floating arm, batched: joint goals whose motions end at inertial poses.
 
 Where the base is at the end depends on the motion that brings the joints there. So the pose is solved in the
 base frame that is predicted for the end of the very motion that will be executed (ERRATA, V-B).
@@ -61,8 +61,16 @@ class JointGoals:
     orientation_residual: Array
 
 
+Motion = Callable[[Array, Rows], JointMotion]  # from joint goals (k, n) of rows (k,)
+
+
 def inverse_kinematics(
-    arm: FloatingRobot, position: Array, quaternion: Array, start: Array, limits: Array, preferred: Array | None = None
+    arm: FloatingRobot,
+    position: Array,
+    quaternion: Array,
+    start: Array,
+    limits: Array,
+    preferred: Array | None = None,
 ) -> JointGoals:
     """Joint angles that put the end-effector at poses in the BASE frame.
 
@@ -73,20 +81,20 @@ def inverse_kinematics(
         preferred: (N, n) rad that the redundancy draws the solution to; None is `start`.
     """
 
-    def target(q: Array, rows: Rows) -> tuple[Array, Array]:
-        return position[rows], quaternion[rows]
+    def error(q: Array, rows: Rows) -> Array:
+        return pose_error(arm, q, position[rows], quaternion[rows])
 
     def jacobian(q: Array) -> Array:
         return arm.end_effector_jacobians(q)[1]
 
-    return _search(arm, target, jacobian, start, limits, start if preferred is None else preferred)
+    return _search(error, jacobian, start, limits, start if preferred is None else preferred)
 
 
 def floating_inverse_kinematics(
     arm: FloatingRobot,
     goal_position: Array,
     goal_quaternion: Array,
-    motion: Callable[[Array, Rows], JointMotion],
+    motion: Motion,
     base_position: Array,
     base_quaternion: Array,
     start: Array,
@@ -98,22 +106,24 @@ def floating_inverse_kinematics(
     Args:
         goal_position: (N, 3) m. goal_quaternion: (N, 4), end-effector to inertial.
         motion: for joint goals (k, n) of the rows (k,), the motions (k, T, n) that will be executed; each
-            must end at its goal. Total momentum is taken as zero.
+            ends at its goal, or so near that their difference can be searched away. Total momentum is taken
+            as zero.
         base_position, base_quaternion: (N, 3) m and (N, 4), of the base where the motion begins.
         start, limits, preferred: as in `inverse_kinematics`.
     """
 
-    def target(q: Array, rows: Rows) -> tuple[Array, Array]:
+    def error(q: Array, rows: Rows) -> Array:
         path = motion(q, rows)
         positions, quaternions = roll_out_base(
             arm, path.position, path.velocity, path.dt, base_position[rows], base_quaternion[rows]
         )
         back = conjugate(quaternions[:, -1])
-        return rotate(back, goal_position[rows] - positions[:, -1]), multiply(back, goal_quaternion[rows])
+        place = rotate(back, goal_position[rows] - positions[:, -1])
+        return pose_error(arm, path.position[:, -1], place, multiply(back, goal_quaternion[rows]))
 
     # The generalised Jacobian says how the end moves if the base's final pose depended on the joint goal
     # alone. What the path adds is second order in the motion; the iteration takes care of it.
-    return _search(arm, target, arm.generalized_jacobian, start, limits, start if preferred is None else preferred)
+    return _search(error, arm.generalized_jacobian, start, limits, start if preferred is None else preferred)
 
 
 def pose_error(arm: FloatingRobot, q: Array, position: Array, quaternion: Array) -> Array:
@@ -123,12 +133,11 @@ def pose_error(arm: FloatingRobot, q: Array, position: Array, quaternion: Array)
     return np.concatenate([position - at, turn], axis=-1)
 
 
-Target = Callable[[Array, Rows], tuple[Array, Array]]
+Error = Callable[[Array, Rows], Array]  # from angles (k, n) of rows (k,) to pose errors (k, 6), base axes
 
 
 def _search(
-    arm: FloatingRobot,
-    target: Target,
+    error: Error,
     jacobian: Callable[[Array], Array],
     start: Array,
     limits: Array,
@@ -136,14 +145,14 @@ def _search(
 ) -> JointGoals:
     """Levenberg-Marquardt from `start`, and from other starts for the rows that fail."""
     rows = np.arange(len(start))
-    q, residual = _descend(arm, target, jacobian, start, limits, preferred, rows)
+    q, residual = _descend(error, jacobian, start, limits, preferred, rows)
     failed = rows[~_within(residual)]
     if failed.size:
-        offsets = np.random.default_rng(0).uniform(-RETRY_RADIUS, RETRY_RADIUS, (RETRIES, arm.n_joints))
+        offsets = np.random.default_rng(0).uniform(-RETRY_RADIUS, RETRY_RADIUS, (RETRIES, start.shape[1]))
         again = np.repeat(failed, RETRIES)
-        others = (start[failed, None] + offsets).reshape(-1, arm.n_joints)
-        others, left = _descend(arm, target, jacobian, others, limits, preferred[again], again)
-        # Among the starts that reach the pose the one that stays nearest to what is preferred; else the closest.
+        others = (start[failed, None] + offsets).reshape(-1, start.shape[1])
+        others, left = _descend(error, jacobian, others, limits, preferred[again], again)
+        # Among the starts that reach the pose the one that stays nearest to what is preferred.
         distance = np.linalg.norm(others - preferred[again], axis=1)
         score = np.where(_within(left), distance, 1e3 + left.sum(axis=1)).reshape(-1, RETRIES)
         best = np.arange(failed.size) * RETRIES + score.argmin(axis=1)
@@ -157,8 +166,7 @@ def _within(residual: Array) -> NDArray[np.bool_]:
 
 
 def _descend(
-    arm: FloatingRobot,
-    target: Target,
+    error: Error,
     jacobian: Callable[[Array], Array],
     start: Array,
     limits: Array,
@@ -173,24 +181,25 @@ def _descend(
     best, best_residual = q.copy(), np.full((len(q), 2), np.inf)
     active, step = np.arange(len(q)), np.full_like(q, np.inf)
     for iteration in range(ITERATIONS):
-        error = pose_error(arm, q[active], *target(q[active], rows[active]))
-        residual = np.sqrt(np.stack([(error[:, :3] ** 2).sum(axis=1), (error[:, 3:] ** 2).sum(axis=1)], axis=1))
+        missed = error(q[active], rows[active])
+        square = missed * missed
+        residual = np.sqrt(np.stack([square[:, :3].sum(axis=1), square[:, 3:].sum(axis=1)], axis=1))
         within = _within(residual)
         # Once inside the tolerance, later steps only settle the redundancy.
         better = within | (residual.sum(axis=1) < best_residual[active].sum(axis=1))
         best[active[better]], best_residual[active[better]] = q[active[better]], residual[better]
         done = within & (np.abs(step[active]).max(axis=1) < SETTLED)
-        active, error = active[~done], error[~done]
+        active, missed = active[~done], missed[~done]
         if active.size == 0:
             break
         wish = BIAS_RATE * DECAY ** max(0, iteration - PATIENCE) * (preferred[active] - q[active])
-        step[active] = _step(jacobian(q[active]), error, wish, q[active], limits)
+        step[active] = _step(jacobian(q[active]), missed, wish, q[active], limits)
         q[active] = np.clip(q[active] + step[active], limits[:, 0], limits[:, 1])
     return best, best_residual
 
 
 def _step(jacobian: Array, error: Array, wish: Array, q: Array, limits: Array) -> Array:
-    """Damped step (k, n) from q that takes away the error (k, 6) and, in what is left free, is `wish` (k, n)."""
+    """Damped step (k, n) from q that takes away the error (k, 6) and is `wish` (k, n) in what is free."""
     step = _damped(jacobian, error, wish)
     # Joints that would leave their range stay where they are, and the others do their work.
     stuck = ((q <= limits[:, 0]) & (step < 0.0)) | ((q >= limits[:, 1]) & (step > 0.0))

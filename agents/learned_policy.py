@@ -1,9 +1,8 @@
 """Policies that were learned: from a run's folder, a policy file, or those that ship with the project."""
 
-from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +34,9 @@ class LearnedPolicy:
                 f"not for {context.env_id} in {context.control_mode!r}"
             )
         if file.network.outputs != len(context.action_scale):
-            raise PolicyError(f"the policy gives {file.network.outputs} actions, not {len(context.action_scale)}")
+            raise PolicyError(
+                f"the policy gives {file.network.outputs} actions, not {len(context.action_scale)}"
+            )
         self.file = file
         self._check = context.check_observation
         self._view = file.view(context.layout)
@@ -73,17 +74,21 @@ def policy_path(path: str | Path) -> Path:
     if path.is_dir():
         inside = path / POLICY_FILE
         if not inside.is_file():
-            raise PolicyError(f"{path} holds no {POLICY_FILE}: it is no run of train.py, or none was saved yet")
+            raise PolicyError(
+                f"{path} holds no {POLICY_FILE}: it is no run of train.py, or none was saved yet"
+            )
         return inside
     return path
 
 
+def shipped_path(env_id: str, name: str) -> Path:
+    """Where the shipped policy `name` for an id is, or would be."""
+    return Path(str(_SHIPPED)) / env_id.split("/")[-1] / f"{name}.npz"
+
+
 def shipped_policies(env_id: str) -> tuple[str, ...]:
     """Names of the policies that ship with the project for an id."""
-    folder = _SHIPPED / env_id.split("/")[-1]
-    if not folder.is_dir():
-        return ()
-    return tuple(sorted(f.name.removesuffix(".npz") for f in folder.iterdir() if f.name.endswith(".npz")))
+    return tuple(sorted(path.stem for path in shipped_path(env_id, "any").parent.glob("*.npz")))
 
 
 def load_shipped(env_id: str, name: str) -> PolicyFile:
@@ -95,13 +100,25 @@ def load_shipped(env_id: str, name: str) -> PolicyFile:
     names = shipped_policies(env_id)
     if name not in names:
         raise unknown_name(f"shipped policy for {env_id}", name, names)
-    return load_policy_file(Path(str(_SHIPPED / env_id.split("/")[-1] / f"{name}.npz")))
+    return load_policy_file(shipped_path(env_id, name))
 
 
-def shipped(name: str) -> Callable[[PolicyContext, int], LearnedPolicy]:
-    """A factory (context, seed) of the shipped policy `name`, as the registry wants one."""
+class ShippedPolicy(LearnedPolicy):
+    """A policy that ships with the project; a subclass says which."""
 
-    def build(context: PolicyContext, seed: int) -> LearnedPolicy:
-        return LearnedPolicy(context, seed, load_shipped(context.env_id, name))
+    name: ClassVar[str]
 
-    return build
+    def __init__(self, context: PolicyContext, seed: int = 0) -> None:
+        super().__init__(context, seed, load_shipped(context.env_id, self.name))
+
+
+class BehaviourCloning(ShippedPolicy):
+    """Cloned from an expert: `train.py --algo bc`."""
+
+    name = "bc"
+
+
+class ProximalPolicyOptimization(ShippedPolicy):
+    """Cloned, then improved by reinforcement: `train.py --algo ppo`."""
+
+    name = "ppo"

@@ -37,7 +37,9 @@ def learn(folder: RunFolder, episodes: int = EPISODES, quiet: bool = False) -> d
     checkpoint = folder.checkpoint()
     times = checkpoint["times"] if checkpoint else {"wall": 0.0, "cpu": 0.0}
     limit = None if parameters.minutes is None else 60.0 * parameters.minutes
-    return _learn(folder, settings, parameters, checkpoint, Budget(limit, times["wall"], times["cpu"]), episodes, quiet)
+    return _learn(
+        folder, settings, parameters, checkpoint, Budget(limit, times["wall"], times["cpu"]), episodes, quiet
+    )
 
 
 def _learn(
@@ -85,7 +87,10 @@ def _start(
     if parameters.expert is None:
         return None
     clone = RunFolder(folder.path / "clone")
-    if clone.summary() is None:
+    if finished := clone.summary():
+        budget.used += finished["wall_s"]
+        budget.used_cpu += finished["cpu_s"]
+    else:
         copy = replace(settings, algorithm="bc")
         table = clone_table(settings, parameters)
         checkpoint = None
@@ -130,5 +135,7 @@ def starting_policy(settings: Settings, parameters: PPO) -> PolicyFile:
         ("squashing", file.network.squash, False),
     ):
         if got != wanted:
-            raise PolicyError(f"cannot start from {settings.init}: its {name} is {got!r}, this run has {wanted!r}")
+            raise PolicyError(
+                f"cannot start from {settings.init}: its {name} is {got!r}, this run has {wanted!r}"
+            )
     return file

@@ -1,7 +1,7 @@
 """The finite-horizon linear-quadratic problem on the joint double integrator (eq. 12 of shyam2020), batched.
 
 State x = [q - goal; qdot], control u = joint accelerations held over a control period. ERRATA says how eq. 12
-is read: a sum over control periods, a Riccati recursion, a terminal weight from the algebraic Riccati equation.
+is read: a sum over control periods, a Riccati recursion, an end weight from the algebraic Riccati equation.
 """
 
 import numpy as np
@@ -10,7 +10,7 @@ from scipy.linalg import solve_discrete_are
 from space_envs.dynamics.rotations import Array
 
 # Q_t = (t / T)^RAMP Q. Constant weights ask for all the acceleration in the first instant; with weights that
-# grow the arm sets out gently and yet is at rest at T, to a ten-thousandth of the way with the weights of `mpc`.
+# grow the arm sets out gently and is yet at rest at T, but for a ten-thousandth of the way (policy `mpc`).
 RAMP = 10.0
 
 
@@ -24,7 +24,9 @@ def double_integrator(n: int, dt: float) -> tuple[Array, Array]:
 def terminal_weight(a: Array, b: Array, q: Array, r: Array) -> Array:
     """P (..., m, m) of the algebraic Riccati equation, from weights q (..., m, m) and r (..., k, k)."""
     m, k = b.shape
-    flat = [solve_discrete_are(a, b, x, y) for x, y in zip(q.reshape(-1, m, m), r.reshape(-1, k, k), strict=True)]
+    flat = [
+        solve_discrete_are(a, b, x, y) for x, y in zip(q.reshape(-1, m, m), r.reshape(-1, k, k), strict=True)
+    ]
     return np.stack(flat).reshape(q.shape)
 
 
@@ -39,9 +41,9 @@ def riccati_step(a: Array, b: Array, q: Array, r: Array, p: Array) -> tuple[Arra
 def receding_gains(q: Array, r: Array, times: Array, ramp: Array | float = RAMP) -> tuple[Array, Array]:
     """Gains of the receding-horizon controller at every control step of a motion.
 
-    At every step the controller looks one motion's duration ahead, over the weights (t / T)^ramp Q and R, which
+    At every step the controller looks one motion's duration ahead, over weights (t / T)^ramp Q and R that
     stay at Q and R beyond T, and ends with the P of the algebraic Riccati equation for those. There the
-    recursion does not move: every step's recursion runs backward from P at T, so all of them share one pass.
+    recursion does not move: every step's recursion passes P at T, so all of them share one backward pass.
 
     Args:
         q: (..., 2 n, 2 n). r: (..., n, n), positive definite. times: (T,) s, the last being the duration.

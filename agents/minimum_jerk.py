@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from agents.inverse_kinematics import JointGoals, JointMotion, Rows, floating_inverse_kinematics
 from agents.tracking import TrajectoryPolicy, motion_times
 from space_envs.dynamics.rotations import Array
@@ -12,7 +10,7 @@ from space_envs.evaluation.policy import PolicyContext
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """Motions whose every joint runs q(t) = goal + a(t) (start - goal) + b(t) rate, `rate` being that at t = 0.
+    """Motions whose joints run q(t) = goal + a(t) (start - goal) + b(t) rate, `rate` being that at t = 0.
 
     Attributes:
         displacement, slope: a (T,) and its time derivative, 1/s. drift, pace: b (T,), s, and its derivative.

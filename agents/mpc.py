@@ -30,7 +30,9 @@ class ModelPredictive(TrajectoryPolicy):
         dt = float(times[1])
         transition, _ = closed_loop(gains, dt)
         self._gains = gains[:, 0]  # (T, 2), of every joint
-        self._profile = Profile(transition[:, 0, 0], transition[:, 1, 0], transition[:, 0, 1], transition[:, 1, 1], dt)
+        self._profile = Profile(
+            transition[:, 0, 0], transition[:, 1, 0], transition[:, 0, 1], transition[:, 1, 1], dt
+        )
 
     def plan(self, observation: Array) -> tuple[JointMotion, JointGoals]:
         """The motions that the controller expects to make, and its joint goals."""
@@ -40,7 +42,7 @@ class ModelPredictive(TrajectoryPolicy):
         return self._profile.motion(start, rate, goals.position), goals
 
     def follow(self, observation: Array, plan: Plan, step: Steps) -> Array:
-        """Rates (N, n) at the end of the period: those now plus the optimal accelerations times the period."""
+        """Rates (N, n) after the period: those now plus the period times the optimal accelerations."""
         read = self.context.layout.read
         gain = self._gains[np.minimum(step, len(self._gains) - 1)]
         rate = read(observation, "joint_velocity")

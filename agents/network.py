@@ -45,7 +45,9 @@ class Network:
         inputs.append(inputs[-1])
         for (weight, bias), size in zip(layers, inputs, strict=True):
             if weight.shape != (size, *bias.shape) or bias.ndim != 1:
-                raise PolicyError(f"layers do not fit: weight {weight.shape}, bias {bias.shape}, input {size}")
+                raise PolicyError(
+                    f"layers do not fit: weight {weight.shape}, bias {bias.shape}, input {size}"
+                )
             if not (np.isfinite(weight).all() and np.isfinite(bias).all()):
                 raise PolicyError("a network's parameters must be finite")
         if self.deviation_bias.shape != self.biases[-1].shape:

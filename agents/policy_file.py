@@ -48,7 +48,9 @@ class PolicyFile:
         except SpaceEnvsError as error:
             raise PolicyError(f"the policy does not fit the observation: {error}") from error
         if view.size != self.network.inputs:
-            raise PolicyError(f"the network takes {self.network.inputs} features, the table gives {view.size}")
+            raise PolicyError(
+                f"the network takes {self.network.inputs} features, the table gives {view.size}"
+            )
         return view
 
     def save(self, path: str | Path) -> None:
@@ -63,7 +65,7 @@ class PolicyFile:
             "squash": self.network.squash,
             "notes": self.notes,
         }
-        arrays = {"header": np.array(json.dumps(header))}
+        arrays: dict[str, Any] = {"header": np.array(json.dumps(header))}
         for index, (weight, bias) in enumerate(zip(self.network.weights, self.network.biases, strict=True)):
             arrays[f"weight_{index}"], arrays[f"bias_{index}"] = weight, bias
         arrays["deviation_weight"] = self.network.deviation_weight

@@ -5,7 +5,7 @@ from importlib.resources import as_file, files
 
 import numpy as np
 
-from agents.inverse_kinematics import JointGoals, JointMotion, Rows, floating_inverse_kinematics
+from agents.inverse_kinematics import JointGoals, JointMotion, Motion, Rows, floating_inverse_kinematics
 from agents.tracking import TrajectoryPolicy, motion_times
 from promp import ProMP, ViaPoint
 from space_envs.dynamics import trajectory_cost
@@ -43,7 +43,7 @@ class ConditionedPrior:
         self._bend = prior.basis.second_derivative(phase) / duration**2
         self._mean = prior.mean
         unit = np.eye(prior.n_dof)
-        ends = [(basis[node]) for node in (0, -1) for basis in self._basis]
+        ends = [basis[node] for node in (0, -1) for basis in self._basis]
         # Rows: position and rate at the start, position and rate at the goal.
         self._features = np.concatenate([np.kron(unit, row) for row in ends])
         directions = prior.factor.directions
@@ -54,13 +54,13 @@ class ConditionedPrior:
         )
 
     def weights(self, start: Array, rate: Array, goal: Array) -> Array:
-        """Conditional means (N, n, nb): from `start` with `rate` to rest at `goal`, each (N, n), rad and rad/s."""
+        """Conditional means (N, n, nb): from `start` (N, n) rad with `rate` (N, n) rad/s to rest at goal."""
         state = np.concatenate([start, rate, goal, np.zeros_like(goal)], axis=1)
         missed = state - self._features @ self._mean.ravel()
         return self._mean + (self._gain @ missed[..., None]).reshape(-1, *self._mean.shape)
 
     def moved(self, weights: Array, shift: Array) -> Array:
-        """Weights (N, n, nb) whose goals are moved by `shift` (N, n) rad, all else that is conditioned as it was."""
+        """Weights (N, n, nb) with their goals moved by `shift` (N, n) rad and the other end states kept."""
         n = self._mean.shape[0]
         return weights + (self._gain[:, 2 * n : 3 * n] @ shift[..., None]).reshape(weights.shape)
 
@@ -128,7 +128,7 @@ class ProMPPolicy(TrajectoryPolicy):
         return prior.motion(prior.moved(weights, goals.position - first)), goals
 
     def _chosen(self, mean: Array) -> Array:
-        """Of each row's samples the weights (N, n, nb) of least cost within all limits; the mean if none is."""
+        """Of each row's samples within all limits the weights (N, n, nb) of least cost; else the mean."""
         if not len(self._offsets):
             return mean
         best = np.empty_like(mean)
@@ -153,7 +153,7 @@ class ProMPPolicy(TrajectoryPolicy):
         kept = ~broken[np.arange(len(mean)), chosen]
         return mean + kept[:, None, None] * self._offsets[chosen]
 
-    def _solve(self, observation: Array, motion, start: Array) -> JointGoals:
+    def _solve(self, observation: Array, motion: Motion, start: Array) -> JointGoals:
         read, context = self.context.layout.read, self.context
         return floating_inverse_kinematics(
             context.arm,

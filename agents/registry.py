@@ -18,10 +18,16 @@ class Entry:
 POLICIES: dict[str, Entry] = {
     "random": Entry("agents.baselines:Random", "uniform actions"),
     "hold": Entry("agents.baselines:Hold", "no motion at all"),
-    "minimum_jerk": Entry("agents.minimum_jerk:MinimumJerk", "quintic joint motion to a goal from inverse kinematics"),
+    "minimum_jerk": Entry(
+        "agents.minimum_jerk:MinimumJerk", "quintic joint motion to a goal from inverse kinematics"
+    ),
     "gjm": Entry("agents.gjm:GeneralizedJacobian", "resolved rate with the damped generalised Jacobian"),
-    "mpc": Entry("agents.mpc:ModelPredictive", "linear-quadratic receding horizon on the joints, as in shyam2020"),
-    "promp": Entry("agents.promp_policy:ProMPPolicy", "best of 100 samples of a ProMP by eq. 20, as in shyam2020"),
+    "mpc": Entry(
+        "agents.mpc:ModelPredictive", "linear-quadratic receding horizon on the joints, as in shyam2020"
+    ),
+    "promp": Entry(
+        "agents.promp_policy:ProMPPolicy", "best of 100 samples of a ProMP by eq. 20, as in shyam2020"
+    ),
 }
 
 

@@ -36,7 +36,12 @@ class Reinforcement:
     """
 
     def __init__(
-        self, settings: Settings, parameters: PPO | SAC | TD3, budget: Budget, steps: int = 0, began: float = 0.0
+        self,
+        settings: Settings,
+        parameters: PPO | SAC | TD3,
+        budget: Budget,
+        steps: int = 0,
+        began: float = 0.0,
     ) -> None:
         self.settings, self.parameters, self.budget, self.began = settings, parameters, budget, began
         env = CaptureVectorEnv(

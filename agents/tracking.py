@@ -1,4 +1,4 @@
-"""What planners share: plan where an episode starts, follow the plan, then hold the end-effector at the goal."""
+"""What planners share: plan where an episode starts, follow the plan, then stay with the goal."""
 
 from dataclasses import dataclass, fields
 from typing import Any, TypeVar
@@ -38,7 +38,7 @@ class Plan:
 
 
 def motion_times(context: PolicyContext) -> Array:
-    """Sampling times (T,) of a planned motion, s: whole control periods from 0 to the duration, or nearly so."""
+    """Sampling times (T,) of a planned motion, s: whole control periods from 0 to (nearly) the duration."""
     return np.arange(max(1, round(DURATION / context.control_period)) + 1) * context.control_period
 
 
@@ -55,12 +55,14 @@ def rows_to_plan(state: Any, episode_start: NDArray[np.bool_] | None, n: int) ->
         raise PolicyError(f"episode_start must have shape ({n},), got {episode_start.shape}")
     known = n if episode_start.all() else (0 if state is None else len(state.start))
     if known != n:
-        raise PolicyError(f"{n} observations, and a state for {known} episodes: all episodes must start together")
+        raise PolicyError(
+            f"{n} observations, and a state for {known} episodes: all episodes must start together"
+        )
     return np.flatnonzero(episode_start)
 
 
 def merged(old: State, new: State, rows: NDArray[np.int64]) -> State:
-    """`old` with its rows replaced by those of `new`; both are frozen dataclasses of arrays, nested or not."""
+    """`old` with its rows replaced by those of `new`; both are dataclasses of arrays, nested or not."""
     values = {}
     for field in fields(old):  # pyright: ignore[reportArgumentType]
         before, after = getattr(old, field.name), getattr(new, field.name)
@@ -73,7 +75,9 @@ def merged(old: State, new: State, rows: NDArray[np.int64]) -> State:
     return type(old)(**values)
 
 
-def hold_rate(context: PolicyContext, observation: Array, goals: JointGoals, rows: NDArray[np.int64]) -> Array:
+def hold_rate(
+    context: PolicyContext, observation: Array, goals: JointGoals, rows: NDArray[np.int64]
+) -> Array:
     """Joint rates (k, n), rad/s, of rows (k,) whose motion is over.
 
     They correct the pose of the end-effector; where no motion to the goal was found the arm rests.
@@ -96,7 +100,7 @@ class TrajectoryPolicy:
         raise NotImplementedError
 
     def follow(self, observation: Array, plan: Plan, step: Steps) -> Array:
-        """Joint rates (N, n), rad/s, to reach at the end of the control period, `step` (N,) periods into the plan.
+        """Joint rates (N, n), rad/s, for the end of the control period, `step` (N,) periods into the plan.
 
         The drives reach a rate at the end of the period: the reference's rate there is what to ask for.
         """

@@ -75,7 +75,9 @@ class NativeVecEnv(VecEnv):
             elif len(set(values)) == 1:
                 merged[name] = values[0]
             else:
-                raise ConfigurationError(f"split must be the same for every environment, got {sorted(set(values))}")
+                raise ConfigurationError(
+                    f"split must be the same for every environment, got {sorted(set(values))}"
+                )
         return merged or None
 
     def step_async(self, actions: NDArray) -> None:
@@ -98,7 +100,11 @@ class NativeVecEnv(VecEnv):
         return self._view(observation), reward.astype(np.float32), done, infos
 
     def _describe_ended(
-        self, rows: NDArray[np.int64], cut: NDArray[np.bool_], info: dict[str, Any], infos: list[dict[str, Any]]
+        self,
+        rows: NDArray[np.int64],
+        cut: NDArray[np.bool_],
+        info: dict[str, Any],
+        infos: list[dict[str, Any]],
     ) -> None:
         final = self._view(np.stack(info["final_obs"][rows]))
         elapsed = round(time.perf_counter() - self._begun, 6)
@@ -136,7 +142,7 @@ class NativeVecEnv(VecEnv):
         setattr(self.env, attr_name, value)
 
     def env_method(self, method_name: str, *args: Any, indices: Indices = None, **kwargs: Any) -> list[Any]:
-        """Call a method of the vector environment once; its result, once a row. Only for all rows together."""
+        """Call a method of the vector environment once, for all rows together; its result, once a row."""
         self._require_all(indices)
         value = getattr(self.env, method_name)(*args, **kwargs)
         return [value for _ in range(self.num_envs)]

@@ -26,7 +26,7 @@ REFERENCE = 0.00125
 def drift(
     variant: str, mode: str, timestep: float, episodes: int, seed: int
 ) -> tuple[float, float, np.ndarray]:
-    """Largest drift (N s or N m s), largest ratio to what a body carried, and the torques (E, T, n) applied."""
+    """Largest drift (N s or N m s), largest ratio to what a body carried, and torques (E, T, n)."""
     env = CaptureVectorEnv(
         num_envs=episodes,
         autoreset_mode="disabled",
@@ -89,7 +89,7 @@ def main(arguments: list[str] | None = None) -> None:
             + [f"{max(r[0] for r in results.values()):.1e}", f"{error:.1e}", f"{angle:.1e}", f"{rate:,.0f}"]
         )
     print(
-        f"\n{options.episodes} episodes of 20 s for each control mode, seed {options.seed}; {machine_class()}\n"
+        f"\n{options.episodes} episodes of 20 s a control mode, seed {options.seed}; {machine_class()}\n"
     )
     header = [
         "variant",

@@ -196,7 +196,7 @@ class Lookahead:
 
 
 class EndEffectorVelocity:
-    """End-effector twist [v; w], inertial axes, by the damped inverse of the generalised Jacobian."""
+    """End-effector twist [v; w], m/s and rad/s, inertial axes, by the damped inverse of the generalised Jacobian."""
 
     def __init__(self, drive: Drive) -> None:
         self.drive = drive
@@ -223,7 +223,7 @@ class EndEffectorVelocity:
 
 
 class Reactionless:
-    """Joint rates projected onto the reaction null space: the attitude stays, whatever the action.
+    """Joint rates, rad/s, projected onto the reaction null space: the attitude stays, whatever the action.
 
     The attitude left is fed back. Joints that a limit stops are taken out of the projection, since stopping
     them afterwards would leave the null space.

@@ -55,7 +55,7 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
 
     Args:
         env_id: registered id whose task is simulated.
-        num_envs: N.
+        num_envs: N, the number of episodes.
         control_mode: joint_velocity, joint_torque, end_effector_velocity or reactionless.
         autoreset_mode: next_step, same_step or disabled (Gymnasium's `AutoresetMode`).
         threads: of the simulation; None chooses by N.

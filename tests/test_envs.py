@@ -141,7 +141,7 @@ def test_derived_parts_of_the_observation():
     assert field("time")[0] == pytest.approx(1.0)
 
 
-# Resetting ---------------------------------------------------------------------------------------------------
+# Resetting ------------------------------------------------------------
 
 
 def test_splits_are_disjoint_frozen_and_reachable():
@@ -250,7 +250,7 @@ def test_bad_keywords_name_the_nearest_valid_one(keywords, message):
         gym.make(SINGLE, **keywords)
 
 
-# Stepping ----------------------------------------------------------------------------------------------------
+# Stepping ------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -355,7 +355,7 @@ def test_diverged_simulation_ends_the_episode_and_never_returns_nan(mode):
     assert np.isfinite(observation).all()
 
 
-# Autoreset ---------------------------------------------------------------------------------------------------
+# Autoreset ------------------------------------------------------------
 
 
 def test_next_step_autoreset():

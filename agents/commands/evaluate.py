@@ -36,7 +36,7 @@ def parser() -> argparse.ArgumentParser:
         prog="evaluate.py",
         description="Play policies on a split of an environment; write one record an episode, a leaderboard "
         "(terminal, Markdown, CSV) and a self-contained HTML report.",
-        epilog="Example: evaluate.py --policy gjm promp runs/my_ppo my_package.planner:Planner --episodes 200",
+        epilog="Example: evaluate.py --policy gjm promp runs/mine my_package.planner:Planner --episodes 200",
     )
     out.add_argument(
         "--env", default=DEFAULT_ENV, metavar="ID", help=f"environment id (default {DEFAULT_ENV})"
@@ -46,8 +46,8 @@ def parser() -> argparse.ArgumentParser:
         nargs="+",
         default=["all"],
         metavar="NAME",
-        help="built-in policies, 'all' for every one of them (default), your own as package.module:Class, or the "
-        "folder of a run of train.py",
+        help="built-in policies, 'all' for every one of them (default), your own as package.module:Class, or "
+        "the folder of a run of train.py",
     )
     out.add_argument("--split", default="test", help=f"{', '.join(SPLITS)} (default test)")
     out.add_argument("--difficulty", default="medium", help=f"{', '.join(DIFFICULTIES)} (default medium)")

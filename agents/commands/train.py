@@ -15,6 +15,7 @@ from space_envs.control import CONTROL_MODES
 from space_envs.errors import ConfigurationError, SpaceEnvsError, unknown_name
 from space_envs.tasks.common import DIFFICULTIES
 
+VALIDATIONS = 10  # at least so many in a run
 DEFAULT_ENV = "SpaceCapture/SingleArm-v0"
 DESCRIPTION = """\
 Train a policy and keep the best one on the validation split (the held-out part of the train split).
@@ -29,7 +30,18 @@ The run's folder holds config.json, policy.npz (the best policy; evaluate.py tak
 checkpoint.npz, validation.json, summary.json and TensorBoard's logs. All of them are data without code.
 """
 # What --resume cannot change; None in the arguments means that it was not given.
-_FIXED = ("algo", "env", "init", "expert", "seed", "num_envs", "difficulty", "control_mode", "output", "device")
+_FIXED = (
+    "algo",
+    "env",
+    "init",
+    "expert",
+    "seed",
+    "num_envs",
+    "difficulty",
+    "control_mode",
+    "output",
+    "device",
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -72,16 +84,33 @@ def _parser() -> argparse.ArgumentParser:
     add("--env", metavar="ID", help=f"environment id; default {DEFAULT_ENV}")
     add("--init", metavar="RUN", help="ppo: run folder or policy file to start from, or none")
     add("--expert", metavar="NAME", help="bc, and ppo without --init: policy to clone; default gjm")
-    add("--steps", type=int, metavar="N", help="control steps of all environments together; default from the table")
-    add("--minutes", type=float, metavar="M", help="stop after so much wall time, if --steps has not ended it")
+    add(
+        "--steps",
+        type=int,
+        metavar="N",
+        help="control steps of all environments together; default from the table",
+    )
+    add(
+        "--minutes", type=float, metavar="M", help="stop after so much wall time, if --steps has not ended it"
+    )
     add("--seed", type=int, metavar="S", help="of everything random; default 0")
     add("--num-envs", type=int, metavar="N", help="episodes simulated together; default from the table")
     add("--difficulty", metavar="NAME", help=f"{', '.join(DIFFICULTIES)}; default medium")
     add("--control-mode", metavar="NAME", help=f"{', '.join(CONTROL_MODES)}; default joint_velocity")
     add("--output", metavar="FOLDER", help="run folder; default runs/ALGO-ID-TIME")
-    add("--resume", metavar="RUN", help="continue this run; takes --steps and --minutes, and nothing else of a run")
+    add(
+        "--resume",
+        metavar="RUN",
+        help="continue this run; takes --steps and --minutes, and nothing else of a run",
+    )
     add("--device", metavar="NAME", help="of torch; default cpu, which is the fastest for these networks")
-    add("--validation-episodes", type=int, default=EPISODES, metavar="N", help="goals of a validation; default %(default)s")
+    add(
+        "--validation-episodes",
+        type=int,
+        default=EPISODES,
+        metavar="N",
+        help="goals of a validation; default %(default)s",
+    )
     add("--quiet", action="store_true", help="neither progress bar nor lines")
     return parser
 
@@ -144,9 +173,10 @@ def _chosen(parsed: argparse.Namespace, settings: Settings) -> AnyHyperparameter
 
 
 def _limited(parameters: AnyHyperparameters, parsed: argparse.Namespace) -> AnyHyperparameters:
-    """Hyperparameters with the steps and minutes of the command line."""
+    """Hyperparameters with the steps and minutes of the command line; a shorter run is validated sooner."""
     if parsed.steps is not None:
-        parameters = replace(parameters, steps=parsed.steps)
+        interval = max(1, min(parameters.interval, parsed.steps // VALIDATIONS))
+        parameters = replace(parameters, steps=parsed.steps, interval=interval)
     return parameters if parsed.minutes is None else replace(parameters, minutes=parsed.minutes)
 
 
@@ -170,7 +200,9 @@ def _check(settings: Settings, parameters: AnyHyperparameters, parsed: argparse.
 
 def _check_episodes(parsed: argparse.Namespace) -> None:
     if not 1 <= parsed.validation_episodes <= EPISODES:
-        raise ConfigurationError(f"validation-episodes must lie in 1..{EPISODES}, got {parsed.validation_episodes}")
+        raise ConfigurationError(
+            f"validation-episodes must lie in 1..{EPISODES}, got {parsed.validation_episodes}"
+        )
 
 
 def _check_device(device: str) -> None:

@@ -18,6 +18,10 @@ from agents.network import Network
 from space_envs.errors import PolicyError
 
 _ACTIVATIONS: dict[str, type[nn.Module]] = {"tanh": nn.Tanh, "relu": nn.ReLU}
+# Hyperparameters that go to stable-baselines3 under their own names.
+_PPO = "n_steps n_epochs gae_lambda clip_range ent_coef vf_coef max_grad_norm target_kl"
+_OFF_POLICY = "buffer_size learning_starts tau train_freq gradient_steps"
+_TD3 = "policy_delay target_policy_noise target_noise_clip"
 LARGEST_BUFFER = 256 * 2**20  # bytes of a replay buffer that goes into a checkpoint
 
 
@@ -43,30 +47,35 @@ def build_model(
         policy["net_arch"] = {"pi": sizes, "vf": sizes}
         policy["log_std_init"] = float(np.log(parameters.deviation))
         if isinstance(parameters, tables.BC):
-            return PPO("MlpPolicy", env, n_steps=2, **(common | {"batch_size": 2}))
-        names = ("n_steps", "n_epochs", "gae_lambda", "clip_range", "ent_coef", "vf_coef", "max_grad_norm", "target_kl")
-        return PPO("MlpPolicy", env, **common, **{name: getattr(parameters, name) for name in names})
-    names = ("buffer_size", "learning_starts", "tau", "train_freq", "gradient_steps")
-    common |= {name: getattr(parameters, name) for name in names}
+            # Its rollouts are never used: the smallest that stable-baselines3 takes without complaint.
+            common |= {"n_steps": 2, "batch_size": 2}
+            return PPO("MlpPolicy", env, **common)
+        return PPO("MlpPolicy", env, **common, **_values(parameters, _PPO))
+    common |= _values(parameters, _OFF_POLICY)
     if isinstance(parameters, tables.SAC):
         return SAC("MlpPolicy", env, **common)
     size = env.action_space.shape or (0,)
     noise = NormalActionNoise(np.zeros(size), np.full(size, parameters.exploration))
-    names = ("policy_delay", "target_policy_noise", "target_noise_clip")
-    return TD3("MlpPolicy", env, action_noise=noise, **common, **{name: getattr(parameters, name) for name in names})
+    return TD3("MlpPolicy", env, action_noise=noise, **common, **_values(parameters, _TD3))
+
+
+def _values(parameters: AnyHyperparameters, names: str) -> dict[str, Any]:
+    return {name: getattr(parameters, name) for name in names.split()}
 
 
 def actor_modules(model: BaseAlgorithm) -> tuple[list[nn.Linear], nn.Linear | nn.Parameter | None]:
     """Linear layers from features to the mean action, and what gives the log standard deviation."""
     if isinstance(model, PPO):
-        policy = model.policy
-        hidden = [layer for layer in policy.mlp_extractor.policy_net if isinstance(layer, nn.Linear)]
-        return [*hidden, policy.action_net], policy.log_std
+        policy: Any = model.policy
+        return [*_linear(policy.mlp_extractor.policy_net), policy.action_net], policy.log_std
     actor: Any = model.policy.actor
     if isinstance(model, SAC):
-        hidden = [layer for layer in actor.latent_pi if isinstance(layer, nn.Linear)]
-        return [*hidden, actor.mu], actor.log_std
-    return [layer for layer in actor.mu if isinstance(layer, nn.Linear)], None
+        return [*_linear(actor.latent_pi), actor.mu], actor.log_std
+    return _linear(actor.mu), None
+
+
+def _linear(network: nn.Module) -> list[nn.Linear]:
+    return [layer for layer in network.children() if isinstance(layer, nn.Linear)]
 
 
 def actor_parameters(model: BaseAlgorithm) -> list[nn.Parameter]:
@@ -108,7 +117,9 @@ def import_network(model: BaseAlgorithm, network: Network) -> None:
     wanted = [(layer.in_features, layer.out_features) for layer in layers]
     got = [weight.shape for weight in network.weights]
     if not isinstance(model, PPO) or network.squash or wanted != got:
-        raise PolicyError(f"the policy to start from has layers {got}, the model {wanted}; only ppo can start from one")
+        raise PolicyError(
+            f"the policy to start from has layers {got}, the model {wanted}; only ppo can start from one"
+        )
     with th.no_grad():
         for layer, weight, bias in zip(layers, network.weights, network.biases, strict=True):
             layer.weight.copy_(th.from_numpy(weight.T.copy()))

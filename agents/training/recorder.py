@@ -55,7 +55,7 @@ class Recorder:
             self._best = Validation(**load_policy_file(folder.policy).notes["validation"]).score
 
     def record(self, steps: int, network: Network, state: dict[str, Any]) -> Validation:
-        """Validate the network, keep it if it is the best so far, and write a checkpoint that holds `state`."""
+        """Validate the network, keep it if it is the best so far, write a checkpoint that holds `state`."""
         result = self._validate(lambda observation: network.actions(self.view(observation)))
         if self._best is None or result.score > self._best:
             self._best = result.score

@@ -14,7 +14,6 @@ from typing import Any
 
 from agents.hyperparameters import AnyHyperparameters, from_json, to_json
 from agents.learned_policy import POLICY_FILE
-from agents.training.trees import load_tree, save_tree
 from space_envs.errors import ConfigurationError
 from space_envs.files import atomic_write_text
 
@@ -73,7 +72,9 @@ class RunFolder:
             ConfigurationError: if it holds a run already, or cannot be made.
         """
         if self.exists():
-            raise ConfigurationError(f"{self.path} holds a run already; continue it with --resume, or choose another --output")
+            raise ConfigurationError(
+                f"{self.path} holds a run already; continue it with --resume, or choose another --output"
+            )
         config = {
             "settings": asdict(settings),
             "hyperparameters": to_json(parameters),
@@ -124,11 +125,15 @@ class RunFolder:
 
     def checkpoint(self) -> dict[str, Any] | None:
         """The last checkpoint, or None if there is none yet."""
+        from agents.training.trees import load_tree  # torch takes seconds to import
+
         path = self.path / CHECKPOINT
         return load_tree(path) if path.exists() else None
 
     def write_checkpoint(self, state: dict[str, Any]) -> None:
         """Replace the checkpoint."""
+        from agents.training.trees import save_tree
+
         save_tree(self.path / CHECKPOINT, state)
 
     def write_validation(self, history: list[dict[str, Any]]) -> None:
@@ -199,7 +204,11 @@ def commit() -> str | None:
     """The checkout's git commit, None outside of one."""
     try:
         result = subprocess.run(
-            ["git", "rev-parse", "HEAD"], cwd=Path(__file__).parent, capture_output=True, text=True, timeout=10
+            ["git", "rev-parse", "HEAD"],
+            cwd=Path(__file__).parent,
+            capture_output=True,
+            text=True,
+            timeout=10,
         )
     except (OSError, subprocess.SubprocessError):
         return None

@@ -15,9 +15,16 @@ _TREE = "tree"
 
 
 def save_tree(path: str | Path, tree: Any) -> None:
-    """Write a tree of dictionaries (string or integer keys), lists, tuples, None, bool, int, float, str, numpy
-    arrays and torch tensors; whole or not at all."""
-    arrays: dict[str, np.ndarray] = {}
+    """Write a tree, whole or not at all.
+
+    Args:
+        tree: dictionaries (string or integer keys), lists, tuples, None, bool, int, float, str, numpy arrays
+            and torch tensors.
+
+    Raises:
+        TypeError: for anything else in it.
+    """
+    arrays: dict[str, Any] = {}
     text = json.dumps(_encoded(tree, arrays))
     with atomic_write(path) as temporary:
         np.savez(temporary, **{_TREE: np.array(text)}, **arrays)
@@ -36,7 +43,7 @@ def load_tree(path: str | Path) -> Any:
         raise ConfigurationError(f"{path} is not a sound checkpoint: {error}") from error
 
 
-def _encoded(value: Any, arrays: dict[str, np.ndarray]) -> Any:
+def _encoded(value: Any, arrays: dict[str, Any]) -> Any:
     """JSON where containers and arrays are [kind, content]."""
     if value is None or isinstance(value, bool | int | float | str):
         return value

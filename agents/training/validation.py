@@ -1,4 +1,4 @@
-"""How well a policy does on the held-out part of the train split, while it learns."""
+"""How well a policy does on a split; on the held-out part of the train split while it learns."""
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -43,23 +43,28 @@ class Validation:
 
 
 class Validator:
-    """Plays the first goals of the validation split, all at once.
+    """Plays the first goals of a split, all at once.
 
     Args:
         env_id, keywords: of the environment.
         episodes: how many of the split's goals.
+        split: validation, or test for a policy that is chosen already.
+
+    Raises:
+        ConfigurationError: if the split has fewer goals.
     """
 
-    def __init__(self, env_id: str, episodes: int = EPISODES, **keywords: Any) -> None:
-        self.env = CaptureVectorEnv(env_id, episodes, autoreset_mode="disabled", **{**keywords, "split": SPLIT})
-        size = self.env.task.split_size(SPLIT)
+    def __init__(self, env_id: str, episodes: int = EPISODES, split: str = SPLIT, **keywords: Any) -> None:
+        self.split = split
+        self.env = CaptureVectorEnv(env_id, episodes, autoreset_mode="disabled", split=split, **keywords)
+        size = self.env.task.split_size(split)
         if episodes > size:
-            raise ConfigurationError(f"the validation split has {size} goals, got {episodes} episodes")
+            raise ConfigurationError(f"split {split!r} has {size} goals, got {episodes} episodes")
 
     def __call__(self, act: Callable[[NDArray], NDArray]) -> Validation:
         """Validate a policy that maps observations (N, size) to actions (N, m)."""
         env, n = self.env, self.env.num_envs
-        observation, _ = env.reset(seed=0, options={"split": SPLIT, "index": np.arange(n)})
+        observation, _ = env.reset(seed=0, options={"split": self.split, "index": np.arange(n)})
         running = np.ones(n, dtype=bool)
         total, cost, attitude = np.zeros(n), np.zeros(n), np.zeros(n)
         length = np.zeros(n, dtype=np.int64)

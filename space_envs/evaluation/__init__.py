@@ -1,0 +1,1 @@
+"""The harness: policies, rollouts, metrics, statistics and the report."""

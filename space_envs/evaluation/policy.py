@@ -104,7 +104,9 @@ class PolicyContext:
             PolicyError: naming both modes.
         """
         if self.control_mode != mode:
-            raise PolicyError(f"this policy acts in control mode {mode!r}, the environment is in {self.control_mode!r}")
+            raise PolicyError(
+                f"this policy acts in control mode {mode!r}, the environment is in {self.control_mode!r}"
+            )
 
     def check_observation(self, observation: NDArray) -> Array:
         """Observations as float64 (N, size).
@@ -114,7 +116,9 @@ class PolicyContext:
         """
         observation = np.asarray(observation, dtype=np.float64)
         if observation.ndim != 2 or observation.shape[1] != self.layout.size:
-            raise PolicyError(f"observations must have shape (N, {self.layout.size}), got {observation.shape}")
+            raise PolicyError(
+                f"observations must have shape (N, {self.layout.size}), got {observation.shape}"
+            )
         if not np.isfinite(observation).all():
             raise PolicyError("observations must be finite, got NaN or infinity")
         return observation
@@ -133,7 +137,9 @@ def load_policy_class(path: str) -> type[Policy]:
     try:
         module = importlib.import_module(module_name)
     except Exception as error:  # whatever a user's module does when it is imported
-        raise PolicyError(f"module {module_name!r} of policy {path!r} cannot be imported: {error!r}") from error
+        raise PolicyError(
+            f"module {module_name!r} of policy {path!r} cannot be imported: {error!r}"
+        ) from error
     if not hasattr(module, class_name):
         classes = [name for name, value in vars(module).items() if isinstance(value, type)]
         raise PolicyError(str(unknown_name(f"class of module {module_name!r}", class_name, classes)))

@@ -173,7 +173,8 @@ def _act(
         raise PolicyError(f"{type(policy).__name__} raised {type(error).__name__}: {error}") from error
     if action.shape != (len(observation), *shape):
         raise PolicyError(
-            f"{type(policy).__name__} returned actions of shape {action.shape}, expected {(len(observation), *shape)}"
+            f"{type(policy).__name__} returned actions of shape {action.shape}, "
+            f"expected {(len(observation), *shape)}"
         )
     return action, state
 

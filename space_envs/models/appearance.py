@@ -12,7 +12,7 @@ from space_envs.models.materials import add_earth, add_materials, add_sky
 from space_envs.models.parameters import DHLink, SingleArmParameters
 from space_envs.models.shapes import Brush, add_crumpled_box, add_revolved, look_at
 
-SUN = (0.45, 0.55, -0.75)  # the way its light travels, inertial frame
+SUN = (-0.50, 0.45, -0.74)  # the way its light travels, inertial frame
 JOINT_RADIUS = 0.115  # m, housings of the motors; links are drawn with parameters.link_radius
 
 
@@ -37,9 +37,9 @@ def draw_robot(spec: mujoco.MjSpec, parameters: SingleArmParameters) -> None:
     _draw_gripper(Brush(hand), parameters.links[-1].d)
     hand.add_camera(
         name="end_effector",
-        pos=[0.22, 0.0, parameters.links[-1].d - 0.42],
-        quat=look_at((0.22, 0.0, -0.42), (0.0, 0.0, 0.35), up=(1.0, 0.0, 0.0)),
-        fovy=65,
+        pos=[0.18, 0.0, parameters.links[-1].d - 0.25],
+        quat=look_at((0.18, 0.0, -0.25), (0.02, 0.0, 0.30), up=(1.0, 0.0, 0.0)),
+        fovy=70,
     )
 
 
@@ -211,7 +211,7 @@ def draw_environment(spec: mujoco.MjSpec) -> None:
     """Add materials, meshes, sky, sun and the cameras `overview` and `chase`, and how it is rendered."""
     add_materials(spec)
     add_sky(spec)
-    add_earth(spec, pos=(-46.0, 14.0, -42.0), radius=38.0)
+    add_earth(spec, pos=(-370.0, 110.0, -340.0), radius=305.0)
     add_crumpled_box(spec, "debris_foil", [0.6, 0.7, 0.6], depth=0.02, cells=9)
     bowl = [(0.001, 0.0), (0.10, 0.012), (0.20, 0.05), (0.28, 0.10)]
     add_revolved(spec, "dish", [*bowl, *((max(r - 0.008, 0.001), z + 0.008) for r, z in reversed(bowl))])
@@ -235,13 +235,15 @@ def draw_environment(spec: mujoco.MjSpec) -> None:
     spec.visual.headlight.diffuse = [0.10, 0.10, 0.12]
     spec.visual.headlight.specular = [0.0, 0.0, 0.0]
     spec.visual.quality.shadowsize = 2048
+    spec.visual.quality.numslices = 20
+    spec.visual.quality.numstacks = 10
     spec.visual.map.shadowclip = 1.0
     spec.visual.map.znear = 0.01
-    spec.visual.map.zfar = 40.0
+    spec.visual.map.zfar = 100.0  # times the extent: beyond the limb of the planet
     spec.stat.extent = 5.0
     spec.stat.center = [0.0, 0.8, 1.0]
 
-    eye, at = (5.4, -1.3, 3.1), (-0.3, 0.75, 0.95)
+    eye, at = (6.0, -1.4, 3.3), (-0.3, 0.8, 1.15)
     world.add_camera(name="overview", pos=eye, quat=look_at(eye, at), fovy=45)
     eye, at = (3.4, -3.6, 2.9), (0.0, 0.6, 0.9)
     spec.body("satellite").add_camera(

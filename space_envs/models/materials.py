@@ -1,5 +1,7 @@
 """Colours, foils and skies that the models are drawn with, all procedural so that MJCF can hold them."""
 
+from math import cos, sin
+
 import mujoco
 
 # name: (red, green, blue, alpha), specular, shininess, emission
@@ -33,7 +35,7 @@ def add_materials(spec: mujoco.MjSpec) -> None:
     plane = mujoco.mjtTexture.mjTEXTURE_2D
     cell = {"type": plane, "builtin": flat, "mark": edge, "width": 64, "height": 64}
     spec.add_texture(name="cell", rgb1=[0.02, 0.05, 0.20], markrgb=[0.45, 0.48, 0.55], **cell)
-    spec.add_texture(name="dead_cell", rgb1=[0.06, 0.06, 0.10], markrgb=[0.30, 0.28, 0.26], **cell)
+    spec.add_texture(name="dead_cell", rgb1=[0.10, 0.11, 0.17], markrgb=[0.42, 0.39, 0.34], **cell)
     spec.add_texture(name="mirror", rgb1=[0.70, 0.75, 0.80], markrgb=[0.40, 0.42, 0.45], **cell)
     _textured(spec, "solar_cells", "cell", (4, 5), specular=0.9, shininess=0.8)
     _textured(spec, "dead_cells", "dead_cell", (3, 4), specular=0.5, shininess=0.5)
@@ -57,23 +59,28 @@ def add_sky(spec: mujoco.MjSpec) -> None:
 
 
 def add_earth(spec: mujoco.MjSpec, pos: tuple[float, float, float], radius: float) -> None:
-    """Add the limb of a planet: an ocean and thin shells of cloud at three scales, which blend into weather."""
+    """Add the limb of a planet: an ocean under cloud at several scales, which blend into weather."""
     mesh = spec.add_mesh(name="planet", scale=[radius, radius, radius])
     mesh.make_sphere(subdivision=4)
     mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
-    layers = [("ocean", 0, 0.0, 1.0), ("weather", 14, 0.30, 0.45), ("cloud", 40, 0.28, 0.40), ("cirrus", 120, 0.25, 0.30)]
-    for name, width, density, alpha in layers:
+    layers = [
+        ("ocean", 12, 0.30, 1.0, (0.36, 0.46, 0.66)),
+        ("weather", 34, 0.28, 0.34, (0.92, 0.95, 1.0)),
+        ("cloud", 80, 0.28, 0.30, (0.92, 0.95, 1.0)),
+        ("cirrus", 190, 0.25, 0.26, (0.92, 0.95, 1.0)),
+    ]
+    for turn, (name, width, density, alpha, cloud) in enumerate(layers):
         spec.add_texture(
             name=name,
             type=mujoco.mjtTexture.mjTEXTURE_CUBE,
             builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT,
-            mark=mujoco.mjtMark.mjMARK_RANDOM if density else mujoco.mjtMark.mjMARK_NONE,
-            rgb1=[0.05, 0.16, 0.42],
-            rgb2=[0.05, 0.16, 0.42],
-            markrgb=[0.90, 0.94, 1.0],
+            mark=mujoco.mjtMark.mjMARK_RANDOM,
+            rgb1=[0.06, 0.19, 0.48],
+            rgb2=[0.06, 0.19, 0.48],
+            markrgb=cloud,
             random=density,
-            width=max(width, 1),
-            height=max(width, 1),
+            width=width,
+            height=width,
         )
         _textured(spec, name, name, (1, 1), rgba=[1, 1, 1, alpha], specular=0.1, shininess=0.1)
         spec.worldbody.add_geom(
@@ -81,6 +88,7 @@ def add_earth(spec: mujoco.MjSpec, pos: tuple[float, float, float], radius: floa
             meshname="planet",
             material=name,
             pos=pos,
+            quat=[cos(turn), sin(turn) * 0.6, 0.0, sin(turn) * 0.8],  # so that their grids do not line up
             mass=0,
             contype=0,
             conaffinity=0,

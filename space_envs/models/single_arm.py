@@ -31,8 +31,8 @@ class ModelOptions:
         variant: `paper` takes the inertias of Table II literally; `physical` makes the links solid rods
             and the satellite a homogeneous cube of the same masses.
         timestep: integration step of RK4, s. docs/momentum.md shows what follows from it.
-        visual: whether the drawn geometry is kept. It has no mass and does not collide; the simulation
-            leaves it out since MuJoCo would move every geom along.
+        visual: whether geometry, lights and cameras are drawn. They have no mass and do not collide; the
+            simulation leaves them out since MuJoCo would move every geom along.
     """
 
     variant: str = "paper"
@@ -74,7 +74,6 @@ def single_arm_spec(
     spec.compiler.degree = False
     spec.compiler.balanceinertia = False
     spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
-    spec.compiler.discardvisual = not options.visual
     spec.option.gravity = [0.0, 0.0, 0.0]
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
     spec.option.timestep = options.timestep
@@ -119,9 +118,10 @@ def single_arm_spec(
 
     _add_sensors(spec, len(parameters.links))
     spec.add_key(name="home", qpos=[0, 0, 0, 1, 0, 0, 0, *parameters.home])
-    draw_robot(spec, parameters)
-    draw_target(target)
-    draw_environment(spec)
+    if options.visual:
+        draw_robot(spec, parameters)
+        draw_target(target)
+        draw_environment(spec)
     return spec
 
 

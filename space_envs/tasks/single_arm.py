@@ -1,4 +1,9 @@
-"""SpaceCapture/SingleArm: bring the end-effector to a grapple pose that rests in the inertial frame."""
+"""SpaceCapture/SingleArm: bring the end-effector to a grapple pose that rests in the inertial frame.
+
+The base floats, so where the end-effector arrives depends on the way it takes. A goal is the pose in which a
+minimum-jerk joint motion of the free-floating robot ends, from home to a configuration drawn around it: every
+goal can be reached. Nothing is touched; a capture is a matter of being close, aligned and slow for long enough.
+"""
 
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
@@ -85,10 +90,11 @@ class SingleArmTask:
         split: which goals an episode draws from when `reset` does not say.
         reward: dense or sparse.
         variant: inertias of the model, paper or physical.
-        control_period: s. timestep: of the simulation, s; the default is the largest whose momentum drift
-            meets the published bound (docs/momentum.md). horizon: steps after which an episode is cut.
+        control_period: between two actions, s. timestep: of the simulation, s; the default is the largest
+            whose momentum drift meets the published bound (docs/momentum.md). horizon: steps after which an
+            episode is cut.
         envelope: of a capture. attitude_limit: deg from the initial attitude at which it counts as lost.
-        c: m/rad of eq. 20.
+        c: angular to linear conversion of eq. 20, m/rad.
     """
 
     difficulty: str = "medium"

@@ -1,0 +1,44 @@
+"""Run the benchmarks whose tables are in docs/, one after the other: python -m benchmarks [NAME ...]."""
+
+import argparse
+import pkgutil
+import subprocess
+import sys
+from importlib import import_module
+
+import benchmarks
+
+NOT_COMMANDS = ("__main__", "machine")
+
+
+def names() -> list[str]:
+    """Names of all benchmarks."""
+    return [m.name for m in pkgutil.iter_modules(benchmarks.__path__) if m.name not in NOT_COMMANDS]
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run them, each in a process of its own since some choose processor cores; returns the exit status."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks",
+        description="Run benchmarks and print their tables; python -m benchmarks.NAME --help has each one's options.",
+    )
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(names())}; default all")
+    parser.add_argument("--list", action="store_true", help="say what each one measures, and stop")
+    options = parser.parse_args(arguments)
+    if unknown := sorted(set(options.names) - set(names())):
+        parser.error(f"unknown benchmark {', '.join(unknown)}; there are {', '.join(names())}")
+    chosen = options.names or names()
+    if options.list:
+        for name in chosen:
+            doc = import_module(f"benchmarks.{name}").__doc__ or ""
+            print(f"{name:16}{' '.join(doc.split(chr(10) * 2)[0].split())}")
+        return 0
+    status = 0
+    for name in chosen:
+        print(f"\n## {name}\n", flush=True)
+        status = max(status, subprocess.run([sys.executable, "-m", f"benchmarks.{name}"]).returncode)
+    return status
+
+
+if __name__ == "__main__":
+    sys.exit(main())

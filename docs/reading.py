@@ -1,0 +1,95 @@
+"""What the code says about itself: comments beside values, docstrings, and Markdown made of them."""
+
+import ast
+import inspect
+import re
+from collections.abc import Iterable, Sequence
+from types import ModuleType
+from typing import Any
+
+from benchmarks.machine import markdown_table
+
+_SECTION = re.compile(r"^(Args|Attributes|Returns|Raises):$")
+_PADDED = 40  # characters of a last column that is padded
+UNITS = ("m", "rad", "s", "deg", "m/s", "rad/s", "deg/s")
+
+
+def comments(thing: ModuleType | type) -> dict[str, str]:
+    """Comment of each value assigned in a module's or a class's body: at the line's end, or above it."""
+    source = inspect.cleandoc("\n" + inspect.getsource(thing))
+    tree: Any = ast.parse(source)
+    body = tree.body if isinstance(thing, ModuleType) else tree.body[0].body
+    lines = source.splitlines()
+    found = {}
+    for node in body:
+        if not isinstance(node, ast.Assign | ast.AnnAssign):
+            continue
+        target = node.targets[0] if isinstance(node, ast.Assign) else node.target
+        comment = lines[node.end_lineno - 1].encode()[node.end_col_offset :].decode().strip()
+        above, line = [], node.lineno - 2
+        while not comment and line >= 0 and lines[line].lstrip().startswith("#"):
+            above.insert(0, lines[line].strip().lstrip("# "))
+            line -= 1
+        if isinstance(target, ast.Name) and (comment or above):
+            found[target.id] = comment.lstrip("# ") or " ".join(above)
+    return found
+
+
+def section(docstring: str | None, name: str) -> str:
+    """One section of a docstring (Args, Attributes, ...), or what stands before the first for name ''."""
+    parts: dict[str, list[str]] = {"": []}
+    current = ""
+    for line in inspect.cleandoc(docstring or "").splitlines():
+        if match := _SECTION.match(line):
+            current = match[1]
+        else:
+            parts.setdefault(current, []).append(line)
+    return inspect.cleandoc("\n".join(parts.get(name, [])))
+
+
+def described(text: str, names: Iterable[str]) -> dict[str, str]:
+    """What a docstring's section says about each name, in entries `name: ...` or `name, name: ...`."""
+    either = "|".join(map(re.escape, names))
+    parts = re.split(rf"(?<![\w*`])((?:{either})(?:, (?:{either}))*): ", " ".join(text.split()))
+    found = {}
+    for group, meaning in zip(parts[1::2], parts[2::2], strict=True):
+        found |= dict.fromkeys(group.split(", "), meaning.strip())
+    return found
+
+
+def summary(thing: Any) -> str:
+    """First sentence of a docstring, on one line."""
+    paragraph = " ".join((inspect.getdoc(thing) or "").split("\n\n")[0].split())
+    return re.split(r"(?<=\.) (?=[A-Z])", paragraph)[0]
+
+
+def flowed(text: str) -> str:
+    """A docstring's paragraphs, each on one line."""
+    return "\n\n".join(" ".join(part.split()) for part in text.split("\n\n"))
+
+
+def split_unit(meaning: str) -> tuple[str, str]:
+    """The unit that ends a meaning after a comma, and the rest; no unit is an empty one."""
+    rest, _, unit = meaning.rpartition(", ")
+    if unit in UNITS and rest:
+        return unit, rest
+    return ("", meaning) if meaning not in UNITS else (meaning, "")
+
+
+def number(value: Any) -> str:
+    """A number, or several joined by commas, as a reader writes it; other values as Python does."""
+    if isinstance(value, float):
+        return f"{value:.5g}"
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return ", ".join(number(each) for each in value)
+    return str(value)
+
+
+def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A Markdown table; bars inside cells are escaped. A wide last column is not padded."""
+    cells = [[cell.replace("|", r"\|") for cell in row] for row in rows]
+    text = markdown_table(list(header), cells)
+    if max(len(row[-1]) for row in cells) <= _PADDED:
+        return text
+    head, rule, *body = (re.sub(r" +\|$", " |", line) for line in text.splitlines())
+    return "\n".join([head, re.sub(r"-+\|$", "---|", rule), *body])
