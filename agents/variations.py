@@ -27,7 +27,7 @@ class DemonstratorConfig:
         weight_decades: kind cost_matrices: half-width of the log-uniform factors on the joints' position
             weights, powers of ten; the control weights vary by half as many.
         ramp: least and largest exponent with which the position weights grow, in all kinds.
-        scale_decades: half-width of the log-uniform factor on all position weights, powers of ten, in all kinds.
+        scale_decades: half-width of the log-uniform factor on all position weights, powers of ten, likewise.
         redundancy: standard deviation of the configuration that the redundancy is drawn to, rad a joint.
         radius: kind obstacle: least and largest radius, rad. miss: distance of its centre from the way, rad.
         noise: kind noise: standard deviation of the acceleration that disturbs every control period, rad/s^2.

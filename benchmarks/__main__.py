@@ -20,7 +20,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run them, each in a process of its own since some choose processor cores; returns the exit status."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks",
-        description="Run benchmarks and print their tables; python -m benchmarks.NAME --help has each one's options.",
+        description="Run benchmarks and print their tables. python -m benchmarks.NAME --help says more.",
     )
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(names())}; default all")
     parser.add_argument("--list", action="store_true", help="say what each one measures, and stop")

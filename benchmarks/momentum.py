@@ -88,9 +88,7 @@ def main(arguments: list[str] | None = None) -> None:
             + [f"{results[m][1]:.1e}" for m in CONTROL_MODES]
             + [f"{max(r[0] for r in results.values()):.1e}", f"{error:.1e}", f"{angle:.1e}", f"{rate:,.0f}"]
         )
-    print(
-        f"\n{options.episodes} episodes of 20 s a control mode, seed {options.seed}; {machine_class()}\n"
-    )
+    print(f"\n{options.episodes} episodes of 20 s a control mode, seed {options.seed}; {machine_class()}\n")
     header = [
         "variant",
         "step, ms",

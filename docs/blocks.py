@@ -65,7 +65,15 @@ def links() -> str:
                 number(inertia.tolist()),
             )
         )
-    header = ("body", "alpha, rad", "a, m", "d, m", "mass, kg", "`paper` inertia, kg m^2", "`physical` inertia, kg m^2")
+    header = (
+        "body",
+        "alpha, rad",
+        "a, m",
+        "d, m",
+        "mass, kg",
+        "`paper` inertia, kg m^2",
+        "`physical` inertia, kg m^2",
+    )
     convention = " ".join((inspect.getdoc(DHLink) or "").split("\n\n")[1].split())
     return f"{convention}\n\n{table(header, rows)}"
 

@@ -9,9 +9,10 @@ import numpy as np
 
 from docs.reading import comments, described, flowed, number, section, split_unit, summary, table
 from space_envs.control import CONTROL_MODES, MODES
-from space_envs.envs import OUTCOMES, RESET_OPTIONS, CaptureVectorEnv
+from space_envs.envs import OUTCOMES, CaptureVectorEnv
 from space_envs.models.single_arm import ModelOptions
 from space_envs.registration import ENTRIES, ENVELOPE_KEYWORDS
+from space_envs.reset_options import RESET_OPTIONS
 from space_envs.tasks.common import DIFFICULTIES, REWARDS, SPLITS
 
 OUTCOME_TEXT = {
@@ -83,6 +84,10 @@ def _sentence(text: str) -> str:
     return text[:1].upper() + text[1:].rstrip(".") + "."
 
 
+def _span(ends: tuple[float, float]) -> str:
+    return " to ".join(number(end) for end in ends)
+
+
 def _opening(env: CaptureVectorEnv) -> str:
     # The module's first paragraph is its title; ENTRIES has the same in a line that stands alone.
     _, *rest = flowed(inspect.getdoc(_module(env)) or "").split("\n\n")
@@ -100,8 +105,8 @@ envs = gym.make_vec("{env.env_id}", num_envs=16, control_mode="reactionless", di
 observations, infos = envs.reset(seed=0)
 ```"""
     vector = (
-        "Seed `s` gives row `i` of the vector environment the episode that seed `s + i` gives the single one, "
-        "bit for bit. [Physics and symbols](../physics.md) says what is simulated."
+        "Seed `s` gives row `i` of the vector environment the episode that seed `s + i` gives the single "
+        "one, bit for bit. [Physics and symbols](../physics.md) says what is simulated."
     )
     return "\n\n".join([_sentence(ENTRIES[env.env_id].summary), *rest, example, vector])
 
@@ -128,8 +133,9 @@ def _robot(env: CaptureVectorEnv) -> str:
     return "\n\n".join(
         [
             "## Robot",
-            "An episode starts at `home` with the satellite at the inertial origin and everything at rest, so "
-            "that total momentum is zero and stays so. Limits are those of the drives, in every control mode.",
+            "An episode starts at `home` with the satellite at the inertial origin and everything at rest, "
+            "so that total momentum is zero and stays so. Limits are those of the drives, in every control "
+            "mode.",
             table(("", "value"), rows),
             f"Keyword `variant`: {variants['variant']}",
         ]
@@ -148,8 +154,8 @@ def _actions(env: CaptureVectorEnv) -> str:
         [
             "## Actions",
             f"`Box(-1, 1, (m,), {env.single_action_space.dtype})`. Actions outside the box are clipped and "
-            "counted in `info`; a wrong shape, NaN or infinity is an `ActionError` before anything moves. Every "
-            "mode ends in joint torques, held over the control period.",
+            "counted in `info`; a wrong shape, NaN or infinity is an `ActionError` before anything moves. "
+            "Every mode ends in joint torques, held over the control period.",
             table(("control mode", "m", "physical units per unit action", "meaning"), rows),
         ]
     )
@@ -181,7 +187,9 @@ def _rewards(env: CaptureVectorEnv) -> str:
         weights = [getattr(task.weights, field.name) for task in tasks.values()]
         rows.append((f"`{field.name}`", *[number(w) if w else "" for w in weights], said[field.name]))
     header = ["term", *[f"`{reward}`" for reward in REWARDS], "what is weighted"]
-    goal = "`space_envs.wrappers.GoalConditioned` wraps the single environment for hindsight experience replay."
+    goal = (
+        "`space_envs.wrappers.GoalConditioned` wraps the single environment for hindsight experience replay."
+    )
     return "\n\n".join(
         [
             "## Reward",
@@ -207,8 +215,8 @@ def _capture(env: CaptureVectorEnv) -> str:
             "## Capture and end of an episode",
             f"{summary(type(envelope))} The reward has no part in this.",
             table(("of end-effector to grapple", "at most", "unit", "keyword"), limits[:-1]),
-            f"Hold time: {limits[-1][1]} {limits[-1][2]} (keyword {limits[-1][3]}), in consecutive control steps.",
-            table(("`info[\"outcome\"]`", "flag", "when"), ends),
+            f"Hold time: {limits[-1][1]} {limits[-1][2]} (keyword {limits[-1][3]}), in consecutive steps.",
+            table(('`info["outcome"]`', "flag", "when"), ends),
         ]
     )
 
@@ -236,12 +244,11 @@ def _goals(env: CaptureVectorEnv) -> str:
             "Goals are drawn from fixed seeds, so that a goal's index names it for ever. Without options, "
             "`reset` draws an index of the environment's split from the environment's generator.",
             table(("split", "goals", "seed", "for"), rows),
-            f"Out of distribution, the largest joint displacement is {' to '.join(map(number, module.OOD_RADIUS))} "
-            f"of the radius, and the satellite's mass and inertia are {' to '.join(map(number, module.OOD_MASS))} "
-            "of the nominal ones. Policies are given the nominal model all the same.",
-            "Distances are those of the goals from where the end-effector starts: least, median, largest. Radius: "
-            + said["RADIUS"][0].lower()
-            + said["RADIUS"][1:],
+            f"Out of distribution, the largest joint displacement is {_span(module.OOD_RADIUS)} of the "
+            f"radius, and the satellite's mass and inertia are {_span(module.OOD_MASS)} of the nominal ones. "
+            "Policies are given the nominal model all the same.",
+            "Distances are those of the goals from where the end-effector starts: least, median, largest. "
+            f"Radius: {said['RADIUS'][0].lower()}{said['RADIUS'][1:]}",
             table(("difficulty", "radius", "test, m", "ood, m"), distances),
         ]
     )
@@ -269,8 +276,8 @@ def _keywords(env: CaptureVectorEnv) -> str:
     return "\n\n".join(
         [
             "## Keywords",
-            "Of `gym.make` and `gym.make_vec`. A name or value that is not valid is a `ConfigurationError` that "
-            "names the nearest valid one.",
+            "Of `gym.make` and `gym.make_vec`. A name or value that is not valid is a `ConfigurationError` "
+            "that says which are, and which is nearest.",
             table(("keyword", "default", "meaning"), rows),
         ]
     )
@@ -296,9 +303,9 @@ def _info() -> str:
         [
             "## Info",
             table(("key", "meaning"), rows),
-            "The vector environment's infos hold an array for each key, and with a leading underscore the mask of "
-            "rows that have it. In autoreset mode `same_step`, rows that ended have their last observation in "
-            "`final_obs` and their last info in `final_info`.",
+            "The vector environment's infos hold an array for each key, and with a leading underscore the "
+            "mask of rows that have it. In autoreset mode `same_step`, rows that ended have their last "
+            "observation in `final_obs` and their last info in `final_info`.",
         ]
     )
 

@@ -1,9 +1,9 @@
 """Write those parts of the documentation that come from the code, or from measurements.
 
-    python -m docs.generate             write the pages of all ids and the generated blocks of the others
-    python -m docs.generate --check     change nothing; name the pages that are stale, and exit with 1
-    python -m docs.generate --measure momentum speed attitude_cost
-                                        run the benchmarks that these pages name, and insert what they print
+python -m docs.generate             write the pages of all ids and the generated blocks of the others
+python -m docs.generate --check     change nothing; name the pages that are stale, and exit with 1
+python -m docs.generate --measure momentum speed attitude_cost
+                                    run the benchmarks that these pages name, and insert what they print
 """
 
 import argparse
@@ -87,12 +87,20 @@ def main(arguments: list[str] | None = None) -> int:
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--check", action="store_true", help="name stale pages and exit with 1 if there are any")
     parser.add_argument(
-        "--measure", nargs="+", choices=sorted(measured_pages()), metavar="PAGE", help="measure for these pages"
+        "--check", action="store_true", help="name stale pages and exit with 1 if there are any"
     )
     parser.add_argument(
-        "--reference", default=REFERENCE, help="python with gymnasium-robotics for page speed (default %(default)s)"
+        "--measure",
+        nargs="+",
+        choices=sorted(measured_pages()),
+        metavar="PAGE",
+        help="measure for these pages",
+    )
+    parser.add_argument(
+        "--reference",
+        default=REFERENCE,
+        help="python with gymnasium-robotics for page speed (default %(default)s)",
     )
     options = parser.parse_args(arguments)
     if options.check:

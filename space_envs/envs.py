@@ -14,6 +14,7 @@ from space_envs.dynamics.rotations import Array
 from space_envs.errors import ActionError, ConfigurationError, unknown_name
 from space_envs.models.parameters import SINGLE_ARM
 from space_envs.registration import make_task
+from space_envs.reset_options import choose_start, rows_to_reset
 from space_envs.simulation import Simulation
 
 if TYPE_CHECKING:
@@ -22,15 +23,6 @@ if TYPE_CHECKING:
 OUTCOMES = ("running", "captured", "timeout", "attitude_lost", "diverged")
 _RUNNING, _CAPTURED, _TIMEOUT, _ATTITUDE_LOST, _DIVERGED = range(5)
 _OUTCOME_NAMES = np.array(OUTCOMES, dtype=object)
-RESET_OPTIONS = (
-    "split",
-    "index",
-    "goal_position",
-    "goal_quaternion",
-    "joint_position",
-    "joint_velocity",
-    "reset_mask",
-)
 _COPIED = (
     "_generators",
     "_observation",
@@ -163,19 +155,12 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
             ConfigurationError: for an option, split or index that does not exist.
             GoalError: for a goal that is malformed or out of reach.
         """
-        options = dict(options or {})
-        for name in options:
-            if name not in RESET_OPTIONS:
-                raise unknown_name("reset option", name, RESET_OPTIONS)
-        self._seed(seed)
-        mask = np.asarray(options.pop("reset_mask", self._all))
-        if mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
-            raise ConfigurationError(
-                f"reset_mask must be bool of shape ({self.num_envs},), got {mask.dtype} {mask.shape}"
-            )
-        if not self._started and not mask.all():
+        options = options or {}
+        rows = rows_to_reset(options, self.num_envs)
+        if not self._started and len(rows) < self.num_envs:
             raise ConfigurationError("the first reset must reset every row")
-        self._begin(np.flatnonzero(mask), options)
+        self._seed(seed)
+        self._begin(rows, options)
         self._started = True
         if self.render_mode == "human":
             self.render()
@@ -202,89 +187,23 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
 
     def _begin(self, rows: NDArray[np.int64], options: dict[str, Any]) -> None:
         """Reset rows (k,) of the simulation and of the bookkeeping, and observe them."""
-        position, quaternion, scale, split, index = self._choose_goals(rows, options)
+        start = choose_start(self.task, options, rows, self._generators)
         simulation = self.simulation
-        joints = {
-            name: self._joint_option(rows, options, name)
-            for name in ("joint_position", "joint_velocity")
-            if name in options
-        }
         simulation.reset(rows)
-        simulation.scale_base(rows, scale)
-        simulation.mocap_pos[rows, 0] = position
-        simulation.mocap_quat[rows, 0] = quaternion
-        for name, value in joints.items():
-            getattr(simulation, name)[rows] = value
-        if "joint_velocity" in joints:
+        simulation.scale_base(rows, start.mass_scale)
+        simulation.mocap_pos[rows, 0] = start.position
+        simulation.mocap_quat[rows, 0] = start.quaternion
+        if start.joint_position is not None:
+            simulation.joint_position[rows] = start.joint_position
+        if start.joint_velocity is not None:
+            simulation.joint_velocity[rows] = start.joint_velocity
             simulation.set_base_velocity(rows)
         simulation.refresh(rows)
         self.drive.reset(rows)
-        self._index[rows], self._split[rows] = index, split
+        self._index[rows], self._split[rows] = start.index, start.split
         for counter in (self._steps, self._held, self._clipped, self._outcome):
             counter[rows] = 0
         self._observation[rows] = self.task.observe(simulation.sensors, self._time())[rows]
-
-    def _choose_goals(
-        self, rows: NDArray[np.int64], options: dict[str, Any]
-    ) -> tuple[Array, Array, Array, NDArray, NDArray[np.int64]]:
-        """Goal positions, quaternions, mass scales, split names and indices for rows (k,)."""
-        given = [name for name in ("goal_position", "goal_quaternion") if name in options]
-        if len(given) == 1:
-            raise ConfigurationError("goal_position and goal_quaternion must be given together")
-        if given:
-            if "split" in options or "index" in options:
-                raise ConfigurationError("give either a goal or a split and index, not both")
-            position, quaternion = self.task.check_goals(
-                self._rows_option(rows, options, "goal_position", 3),
-                self._rows_option(rows, options, "goal_quaternion", 4),
-            )
-            none = np.full(len(rows), -1, dtype=np.int64)
-            return position, quaternion, np.ones(len(rows)), np.full(len(rows), "given", dtype=object), none
-        name = options.get("split", self.task.split)
-        if "index" in options:
-            index = np.asarray(options["index"])
-            if index.shape not in ((), (self.num_envs,)):
-                raise ConfigurationError(
-                    f"index must be a number or {self.num_envs} of them, got shape {index.shape}"
-                )
-            index = np.broadcast_to(index, (self.num_envs,))[rows]
-        else:
-            size = self.task.split_size(name)
-            index = np.array([self._generators[row].integers(size) for row in rows], dtype=np.int64)
-        goals = self.task.goals(name, index)
-        return (
-            goals.position,
-            goals.quaternion,
-            goals.mass_scale,
-            np.full(len(rows), name, dtype=object),
-            index,
-        )
-
-    def _joint_option(self, rows: NDArray[np.int64], options: dict[str, Any], name: str) -> Array:
-        value = self._rows_option(rows, options, name, self.simulation.n_joints)
-        limits = (
-            self.task.robot.range
-            if name == "joint_position"
-            else SINGLE_ARM.rate_limit * np.array([[-1.0, 1.0]])
-        )
-        if (value < limits[:, 0]).any() or (value > limits[:, 1]).any():
-            raise ConfigurationError(
-                f"{name} outside its limits: got {value.tolist()}, limits {limits.tolist()}"
-            )
-        return value
-
-    def _rows_option(self, rows: NDArray[np.int64], options: dict[str, Any], name: str, width: int) -> Array:
-        try:
-            value = np.asarray(options[name], dtype=np.float64)
-        except (TypeError, ValueError):
-            raise ConfigurationError(f"{name} must be numbers, got {options[name]!r}") from None
-        if value.shape not in ((width,), (self.num_envs, width)):
-            raise ConfigurationError(
-                f"{name} must have shape ({width},) or ({self.num_envs}, {width}), got {value.shape}"
-            )
-        if not np.isfinite(value).all():
-            raise ConfigurationError(f"{name} must be finite, got {value.tolist()}")
-        return np.broadcast_to(value, (self.num_envs, width))[rows]
 
     # Step ----------------------------------------------------------------------------------------------
 

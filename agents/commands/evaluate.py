@@ -94,11 +94,11 @@ def run(options: argparse.Namespace, arguments: list[str]) -> None:
     """
     if options.env not in ENTRIES:
         raise unknown_name("environment id", options.env, ENTRIES)
+    if options.seed < 0:
+        raise ConfigurationError(f"seed must not be negative, got {options.seed}")
     keywords = {"difficulty": options.difficulty, "split": options.split, "variant": options.variant}
     task = make_task(options.env, keywords)
     indices = split_indices(task, options.split, options.episodes, options.seed)
-    if options.seed < 0:
-        raise ConfigurationError(f"seed must not be negative, got {options.seed}")
     policies = _policies(options)
     started = perf_counter()
     records: list[EpisodeRecord] = []

@@ -57,6 +57,7 @@ def ship(run: RunFolder, name: str) -> dict[str, Any]:
         "settings": config["settings"],
         "hyperparameters": config["hyperparameters"],
         "versions": config["versions"],
+        "commit": config["commit"],
         "created": config["created"],
         "summary": summary,
         "test": result.to_json(),

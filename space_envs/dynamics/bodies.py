@@ -30,13 +30,16 @@ class BodyMotion:
         return np.concatenate([self.linear.sum(axis=-2), self.angular.sum(axis=-2)], axis=-1)
 
 
-def body_motion(robot: FloatingRobot, qpos: Array, qvel: Array) -> BodyMotion:
+def body_motion(
+    robot: FloatingRobot, qpos: Array, qvel: Array, base_scale: Array | float = 1.0
+) -> BodyMotion:
     """Momenta of all bodies.
 
     Args:
         qpos: (..., 7 + n) base position m, base quaternion, joint angles rad.
         qvel: (..., 6 + n) base velocity in inertial axes m/s, base angular velocity in base axes rad/s, joint
             rates rad/s (MuJoCo's convention for a free joint).
+        base_scale: (...,) factor on the base's mass and inertia.
     """
     position, quaternion, q = qpos[..., :3], qpos[..., 3:7], qpos[..., 7:]
     spin, rates = qvel[..., 3:6], qvel[..., 6:]
@@ -52,8 +55,10 @@ def body_motion(robot: FloatingRobot, qpos: Array, qvel: Array) -> BodyMotion:
     at_origin = np.concatenate([np.zeros((*q.shape[:-1], 1, 3)), carried @ moving], axis=-2)
     speed = at_origin + velocity[..., None, :] + cross(omega, com)
     inertia = rotation @ robot.inertia @ rotation.swapaxes(-1, -2)
-    own = (inertia @ omega[..., None])[..., 0]
-    linear = robot.mass[:, None] * speed
+    scale = np.ones((*q.shape[:-1], len(robot.mass), 1))
+    scale[..., 0, 0] = base_scale
+    own = scale * (inertia @ omega[..., None])[..., 0]
+    linear = scale * robot.mass[:, None] * speed
     energy = 0.5 * (linear * speed).sum(axis=(-1, -2)) + 0.5 * (own * omega).sum(axis=(-1, -2))
     turn = to_matrix(quaternion)[..., None, :, :]
     inertial_com = position[..., None, :] + (turn @ com[..., None])[..., 0]

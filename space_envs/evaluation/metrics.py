@@ -37,7 +37,7 @@ def episode_metrics(rollout: Rollout, task: SingleArmTask) -> dict[str, Array]:
     momentum_drift: largest change of total linear or angular momentum since the start, N s or N m s.
     """
     dt = task.control_period
-    motion = body_motion(task.robot, rollout.qpos, rollout.qvel)
+    motion = body_motion(task.robot, rollout.qpos, rollout.qvel, rollout.mass_scale[:, None])
     alive = np.arange(rollout.torque.shape[1]) < rollout.length[:, None]  # (K, T) steps before the end
     twist = rollout.qvel[:, 1:, :6] * alive[..., None]  # rotation of the axes does not change eq. 20
     spin = np.linalg.norm(np.diff(motion.base_spin, axis=1), axis=-1)

@@ -26,7 +26,7 @@ class Rollout:
         index: (K,) goal in the split. length: (K,) steps until the end.
         qpos: (K, T + 1, 7 + n), qvel: (K, T + 1, 6 + n) of the robot, MuJoCo's conventions.
         torque: (K, T, n) N m, zero after the end.
-        goal: (K, 7) grapple position m and quaternion, at the start.
+        goal: (K, 7) grapple position m and quaternion, at the start. mass_scale: (K,) of the satellite.
         position_error: (K, T + 1) m. orientation_error, attitude: (K, T + 1) deg.
         outcome, reason: K strings. episode_return, clipped: (K,).
     """
@@ -37,6 +37,7 @@ class Rollout:
     qvel: Array
     torque: Array
     goal: Array
+    mass_scale: Array
     position_error: Array
     orientation_error: Array
     attitude: Array
@@ -153,6 +154,7 @@ def _roll_out_batch(
         qvel=qvel,
         torque=torque,
         goal=np.concatenate([read(seen[:, 0], "goal_position"), read(seen[:, 0], "goal_quaternion")], axis=1),
+        mass_scale=task.goals(split, indices).mass_scale,
         position_error=np.linalg.norm(read(seen, "position_error"), axis=-1),
         orientation_error=np.rad2deg(np.linalg.norm(read(seen, "rotation_error"), axis=-1)),
         attitude=np.rad2deg(task.attitude(seen.reshape(-1, seen.shape[-1])).reshape(n, -1)),

@@ -245,7 +245,7 @@ def draw_environment(spec: mujoco.MjSpec) -> None:
 
     eye, at = (6.0, -1.4, 3.3), (-0.3, 0.8, 1.15)
     world.add_camera(name="overview", pos=eye, quat=look_at(eye, at), fovy=45)
-    eye, at = (3.4, -3.6, 2.9), (0.0, 0.6, 0.9)
+    eye, at = (4.0, -4.1, 3.2), (0.0, 0.6, 0.9)
     spec.body("satellite").add_camera(
         name="chase", mode=mujoco.mjtCamLight.mjCAMLIGHT_TRACKCOM, pos=eye, quat=look_at(eye, at), fovy=50
     )

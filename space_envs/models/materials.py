@@ -60,16 +60,17 @@ def add_sky(spec: mujoco.MjSpec) -> None:
 
 def add_earth(spec: mujoco.MjSpec, pos: tuple[float, float, float], radius: float) -> None:
     """Add the limb of a planet: an ocean under cloud at several scales, which blend into weather."""
-    mesh = spec.add_mesh(name="planet", scale=[radius, radius, radius])
-    mesh.make_sphere(subdivision=4)
-    mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
     layers = [
         ("ocean", 12, 0.30, 1.0, (0.36, 0.46, 0.66)),
         ("weather", 34, 0.28, 0.34, (0.92, 0.95, 1.0)),
-        ("cloud", 80, 0.28, 0.30, (0.92, 0.95, 1.0)),
+        ("cloud", 80, 0.28, 0.20, (0.92, 0.95, 1.0)),
         ("cirrus", 190, 0.25, 0.26, (0.92, 0.95, 1.0)),
     ]
     for turn, (name, width, density, alpha, cloud) in enumerate(layers):
+        # Each shell lies just above the last, by more than the facets of the mesh are flat.
+        mesh = spec.add_mesh(name=name, scale=[radius * (1 + 0.002 * turn)] * 3)
+        mesh.make_sphere(subdivision=4)
+        mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
         spec.add_texture(
             name=name,
             type=mujoco.mjtTexture.mjTEXTURE_CUBE,
@@ -85,7 +86,7 @@ def add_earth(spec: mujoco.MjSpec, pos: tuple[float, float, float], radius: floa
         _textured(spec, name, name, (1, 1), rgba=[1, 1, 1, alpha], specular=0.1, shininess=0.1)
         spec.worldbody.add_geom(
             type=mujoco.mjtGeom.mjGEOM_MESH,
-            meshname="planet",
+            meshname=name,
             material=name,
             pos=pos,
             quat=[cos(turn), sin(turn) * 0.6, 0.0, sin(turn) * 0.8],  # so that their grids do not line up

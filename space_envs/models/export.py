@@ -1,0 +1,157 @@
+"""The robot's model for other tools: `python -m space_envs.models.export --format urdf -o arm.urdf`.
+
+MJCF is the whole model (robot, target, sensors, home pose). URDF holds the robot alone; its root link is
+the satellite, with the origin at the satellite's centre of mass, and floats in whatever loads it.
+"""
+
+import argparse
+import sys
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from space_envs.errors import ConfigurationError, SpaceEnvsError, unknown_name
+from space_envs.files import atomic_write_text
+from space_envs.models.parameters import SINGLE_ARM, VARIANTS, SingleArmParameters
+from space_envs.models.single_arm import END_EFFECTOR, SATELLITE, ModelOptions, single_arm_spec
+
+FORMATS = ("mjcf", "urdf")
+
+
+def mjcf(options: ModelOptions = ModelOptions()) -> str:
+    """The model as MJCF text that holds all it needs, with numbers to full precision."""
+    spec = single_arm_spec(options)
+    spec.compile()
+    return spec.to_xml()
+
+
+def urdf(options: ModelOptions = ModelOptions(), parameters: SingleArmParameters = SINGLE_ARM) -> str:
+    """The robot as URDF text: the satellite, links with inertia, hinges with limits, the end-effector frame.
+
+    Link `link{i}` has the frame of the MuJoCo body of that name: DH frame i - 1 turned by joint i, so every
+    joint turns about z. `end_effector` is DH frame 7. URDF has no rotor inertia: the `physical` variant's is
+    left out.
+
+    Raises:
+        ConfigurationError: if drawn geometry is asked for, which URDF could only refer to as files.
+    """
+    if options.visual:
+        raise ConfigurationError("URDF is exported without geometry; ask for mjcf, or leave out --visual")
+    model = single_arm_spec(options, parameters).compile()
+    robot = ET.Element("robot", name=f"single_arm_{options.variant}")
+    _add_link(robot, model, SATELLITE)
+    parent = SATELLITE
+    for number in range(1, len(parameters.links) + 1):
+        name = f"link{number}"
+        _add_link(robot, model, name)
+        body, joint = model.body(name), model.joint(f"joint{number}")
+        element = _add_joint(robot, f"joint{number}", "revolute", parent, name, body.pos, body.quat)
+        ET.SubElement(element, "axis", xyz=_text(joint.axis))
+        ET.SubElement(
+            element,
+            "limit",
+            lower=_text(joint.range[0]),
+            upper=_text(joint.range[1]),
+            velocity=_text(parameters.rate_limit),
+            effort=_text(parameters.torque_limit),
+        )
+        parent = name
+    ET.SubElement(robot, "link", name=END_EFFECTOR)
+    site = model.site(END_EFFECTOR)
+    _add_joint(robot, f"{END_EFFECTOR}_mount", "fixed", parent, END_EFFECTOR, site.pos, site.quat)
+    ET.indent(robot)
+    return f'<?xml version="1.0"?>\n{ET.tostring(robot, encoding="unicode")}\n'
+
+
+def _text(values: float | Sequence[float] | np.ndarray) -> str:
+    """Numbers with every digit they have."""
+    return " ".join(repr(float(value) + 0.0) for value in np.atleast_1d(values))
+
+
+def _add_link(robot: ET.Element, model: mujoco.MjModel, name: str) -> None:
+    """Add a link; its inertia is turned into the axes of the link, since not every reader turns it itself."""
+    body = model.body(name)
+    axes = np.zeros(9)
+    mujoco.mju_quat2Mat(axes, body.iquat)
+    rotation = axes.reshape(3, 3)
+    inertia = rotation @ np.diag(body.inertia) @ rotation.T
+    inertial = ET.SubElement(ET.SubElement(robot, "link", name=name), "inertial")
+    ET.SubElement(inertial, "origin", xyz=_text(body.ipos), rpy="0 0 0")
+    ET.SubElement(inertial, "mass", value=_text(body.mass))
+    moments = {f"i{'xyz'[i]}{'xyz'[j]}": _text(inertia[i, j]) for i in range(3) for j in range(i, 3)}
+    ET.SubElement(inertial, "inertia", moments)
+
+
+def _add_joint(
+    robot: ET.Element, name: str, kind: str, parent: str, child: str, position: np.ndarray, quaternion: np.ndarray
+) -> ET.Element:
+    element = ET.SubElement(robot, "joint", name=name, type=kind)
+    ET.SubElement(element, "origin", xyz=_text(position), rpy=_text(_roll_pitch_yaw(quaternion)))
+    ET.SubElement(element, "parent", link=parent)
+    ET.SubElement(element, "child", link=child)
+    return element
+
+
+def _roll_pitch_yaw(quaternion: np.ndarray) -> tuple[float, float, float]:
+    """Fixed-axis angles (rad) of a quaternion (w, x, y, z), as URDF's rpy: Rz(yaw) Ry(pitch) Rx(roll)."""
+    w, x, y, z = map(float, quaternion)
+    roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))
+    yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return float(roll), float(pitch), float(yaw)
+
+
+def export(file_format: str, options: ModelOptions = ModelOptions()) -> str:
+    """The model as text in one of FORMATS.
+
+    Raises:
+        ConfigurationError: for an unknown format, or one that cannot hold what the options ask for.
+    """
+    if file_format not in FORMATS:
+        raise unknown_name("model format", file_format, FORMATS)
+    return mjcf(options) if file_format == "mjcf" else urdf(options)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m space_envs.models.export",
+        description="Write the single-arm robot's model for other tools.",
+        epilog="Lengths in m, masses in kg, angles in rad. See docs/models.md for frames and variants.",
+    )
+    parser.add_argument(
+        "--variant",
+        default="paper",
+        metavar="|".join(VARIANTS),
+        help="inertias of Table II as printed, or of solid rods and a cube (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--format",
+        default="mjcf",
+        metavar="|".join(FORMATS),
+        help="mjcf is the whole model, urdf the robot alone (default: %(default)s)",
+    )
+    parser.add_argument("--visual", action="store_true", help="with the drawn geometry, lights and cameras (mjcf)")
+    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="where to write (default: print it)")
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; returns the exit status, 2 after an error that is the user's to mend."""
+    options = _parser().parse_args(arguments)
+    try:
+        text = export(options.format, ModelOptions(variant=options.variant, visual=options.visual))
+        if options.output is None:
+            sys.stdout.write(text)
+        else:
+            atomic_write_text(options.output, text)
+    except (SpaceEnvsError, OSError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

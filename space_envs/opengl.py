@@ -1,0 +1,134 @@
+"""Which OpenGL this machine can draw with, found out when the first picture is asked for.
+
+MuJoCo chooses its backend when it is imported, by the environment variable MUJOCO_GL, and on Linux takes GLFW,
+which needs a screen. Here the choice is made late and nothing happens on import, so that a machine without
+OpenGL runs everything but pictures. A driver can end the process instead of raising, hence the trial in a
+process of its own.
+"""
+
+import importlib
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from typing import Any
+
+from space_envs.errors import RenderingError
+
+_DISABLED = ("disable", "disabled", "off", "false", "0")
+_MODULES = {"egl": "mujoco.egl", "osmesa": "mujoco.osmesa", "glfw": "mujoco.glfw", "cgl": "mujoco.cgl"}
+_TRIAL = """
+import mujoco
+model = mujoco.MjModel.from_xml_string("<mujoco/>")
+renderer = mujoco.Renderer(model, 8, 8)
+renderer.update_scene(mujoco.MjData(model))
+renderer.render()
+"""
+_TRIAL_SECONDS = 60
+_ADVICE = (
+    "Everything but pictures works without. On Debian or Ubuntu, `apt-get install libegl1 libgl1-mesa-dri` draws"
+    " without a screen (or `libosmesa6` with MUJOCO_GL=osmesa)."
+)
+
+
+def has_screen() -> bool:
+    """Whether windows can be expected to open: always on macOS and Windows, by DISPLAY on Linux."""
+    return sys.platform != "linux" or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
+
+
+def _candidates() -> tuple[str, ...]:
+    chosen = os.environ.get("MUJOCO_GL", "").lower().strip()
+    if chosen in _DISABLED:
+        return ()
+    if chosen in _MODULES:
+        return (chosen,)
+    if sys.platform == "darwin":
+        return ("cgl", "glfw")
+    if sys.platform != "linux":
+        return ("glfw",)
+    return ("glfw", "egl", "osmesa") if has_screen() else ("egl", "osmesa")
+
+
+@cache
+def _problem(backend: str) -> str | None:
+    """Draw with a backend in a process of its own; why that failed, or None."""
+    try:
+        trial = subprocess.run(
+            [sys.executable, "-c", _TRIAL],
+            env={**os.environ, "MUJOCO_GL": backend},
+            capture_output=True,
+            text=True,
+            timeout=_TRIAL_SECONDS,
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        return str(error)
+    if trial.returncode == 0:
+        return None
+    lines = [line.strip() for line in trial.stderr.splitlines() if "Error" in line and line[:1].strip()]
+    return lines[-1] if lines else f"the trial ended with status {trial.returncode}"
+
+
+def find_backend() -> str:
+    """Name of a backend that draws; the answer is remembered for the life of the process.
+
+    Raises:
+        RenderingError: if none does; the message says why and what to install.
+    """
+    candidates = _candidates()
+    if not candidates:
+        raise RenderingError(
+            f"pictures are switched off by MUJOCO_GL={os.environ['MUJOCO_GL']}; unset it to draw. {_ADVICE}"
+        )
+    problems = []
+    for backend in candidates:
+        problem = _problem(backend)
+        if problem is None:
+            return backend
+        problems.append(f"{backend}: {problem}")
+    raise RenderingError(f"no OpenGL to draw pictures with ({'; '.join(problems)}). {_ADVICE}")
+
+
+def missing_gl() -> str | None:
+    """Why this machine cannot draw pictures, or None if it can."""
+    try:
+        find_backend()
+    except RenderingError as error:
+        return str(error)
+    return None
+
+
+def check_window() -> None:
+    """Check that a window can be opened.
+
+    Raises:
+        RenderingError: if not; the message says why.
+    """
+    advice = "Use render_mode='rgb_array', or run where there is a screen."
+    if not has_screen():
+        raise RenderingError(
+            f"no screen for render_mode='human': neither DISPLAY nor WAYLAND_DISPLAY is set. {advice}"
+        )
+    problem = _problem("glfw")
+    if problem is not None:
+        raise RenderingError(f"no window can be opened for render_mode='human' ({problem}). {advice}")
+
+
+@contextmanager
+def chosen_backend(backend: str) -> Iterator[None]:
+    """Name the backend to MuJoCo's C library, which reads MUJOCO_GL when it loads OpenGL's functions."""
+    before = os.environ.get("MUJOCO_GL")
+    os.environ["MUJOCO_GL"] = backend
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["MUJOCO_GL"]
+        else:
+            os.environ["MUJOCO_GL"] = before
+
+
+def create_context(backend: str, width: int, height: int) -> Any:
+    """A MuJoCo GLContext of a backend that `find_backend` has named."""
+    return importlib.import_module(_MODULES[backend]).GLContext(width, height)

@@ -1,0 +1,211 @@
+"""Pictures and a window of a simulation, drawn from its state alone."""
+
+import copy
+import time
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from space_envs.errors import ConfigurationError, RenderingError, unknown_name
+from space_envs.opengl import check_window, chosen_backend, create_context, find_backend, missing_gl
+
+__all__ = ["Renderer", "missing_gl"]
+
+_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+_MAX_GEOMS = 2000
+_MAX_SIDE = 4096
+_TRAIL_COLOUR = np.array([0.35, 0.95, 1.0, 0.9], dtype=np.float32)
+_TRAIL_WIDTH = 0.012  # m
+
+
+class Renderer:
+    """Draws states of one model: `render` makes pictures, `show` moves a window.
+
+    OpenGL is looked for when the first picture is asked for and then kept, so making a Renderer never fails
+    for want of it. Belongs to one thread.
+
+    Args:
+        model: compiled with `ModelOptions(visual=True)`. It is copied.
+        width: of pictures, pixels.
+        height: of pictures, pixels.
+        camera: the model's camera to look through when none is named later.
+        shadows: False draws about twice as fast.
+
+    Raises:
+        ConfigurationError: for a size that is not between 1 and 4096, a model without cameras, or a camera
+            that the model does not have.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        *,
+        width: int = 480,
+        height: int = 480,
+        camera: str = "overview",
+        shadows: bool = True,
+    ) -> None:
+        for name, side in (("width", width), ("height", height)):
+            if isinstance(side, bool) or not isinstance(side, int | np.integer) or not 0 < side <= _MAX_SIDE:
+                raise ConfigurationError(f"{name} must be an integer from 1 to {_MAX_SIDE}, got {side!r}")
+        self._model = copy.copy(model)
+        self._model.vis.global_.offwidth, self._model.vis.global_.offheight = width, height
+        self._cameras = {model.cam(index).name: index for index in range(model.ncam)}
+        if not self._cameras:
+            raise ConfigurationError("the model has no cameras; compile it with ModelOptions(visual=True)")
+        self._camera = self._camera_id(camera)
+        self._data = mujoco.MjData(self._model)
+        self._state_size = mujoco.mj_stateSize(self._model, _STATE)
+        self._view = mujoco.MjrRect(0, 0, int(width), int(height))
+        self._shadows = shadows
+        self._option = mujoco.MjvOption()
+        self._scene: mujoco.MjvScene | None = None
+        self._gl: Any = None
+        self._context: mujoco.MjrContext | None = None
+        self._window: Any = None
+        self._shown: tuple[float, float] = (0.0, 0.0)  # simulated time and clock of the last state shown, s
+
+    def render(
+        self, state: ArrayLike, camera: str | None = None, trail: ArrayLike | None = None
+    ) -> NDArray[np.uint8]:
+        """Draw one state.
+
+        Args:
+            state: (S,) the integration state (mjSTATE_INTEGRATION) of the same model, drawn or not.
+            camera: name of the camera; None for the one given at the start.
+            trail: (K, 3) points in the inertial frame to join by a line, m, such as the end-effector's path.
+
+        Returns:
+            (height, width, 3) picture, rows from top to bottom.
+
+        Raises:
+            RenderingError: if this machine cannot draw.
+            ConfigurationError: for an unknown camera, a state of another size, or a malformed trail.
+        """
+        view = mujoco.MjvCamera()
+        view.type = int(mujoco.mjtCamera.mjCAMERA_FIXED)
+        view.fixedcamid = self._camera if camera is None else self._camera_id(camera)
+        points = _points(trail)
+        self._place(state)
+        scene, context = self._open()
+        category = int(mujoco.mjtCatBit.mjCAT_ALL)
+        mujoco.mjv_updateScene(self._model, self._data, self._option, None, view, category, scene)
+        _draw_trail(scene, points)
+        self._gl.make_current()  # another renderer may have drawn since
+        mujoco.mjr_setBuffer(int(mujoco.mjtFramebuffer.mjFB_OFFSCREEN), context)
+        mujoco.mjr_render(self._view, scene, context)
+        picture = np.empty((self._view.height, self._view.width, 3), dtype=np.uint8)
+        mujoco.mjr_readPixels(picture, None, self._view, context)
+        return picture[::-1].copy()  # OpenGL's rows go from bottom to top
+
+    def show(self, state: ArrayLike) -> bool:
+        """Show one state in a window, not before its simulated time has passed on the clock.
+
+        Returns:
+            Whether the window is open; once the user has closed it, nothing is shown any more.
+
+        Raises:
+            RenderingError: if no window can be opened.
+            ConfigurationError: for a state of another size.
+        """
+        if self._window is None:
+            check_window()
+            self._place(state)
+            self._window = self._open_window()
+        if not self._window.is_running():
+            return False
+        with self._window.lock():
+            self._place(state)
+        self._window.sync()
+        time_before, clock_before = self._shown
+        ahead = self._data.time - time_before
+        if ahead > 0:  # a reset turns the simulated time back
+            time.sleep(max(0.0, min(ahead, clock_before + ahead - time.monotonic())))
+        self._shown = (self._data.time, time.monotonic())
+        return True
+
+    def close(self) -> None:
+        """Free the window and the OpenGL context; closing twice does nothing, drawing opens them again."""
+        window, self._window = self._window, None
+        if window is not None:
+            window.close()
+        context, self._context = self._context, None
+        gl, self._gl = self._gl, None
+        self._scene = None
+        if context is not None:
+            with gl.as_current():
+                context.free()
+        if gl is not None:
+            gl.free()
+
+    def __enter__(self) -> "Renderer":
+        return self
+
+    def __exit__(self, *details: object) -> None:
+        self.close()
+
+    def _camera_id(self, name: str) -> int:
+        if name not in self._cameras:
+            raise unknown_name("camera", name, self._cameras)
+        return self._cameras[name]
+
+    def _place(self, state: ArrayLike) -> None:
+        """Put the bodies, cameras and lights where a state has them."""
+        vector = np.asarray(state, dtype=np.float64)
+        if vector.shape != (self._state_size,):
+            raise ConfigurationError(f"state must have shape ({self._state_size},), got {vector.shape}")
+        mujoco.mj_setState(self._model, self._data, vector, _STATE)
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_comPos(self._model, self._data)
+        mujoco.mj_camlight(self._model, self._data)
+
+    def _open(self) -> tuple[mujoco.MjvScene, mujoco.MjrContext]:
+        if self._scene is None or self._context is None:
+            backend = find_backend()
+            try:
+                with chosen_backend(backend):
+                    self._gl = create_context(backend, self._view.width, self._view.height)
+                    self._gl.make_current()
+                    self._context = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+            except (ImportError, RuntimeError, mujoco.FatalError) as error:
+                self.close()
+                raise RenderingError(f"OpenGL ({backend}) could not be opened: {error}") from error
+            self._scene = mujoco.MjvScene(self._model, _MAX_GEOMS)
+            self._scene.flags[int(mujoco.mjtRndFlag.mjRND_SHADOW)] = self._shadows
+        return self._scene, self._context
+
+    def _open_window(self) -> Any:
+        import mujoco.viewer  # it needs GLFW, which pictures do not
+
+        try:
+            window = mujoco.viewer.launch_passive(
+                self._model, self._data, show_left_ui=False, show_right_ui=False
+            )
+        except RuntimeError as error:  # macOS asks for `mjpython` in place of `python`
+            raise RenderingError(f"no window for render_mode='human': {error}") from error
+        with window.lock():
+            window.cam.type = int(mujoco.mjtCamera.mjCAMERA_FIXED)
+            window.cam.fixedcamid = self._camera
+        self._shown = (self._data.time, time.monotonic())
+        return window
+
+
+def _points(trail: ArrayLike | None) -> NDArray[np.float64]:
+    points = np.zeros((0, 3)) if trail is None else np.asarray(trail, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
+        raise ConfigurationError(f"trail must be finite of shape (K, 3), got shape {points.shape}")
+    return points
+
+
+def _draw_trail(scene: mujoco.MjvScene, points: NDArray[np.float64]) -> None:
+    """Join the points; what no longer fits into the scene is left out, oldest first."""
+    points = points[-(scene.maxgeom - scene.ngeom + 1) :]
+    capsule = int(mujoco.mjtGeom.mjGEOM_CAPSULE)
+    for start, end in zip(points[:-1], points[1:], strict=True):
+        geom = scene.geoms[scene.ngeom]
+        mujoco.mjv_initGeom(geom, capsule, np.zeros(3), np.zeros(3), np.eye(3).ravel(), _TRAIL_COLOUR)
+        mujoco.mjv_connector(geom, capsule, _TRAIL_WIDTH, start, end)
+        geom.emission = 0.8
+        scene.ngeom += 1

@@ -1,0 +1,126 @@
+"""What `reset(options=...)` may ask for, validated before anything moves."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from space_envs.dynamics.rotations import Array
+from space_envs.errors import ConfigurationError, unknown_name
+from space_envs.models.parameters import SINGLE_ARM
+from space_envs.tasks.single_arm import SingleArmTask
+
+RESET_OPTIONS = (
+    "split",
+    "index",
+    "goal_position",
+    "goal_quaternion",
+    "joint_position",
+    "joint_velocity",
+    "reset_mask",
+)
+
+
+@dataclass(frozen=True)
+class Start:
+    """How k episodes begin.
+
+    Attributes:
+        position (k, 3), quaternion (k, 4): grapple, inertial frame. mass_scale: (k,) of the satellite.
+        split, index: (k,) where the goals come from; `given` and -1 for a user's own.
+        joint_position, joint_velocity: (k, n), or None for home and rest.
+    """
+
+    position: Array
+    quaternion: Array
+    mass_scale: Array
+    split: NDArray[np.object_]
+    index: NDArray[np.int64]
+    joint_position: Array | None
+    joint_velocity: Array | None
+
+
+def rows_to_reset(options: Mapping[str, Any], n: int) -> NDArray[np.int64]:
+    """Rows (k,) that are to be reset, of n.
+
+    Raises:
+        ConfigurationError: for an option that does not exist or a mask that is none.
+    """
+    for name in options:
+        if name not in RESET_OPTIONS:
+            raise unknown_name("reset option", name, RESET_OPTIONS)
+    mask = np.asarray(options.get("reset_mask", np.ones(n, dtype=bool)))
+    if mask.shape != (n,) or mask.dtype != np.bool_:
+        raise ConfigurationError(f"reset_mask must be bool of shape ({n},), got {mask.dtype} {mask.shape}")
+    return np.flatnonzero(mask)
+
+
+def choose_start(
+    task: SingleArmTask,
+    options: Mapping[str, Any],
+    rows: NDArray[np.int64],
+    generators: Sequence[np.random.Generator],
+) -> Start:
+    """How rows (k,) of len(generators) begin; what the options leave open comes from each row's generator.
+
+    Raises:
+        ConfigurationError: for a value that is not valid. GoalError: for a goal that cannot be reached.
+    """
+    n = len(generators)
+    given = [name for name in ("goal_position", "goal_quaternion") if name in options]
+    if len(given) == 1:
+        raise ConfigurationError("goal_position and goal_quaternion must be given together")
+    joints = {
+        name: _joint_option(task, options, name, rows, n) if name in options else None
+        for name in ("joint_position", "joint_velocity")
+    }
+    if given:
+        if "split" in options or "index" in options:
+            raise ConfigurationError("give either a goal or a split and index, not both")
+        position, quaternion = task.check_goals(
+            _row_values(options, "goal_position", 3, rows, n),
+            _row_values(options, "goal_quaternion", 4, rows, n),
+        )
+        scale, index = np.ones(len(rows)), np.full(len(rows), -1, dtype=np.int64)
+        return Start(position, quaternion, scale, _names("given", rows), index, **joints)
+    split = options.get("split", task.split)
+    if "index" in options:
+        index = np.asarray(options["index"])
+        if index.shape not in ((), (n,)):
+            raise ConfigurationError(f"index must be a number or {n} of them, got shape {index.shape}")
+        index = np.broadcast_to(index, (n,))[rows]
+    else:
+        size = task.split_size(split)
+        index = np.array([generators[row].integers(size) for row in rows], dtype=np.int64)
+    goals = task.goals(split, index)
+    return Start(goals.position, goals.quaternion, goals.mass_scale, _names(split, rows), index, **joints)
+
+
+def _names(name: str, rows: NDArray[np.int64]) -> NDArray[np.object_]:
+    return np.full(len(rows), name, dtype=object)
+
+
+def _joint_option(
+    task: SingleArmTask, options: Mapping[str, Any], name: str, rows: NDArray[np.int64], n: int
+) -> Array:
+    value = _row_values(options, name, task.robot.n_joints, rows, n)
+    rates = SINGLE_ARM.rate_limit * np.array([[-1.0, 1.0]])
+    limits = task.robot.range if name == "joint_position" else rates
+    if (value < limits[:, 0]).any() or (value > limits[:, 1]).any():
+        raise ConfigurationError(f"{name} outside its limits: got {value.tolist()}, limits {limits.tolist()}")
+    return value
+
+
+def _row_values(options: Mapping[str, Any], name: str, width: int, rows: NDArray[np.int64], n: int) -> Array:
+    """The option's numbers for rows (k,): (k, width), from (width,) for all or (n, width)."""
+    try:
+        value = np.asarray(options[name], dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ConfigurationError(f"{name} must be numbers, got {options[name]!r}") from None
+    if value.shape not in ((width,), (n, width)):
+        raise ConfigurationError(f"{name} must have shape ({width},) or ({n}, {width}), got {value.shape}")
+    if not np.isfinite(value).all():
+        raise ConfigurationError(f"{name} must be finite, got {value.tolist()}")
+    return np.broadcast_to(value, (n, width))[rows]

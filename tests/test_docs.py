@@ -1,0 +1,226 @@
+"""The documentation is true: pages are those of the code, examples run, commands, links and names exist."""
+
+import importlib
+import importlib.util
+import re
+import runpy
+import shlex
+import sys
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+
+import pytest
+
+from agents.commands.evaluate import main as evaluate
+from docs import generate
+from docs.blocks import BLOCKS
+from docs.reading import comments, described, section, split_unit
+from space_envs.evaluation.records import read_records
+from space_envs.tasks.common import CaptureEnvelope
+
+ROOT = generate.DOCS.parent
+PAGES = [ROOT / "README.md", *sorted(generate.DOCS.rglob("*.md"))]
+NAMES = [path.relative_to(ROOT).as_posix() for path in PAGES]
+FENCE = re.compile(
+    r"^(?:<!-- (?P<mark>no-run|file: \S+) -->\n)?```(?P<kind>\w*)\n(?P<code>.*?)^```$", re.M | re.S
+)
+OWN_MODULES = ("agents", "benchmarks", "docs", "promp", "space_envs")
+
+
+def blocks(path: Path, *kinds: str) -> Iterator[tuple[str | None, str, int]]:
+    """Mark, code and line number of each fenced block of these kinds."""
+    text = path.read_text(encoding="utf-8")
+    for match in FENCE.finditer(text):
+        if match["kind"] in kinds:
+            yield match["mark"], match["code"], text[: match.start("code")].count("\n")
+
+
+def commands() -> list[tuple[str, str]]:
+    """Page and command, for every command line in a shell block or between backticks."""
+    found = []
+    for path, name in zip(PAGES, NAMES, strict=True):
+        text = path.read_text(encoding="utf-8")
+        lines = [line for _, code, _ in blocks(path, "sh", "bash") for line in code.splitlines()]
+        lines += re.findall(r"`((?:python|make|train\.py|evaluate\.py)(?: [^`]*)?)`", FENCE.sub("", text))
+        found += [(name, line.split(" #")[0].strip()) for line in lines]
+    return [pair for pair in dict.fromkeys(found) if pair[1]]
+
+
+def test_pages_are_those_of_the_code():
+    assert generate.stale() == [], "run: python -m docs.generate"
+
+
+def test_check_names_a_stale_page(monkeypatch, capsys):
+    monkeypatch.setitem(BLOCKS, "policies", lambda: "another table")
+    assert generate.main(["--check"]) == 1
+    said = capsys.readouterr().out
+    assert "docs/reproduce.md is stale" in said
+    assert "docs/physics.md" not in said
+
+
+def test_measurements_go_between_their_markers(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text("before\n<!-- measured: python -c 'print(6 * 7)' -->\nold\n<!-- end -->\nafter\n")
+    generate.measure(page, "")
+    marker = "<!-- measured: python -c 'print(6 * 7)' -->"
+    assert page.read_text() == f"before\n{marker}\n\n42\n\n<!-- end -->\nafter\n"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_examples_run(name, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    from space_envs.registration import ENTRIES
+
+    monkeypatch.setattr("space_envs.registration.ENTRIES", ENTRIES)
+    known = dict(ENTRIES)
+    namespace: dict[str, object] = {}
+    try:
+        for mark, code, line in blocks(ROOT / name, "python"):
+            if mark != "no-run":
+                exec(compile("\n" * line + code, name, "exec"), namespace)
+    finally:
+        for added in set(ENTRIES) - set(known):
+            del ENTRIES[added]
+
+
+def test_few_examples_are_not_run():
+    assert sum(mark == "no-run" for path in PAGES for mark, *_ in blocks(path, "python")) <= 2
+
+
+def test_policy_of_ones_own_enters_the_leaderboard(monkeypatch, tmp_path, capsys):
+    ((_, code, _),) = [
+        b for b in blocks(ROOT / "docs/extending.md", "python") if b[0] == "file: my_policy.py"
+    ]
+    (tmp_path / "my_policy.py").write_text(code)
+    monkeypatch.syspath_prepend(tmp_path)
+    try:
+        output = ["--no-pictures", "--output", str(tmp_path / "out")]
+        status = evaluate(["--policy", "my_policy:StraightToGoal", "--episodes", "4", *output])
+    finally:
+        sys.modules.pop("my_policy", None)
+    assert status == 0
+    records = read_records(tmp_path / "out" / "records.jsonl")
+    assert [record.captured for record in records] == [True] * 4
+    assert "StraightToGoal" in capsys.readouterr().out
+
+
+@pytest.fixture(scope="module")
+def helps() -> dict[str, str]:
+    """What each command of the project says with --help, by module or script; filled as needed."""
+    return {}
+
+
+def help_of(target: str, kept: dict[str, str], capsys, monkeypatch) -> str:
+    if target not in kept:
+        monkeypatch.setattr(sys, "argv", [target, "--help"])
+        run = runpy.run_path if target.endswith(".py") else runpy.run_module
+        with pytest.raises(SystemExit) as ended:
+            run(str(ROOT / target) if target.endswith(".py") else target, run_name="__main__")
+        assert ended.value.code in (0, None)
+        kept[target] = capsys.readouterr().out
+    return kept[target]
+
+
+@pytest.mark.filterwarnings("ignore:.*found in sys.modules:RuntimeWarning")
+@pytest.mark.parametrize(("page", "command"), commands())
+def test_commands_exist_with_their_options(page, command, helps, capsys, monkeypatch):
+    words = shlex.split(command)
+    if Path(words[0]).name == "make":
+        targets = re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.M)
+        assert set(words[1:]) <= set(targets)
+        return
+    if Path(words[0]).name in ("python", "python3"):
+        words = words[1:]
+        if words[0] == "-m":
+            words = words[1:]
+            assert importlib.util.find_spec(words[0]), f"{page}: there is no module {words[0]}"
+            if words[0].split(".")[0] not in OWN_MODULES:
+                return
+    elif words[0] not in ("train.py", "evaluate.py"):
+        return
+    usage = help_of(words[0], helps, capsys, monkeypatch)
+    for option in (word for word in words[1:] if word.startswith("-")):
+        assert re.search(rf"(?<![\w-]){option}(?![\w-])", usage), f"{page}: {words[0]} has no option {option}"
+
+
+def anchors(path: Path) -> set[str]:
+    """Anchors that GitHub gives the headings of a page."""
+    text = FENCE.sub("", path.read_text(encoding="utf-8"))
+    titles = re.findall(r"^#+ (.+)$", text, re.M)
+    return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_links_lead_somewhere(name):
+    page = ROOT / name
+    for target in re.findall(r"\]\(([^)\s]+)\)", FENCE.sub("", page.read_text(encoding="utf-8"))):
+        if re.match(r"\w+:", target):
+            continue
+        file, _, anchor = target.partition("#")
+        linked = (page.parent / file).resolve() if file else page
+        assert linked.exists(), f"{name} links to {target}"
+        assert linked.is_relative_to(ROOT), f"{name} links outside the project: {target}"
+        assert not anchor or anchor in anchors(linked), f"{name} links to {target}, which has no such heading"
+
+
+def resolve(path: str) -> None:
+    """Import what a dotted path names; fields of dataclasses count as attributes. Raises AssertionError."""
+    parts = path.split(".")
+    at = len(parts)
+    while at and not _is_module(".".join(parts[:at])):
+        at -= 1
+    assert at, f"{path}: no such module"
+    found: object = importlib.import_module(".".join(parts[:at]))
+    for part in parts[at:]:
+        if is_dataclass(found) and part in {field.name for field in fields(found)}:
+            return
+        assert hasattr(found, part), f"{path}: no {part}"
+        found = getattr(found, part)
+
+
+def _is_module(name: str) -> bool:
+    try:
+        return importlib.util.find_spec(name) is not None
+    except ModuleNotFoundError:  # its parent is no package
+        return False
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_code_named_in_the_text_exists(name):
+    """Dotted names of the project's packages, paths of its files, and tests, wherever a page has them."""
+    text = FENCE.sub("", (ROOT / name).read_text(encoding="utf-8"))
+    for code in re.findall(r"`([^`\n]+)`", text):
+        if re.fullmatch(rf"(?:{'|'.join(OWN_MODULES)})(?:\.\w+)+", code):
+            resolve(code)
+        elif match := re.fullmatch(r"(tests/\w+\.py)::(\w+)", code):
+            source = (ROOT / match[1]).read_text(encoding="utf-8")
+            assert f"def {match[2]}(" in source, f"{name}: there is no test {code}"
+        elif re.fullmatch(rf"(?:{'|'.join(OWN_MODULES)}|tests)/[\w./-]+", code):
+            assert (ROOT / code).exists(), f"{name}: there is no {code}"
+
+
+def test_every_symbol_has_a_place_in_the_code():
+    text = (ROOT / "docs/physics.md").read_text(encoding="utf-8").split("\n## Symbols\n")[1]
+    rows = [line for line in text.splitlines() if line.startswith("| ")][1:]
+    assert len(rows) > 25
+    for row in rows:
+        names = re.findall(r"`([\w.]+)`", row.split(" | ")[2])
+        assert names, f"no code for {row}"
+        resolve(names[0])
+        if names[0].endswith("LAYOUT"):
+            layout = importlib.import_module("space_envs.tasks.single_arm").LAYOUT
+            assert set(names[1:]) <= set(layout.slices)
+
+
+def test_reading_of_comments_and_docstrings():
+    assert comments(CaptureEnvelope)["linear_velocity"] == "m/s"
+    text = section(
+        "Title.\n\nArgs:\n    one: first. two, three: the\n        others.\n\nRaises:\n    Error: no.", "Args"
+    )
+    assert described(text, ["one", "two", "three"]) == {
+        "one": "first.",
+        "two": "the\nothers.".replace("\n", " "),
+    } | {"three": "the others."}
+    assert split_unit("joint angles, rad") == ("rad", "joint angles")
+    assert split_unit("w x y z, either sign") == ("", "w x y z, either sign")

@@ -1,0 +1,177 @@
+"""evaluate.py: records that repeat, metrics that obey physics, policies of a user's own, clear errors."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from agents.commands.evaluate import main
+from agents.resolve import resolve_policy
+from space_envs.errors import PolicyError
+from space_envs.evaluation.metrics import episode_metrics
+from space_envs.evaluation.records import read_records, records_without_timing
+from space_envs.evaluation.rollout import roll_out, split_indices, time_policy
+from space_envs.registration import make_task
+
+SINGLE = "SpaceCapture/SingleArm-v0"
+QUICK = ["--episodes", "4", "--seed", "3", "--no-pictures"]
+
+
+class Nan:
+    """Gives up in odd rows after five steps."""
+
+    def __init__(self, context, seed):
+        self.size = len(context.action_scale)
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        step = 0 if state is None else state
+        action = np.zeros((len(observation), self.size))
+        if step == 5:
+            action[1::2] = np.nan
+        return action, step + 1
+
+
+class Raises(Nan):
+    """Raises at once."""
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        raise RuntimeError("out of ideas")
+
+
+class Misshapen(Nan):
+    """One action for all rows."""
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        return np.zeros(self.size), None
+
+
+def rollout_of(name, episodes=6, **keywords):
+    task = make_task(SINGLE, keywords)
+    policy = resolve_policy(name)
+    environment = {"env_id": SINGLE, "control_mode": policy.control_mode, **keywords}
+    return roll_out(policy.factory(0), environment, "test", np.arange(episodes), 0), task
+
+
+def test_same_seed_same_bytes_apart_from_timing(tmp_path, capsys):
+    for folder in ("a", "b"):
+        assert main(["--policy", "random", "gjm", *QUICK, "--output", str(tmp_path / folder)]) == 0
+    out = capsys.readouterr().out
+    assert "gjm" in out
+    assert str(tmp_path / "b" / "report.html") in out.replace("\n", "")
+    a, b = (read_records(tmp_path / folder / "records.jsonl") for folder in ("a", "b"))
+    assert records_without_timing(a) == records_without_timing(b)
+    assert len(a) == 8
+    for name in ("gjm", "random"):
+        files = [(tmp_path / folder / "traces" / f"{name}.npz").read_bytes() for folder in ("a", "b")]
+        assert files[0] == files[1]
+    summaries = [json.loads((tmp_path / folder / "summary.json").read_text()) for folder in ("a", "b")]
+    for summary in summaries:
+        assert summary["provenance"].pop("timing")
+        assert summary["provenance"].pop("command")
+        for row in summary["rows"]:
+            row.pop("timing")
+    assert summaries[0] == summaries[1]
+
+
+def test_goals_follow_the_seed_and_never_repeat():
+    task = make_task(SINGLE, {})
+    first, again, other = (split_indices(task, "test", 100, seed) for seed in (0, 0, 1))
+    np.testing.assert_array_equal(first, again)
+    assert len(np.unique(first)) == 100
+    assert not np.array_equal(first, other)
+
+
+def test_attitude_cost_is_minus_the_attitude_reward():
+    rollout, task = rollout_of("minimum_jerk", reward="sparse")
+    metrics = episode_metrics(rollout, task)
+    captured = np.array([outcome == "captured" for outcome in rollout.outcome])
+    # Sparse rewards are the attitude term and one for a capture, nothing else.
+    np.testing.assert_allclose(rollout.episode_return, captured - metrics["attitude_cost"], atol=1e-12)
+    assert captured.all()
+
+
+@pytest.mark.parametrize("name", ["minimum_jerk", "random"])
+def test_torques_times_angles_make_the_kinetic_energy(name):
+    """The work of torques held over each step is exactly what the robot's kinetic energy gains."""
+    from space_envs.dynamics.bodies import body_motion
+
+    rollout, task = rollout_of(name)
+    motion = body_motion(task.robot, rollout.qpos, rollout.qvel)
+    work = (rollout.torque * np.diff(rollout.qpos[..., 7:], axis=1)).sum(axis=-1)
+    gained = np.diff(motion.kinetic_energy, axis=1)
+    assert gained.max() > 0.01
+    np.testing.assert_allclose(work, gained, atol=1e-6)
+    metrics = episode_metrics(rollout, task)
+    assert (metrics["mechanical_work"] >= np.abs(work.sum(axis=1)) - 1e-9).all()
+    assert (metrics["peak_power"] * task.control_period >= np.abs(gained).max(axis=1) - 1e-6).all()
+    assert (metrics["momentum_drift"] < 1e-6 * np.abs(motion.angular).max()).all()
+
+
+def test_metrics_do_not_count_what_comes_after_the_end():
+    rollout, task = rollout_of("gjm")
+    assert (rollout.length < task.horizon).all()
+    after = np.arange(rollout.torque.shape[1]) >= rollout.length[:, None]
+    assert (rollout.torque[after] == 0).all()
+    last = rollout.qpos[np.arange(6), rollout.length]
+    np.testing.assert_array_equal(rollout.qpos[:, -1], last)
+
+
+def test_a_policy_that_returns_nan_loses_that_episode_only():
+    rollout, _ = rollout_of(f"{__name__}:Nan")
+    assert rollout.outcome == ["timeout", "policy_error"] * 3
+    assert rollout.reason[1] == "the action held NaN or infinity at step 5"
+    assert rollout.reason[0] is None
+    assert np.isfinite(rollout.qpos).all()
+
+
+@pytest.mark.parametrize(("name", "message"), [("Raises", "out of ideas"), ("Misshapen", r"shape \(7,\)")])
+def test_a_policy_that_raises_or_misshapes_is_named(name, message):
+    with pytest.raises(PolicyError, match=message):
+        rollout_of(f"{__name__}:{name}")
+
+
+def test_timing_tells_planning_from_acting():
+    policy = resolve_policy("minimum_jerk")
+    timing = time_policy(policy.factory(0), {"env_id": SINGLE}, "test", np.arange(2))
+    assert timing.planning > timing.action > 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--policy", "gmj"], "Did you mean 'gjm'"),
+        (["--policy", "gjm", "gjm"], "named twice: gjm"),
+        (["--policy", "no_such_module:Policy"], "no_such_module"),
+        (["--env", "SpaceCapture/SingelArm-v0"], "Did you mean 'SpaceCapture/SingleArm-v0'"),
+        (["--split", "tets"], "Did you mean 'test'"),
+        (["--difficulty", "hrad"], "Did you mean 'hard'"),
+        (["--episodes", "513"], "1..512"),
+        (["--episodes", "0"], "1..512"),
+        (["--seed", "-1"], "seed must not be negative"),
+        (["--control-mode", "torque"], "Did you mean 'joint_torque'"),
+    ],
+)
+def test_bad_input_is_one_line_and_status_2_before_work_starts(arguments, message, capsys, tmp_path):
+    output = tmp_path / "out"
+    assert main([*arguments, "--output", str(output)]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+    assert not output.exists()
+
+
+def test_a_users_own_class_runs_by_its_name(tmp_path, capsys, monkeypatch):
+    (tmp_path / "my_package.py").write_text(
+        "import numpy as np\n"
+        "class Still:\n"
+        "    def __init__(self, context, seed):\n"
+        "        self.size = len(context.action_scale)\n"
+        "    def predict(self, observation, state=None, episode_start=None, deterministic=True):\n"
+        "        return np.zeros((len(observation), self.size)), state\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    assert main(["--policy", "my_package:Still", *QUICK, "--output", str(tmp_path / "out")]) == 0
+    assert "my_package:Still" in capsys.readouterr().out
+    sys.modules.pop("my_package")
+    assert {record.outcome for record in read_records(tmp_path / "out" / "records.jsonl")} == {"timeout"}
