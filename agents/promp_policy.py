@@ -165,3 +165,10 @@ class ProMPPolicy(TrajectoryPolicy):
             start,
             context.joint_limits,
         )
+
+
+class ConditionalMean(ProMPPolicy):
+    """The same without sampling: what the best of the samples is measured against."""
+
+    def __init__(self, context: PolicyContext, seed: int) -> None:
+        super().__init__(context, seed, samples=0)

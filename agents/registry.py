@@ -28,6 +28,7 @@ POLICIES: dict[str, Entry] = {
     "promp": Entry(
         "agents.promp_policy:ProMPPolicy", "best of 100 samples of a ProMP by eq. 20, as in shyam2020"
     ),
+    "promp_mean": Entry("agents.promp_policy:ConditionalMean", "the conditional mean of the same ProMP"),
 }
 
 

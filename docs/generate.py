@@ -20,18 +20,25 @@ from space_envs.files import atomic_write_text
 from space_envs.registration import ENTRIES
 
 DOCS = Path(__file__).resolve().parent
-# A block begins with what it holds and ends with the next end marker.
-MARKER = re.compile(r"(<!-- (generated|measured): (.+?) -->\n).*?(<!-- end -->)", re.DOTALL)
+# A block begins with what it holds and ends with the next end marker; blocks do not nest.
+BEGIN = re.compile(r"<!-- (?:generated|measured): ")
+MARKER = re.compile(
+    rf"(<!-- (generated|measured): ([^\n]+?) -->\n)(?:(?!{BEGIN.pattern}).)*?(<!-- end -->)", re.DOTALL
+)
 REFERENCE = "fetch/bin/python"  # as benchmarks/speed.py and docs/speed.md name it
 
 
 def pages() -> dict[Path, str]:
-    """What every page that depends on the code should hold."""
+    """What every page that depends on the code should hold.
+
+    Raises:
+        ValueError: if a page has a block that does not end, or that nothing generates.
+    """
     wanted = {
         DOCS / "environments" / f"{env_id.split('/')[-1]}.md": environment_page(env_id) for env_id in ENTRIES
     }
     for path in sorted(DOCS.glob("*.md")):
-        wanted[path] = _filled(path.read_text(encoding="utf-8"), "generated", lambda name: BLOCKS[name]())
+        wanted[path] = _filled(path.read_text(encoding="utf-8"), "generated", _block)
     return wanted
 
 
@@ -63,7 +70,16 @@ def measure(page: Path, reference: str) -> None:
     atomic_write_text(page, _filled(page.read_text(encoding="utf-8"), "measured", output))
 
 
+def _block(name: str) -> str:
+    if name not in BLOCKS:
+        raise ValueError(f"there is no block {name!r}; there are {', '.join(BLOCKS)}")
+    return BLOCKS[name]()
+
+
 def _filled(text: str, kind: str, content: Callable[[str], str]) -> str:
+    if len(BEGIN.findall(text)) != len(MARKER.findall(text)):
+        raise ValueError("a generated or measured block has no <!-- end -->")
+
     def fill(match: re.Match[str]) -> str:
         return f"{match[1]}\n{content(match[3])}\n\n{match[4]}" if match[2] == kind else match[0]
 

@@ -25,7 +25,7 @@ def comments(thing: ModuleType | type) -> dict[str, str]:
         if not isinstance(node, ast.Assign | ast.AnnAssign):
             continue
         target = node.targets[0] if isinstance(node, ast.Assign) else node.target
-        comment = lines[node.end_lineno - 1].encode()[node.end_col_offset :].decode().strip()
+        comment = lines[(node.end_lineno or 1) - 1].encode()[node.end_col_offset :].decode().strip()
         above, line = [], node.lineno - 2
         while not comment and line >= 0 and lines[line].lstrip().startswith("#"):
             above.insert(0, lines[line].strip().lstrip("# "))

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 
+import gymnasium as gym
 import pytest
 
 from agents.commands.evaluate import main as evaluate
@@ -17,6 +18,7 @@ from docs import generate
 from docs.blocks import BLOCKS
 from docs.reading import comments, described, section, split_unit
 from space_envs.evaluation.records import read_records
+from space_envs.registration import ENTRIES
 from space_envs.tasks.common import CaptureEnvelope
 
 ROOT = generate.DOCS.parent
@@ -70,18 +72,15 @@ def test_measurements_go_between_their_markers(tmp_path):
 @pytest.mark.parametrize("name", NAMES)
 def test_examples_run(name, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-    from space_envs.registration import ENTRIES
-
-    monkeypatch.setattr("space_envs.registration.ENTRIES", ENTRIES)
-    known = dict(ENTRIES)
+    known = set(ENTRIES)
     namespace: dict[str, object] = {}
     try:
         for mark, code, line in blocks(ROOT / name, "python"):
             if mark != "no-run":
                 exec(compile("\n" * line + code, name, "exec"), namespace)
     finally:
-        for added in set(ENTRIES) - set(known):
-            del ENTRIES[added]
+        for added in set(ENTRIES) - known:
+            del ENTRIES[added], gym.registry[added]
 
 
 def test_few_examples_are_not_run():
@@ -224,3 +223,11 @@ def test_reading_of_comments_and_docstrings():
     } | {"three": "the others."}
     assert split_unit("joint angles, rad") == ("rad", "joint angles")
     assert split_unit("w x y z, either sign") == ("", "w x y z, either sign")
+
+
+def test_blocks_that_do_not_end_or_exist_are_errors():
+    open_block = "<!-- generated: policies -->\n<!-- generated: links -->\n<!-- end -->\n"
+    with pytest.raises(ValueError, match="no <!-- end -->"):
+        generate._filled(open_block, "generated", str)
+    with pytest.raises(ValueError, match="no block 'policy'; there are environments, policies"):
+        generate._block("policy")

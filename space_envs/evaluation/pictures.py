@@ -17,7 +17,7 @@ WIDTH, HEIGHT = 480, 360
 def capture_pictures(
     task: SingleArmTask, rollouts: Mapping[str, Rollout]
 ) -> tuple[dict[str, list[NDArray[np.uint8]]], str]:
-    """Frames (HEIGHT, WIDTH, 3) of each policy's first captured episode, and a note where there are none."""
+    """Frames (HEIGHT, WIDTH, 3) of each policy's farthest capture, and a note where there are none."""
     from space_envs.rendering import Renderer  # OpenGL may be missing, and is not needed without pictures
 
     model = task.render_model
@@ -27,10 +27,10 @@ def capture_pictures(
     try:
         renderer = Renderer(model, width=WIDTH, height=HEIGHT, camera="overview")
         for name, rollout in rollouts.items():
-            captured = [row for row, outcome in enumerate(rollout.outcome) if outcome == "captured"]
-            if not captured:
+            captured = np.array([outcome == "captured" for outcome in rollout.outcome])
+            if not captured.any():
                 continue
-            row = captured[0]
+            row = int(np.argmax(np.where(captured, rollout.position_error[:, 0], -1.0)))
             frames = []
             for step in np.linspace(0, rollout.length[row], FRAMES).round().astype(int):
                 data.qpos[:] = rollout.qpos[row, step]

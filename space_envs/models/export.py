@@ -22,10 +22,36 @@ FORMATS = ("mjcf", "urdf")
 
 
 def mjcf(options: ModelOptions = ModelOptions()) -> str:
-    """The model as MJCF text that holds all it needs, with numbers to full precision."""
+    """The model as MJCF text that holds all it needs, with what matters to the dynamics to full precision."""
     spec = single_arm_spec(options)
-    spec.compile()
-    return spec.to_xml()
+    model = spec.compile()
+    root = ET.fromstring(spec.to_xml())
+    _restore_digits(root, model)
+    ET.indent(root)
+    return f"{ET.tostring(root, encoding='unicode')}\n"
+
+
+def _restore_digits(root: ET.Element, model: mujoco.MjModel) -> None:
+    """Write the numbers of the compiled model over those of MuJoCo's writer, which keeps six digits."""
+    for element in root.iter("body"):
+        body = model.body(element.attrib["name"])
+        element.attrib.update(pos=_text(body.pos), quat=_text(body.quat))
+        inertial = element.find("inertial")
+        if inertial is not None:
+            inertial.attrib.update(
+                pos=_text(body.ipos),
+                quat=_text(body.iquat),
+                mass=_text(body.mass),
+                diaginertia=_text(body.inertia),
+            )
+        for site in element.findall("site"):
+            site.attrib.update(
+                pos=_text(model.site(site.attrib["name"]).pos), quat=_text(model.site(site.attrib["name"]).quat)
+            )
+        for joint in element.findall("joint[@range]"):
+            joint.attrib["range"] = _text(model.joint(joint.attrib["name"]).range)
+    for key in root.iter("key"):
+        key.attrib["qpos"] = _text(model.key(key.attrib["name"]).qpos)
 
 
 def urdf(options: ModelOptions = ModelOptions(), parameters: SingleArmParameters = SINGLE_ARM) -> str:

@@ -80,6 +80,7 @@ def single_arm_spec(
 
     satellite = spec.worldbody.add_body(name=SATELLITE, explicitinertial=True)
     satellite.mass = parameters.satellite_mass
+    satellite.ipos = [0.0, 0.0, 0.0]  # otherwise MJCF is written without the inertia
     satellite.inertia = (
         parameters.satellite_inertia
         if options.variant == "paper"
