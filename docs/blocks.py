@@ -28,12 +28,10 @@ def environments() -> str:
 
 
 def policies() -> str:
-    """Built-in policies, those that learned among them."""
+    """What `--policy all` plays."""
     rows = []
     for name in dict.fromkeys(name for env_id in ENTRIES for name in available_policies(env_id)):
-        entry = POLICIES.get(name)
-        mode, text = (entry.control_mode, entry.summary) if entry else ("joint_velocity", "a trained network")
-        rows.append((f"`{name}`", f"`{mode}`", text))
+        rows.append((f"`{name}`", f"`{POLICIES[name].control_mode}`", POLICIES[name].summary))
     return table(("policy", "control mode", "what it is"), rows)
 
 

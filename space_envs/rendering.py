@@ -1,6 +1,8 @@
 """Pictures and a window of a simulation, drawn from its state alone."""
 
+import atexit
 import copy
+import threading
 import time
 from typing import Any
 
@@ -16,6 +18,7 @@ __all__ = ["Renderer", "missing_gl"]
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 _MAX_GEOMS = 2000
 _MAX_SIDE = 4096
+_WINDOW_SECONDS = 10.0  # that closing a window may take
 _TRAIL_COLOUR = np.array([0.35, 0.95, 1.0, 0.9], dtype=np.float32)
 _TRAIL_WIDTH = 0.012  # m
 
@@ -65,6 +68,7 @@ class Renderer:
         self._gl: Any = None
         self._context: mujoco.MjrContext | None = None
         self._window: Any = None
+        self._window_threads: set[threading.Thread] = set()
         self._shown: tuple[float, float] = (0.0, 0.0)  # simulated time and clock of the last state shown, s
 
     def render(
@@ -131,6 +135,9 @@ class Renderer:
         window, self._window = self._window, None
         if window is not None:
             window.close()
+            for thread in self._window_threads:
+                thread.join(_WINDOW_SECONDS)
+            atexit.unregister(self.close)
         context, self._context = self._context, None
         gl, self._gl = self._gl, None
         self._scene = None
@@ -179,12 +186,16 @@ class Renderer:
     def _open_window(self) -> Any:
         import mujoco.viewer  # it needs GLFW, which pictures do not
 
+        before = set(threading.enumerate())
         try:
             window = mujoco.viewer.launch_passive(
                 self._model, self._data, show_left_ui=False, show_right_ui=False
             )
         except RuntimeError as error:  # macOS asks for `mjpython` in place of `python`
             raise RenderingError(f"no window for render_mode='human': {error}") from error
+        # The window's own thread crashes in a process that ends under it, so `close` waits for it, at exit too.
+        self._window_threads = set(threading.enumerate()) - before
+        atexit.register(self.close)
         with window.lock():
             window.cam.type = int(mujoco.mjtCamera.mjCAMERA_FIXED)
             window.cam.fixedcamid = self._camera

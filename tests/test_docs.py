@@ -231,3 +231,9 @@ def test_blocks_that_do_not_end_or_exist_are_errors():
         generate._filled(open_block, "generated", str)
     with pytest.raises(ValueError, match="no block 'policy'; there are environments, policies"):
         generate._block("policy")
+
+
+def test_pages_named_in_the_code_exist():
+    for path in sorted((ROOT / "space_envs").rglob("*.py")) + sorted((ROOT / "agents").rglob("*.py")):
+        for page in re.findall(r"docs/[\w/]+\.md", path.read_text(encoding="utf-8")):
+            assert (ROOT / page).exists(), f"{path.relative_to(ROOT)} names {page}"

@@ -145,7 +145,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m space_envs.models.export",
         description="Write the single-arm robot's model for other tools.",
-        epilog="Lengths in m, masses in kg, angles in rad. See docs/models.md for frames and variants.",
+        epilog="Lengths in m, masses in kg, angles in rad. See docs/physics.md for frames and variants.",
     )
     parser.add_argument(
         "--variant",

@@ -1,0 +1,124 @@
+"""Exported models, read back by MuJoCo and by Pinocchio."""
+
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from space_envs.errors import ConfigurationError
+from space_envs.models.export import export, main
+from space_envs.models.parameters import VARIANTS
+from space_envs.models.single_arm import ModelOptions, single_arm_model
+
+
+def mass_matrix(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    mass = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, mass)
+    return mass
+
+
+def random_state(model: mujoco.MjModel, generator: np.random.Generator) -> mujoco.MjData:
+    data = mujoco.MjData(model)
+    data.qpos[:] = generator.uniform(-3, 3, model.nq)
+    data.qpos[3:7] = generator.normal(size=4)
+    data.qpos[3:7] /= np.linalg.norm(data.qpos[3:7])
+    mujoco.mj_forward(model, data)
+    return data
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("visual", [False, True])
+def test_mjcf_reads_back_as_the_same_model(variant: str, visual: bool) -> None:
+    options = ModelOptions(variant=variant, visual=visual)
+    ours, theirs = single_arm_model(options), mujoco.MjModel.from_xml_string(export("mjcf", options))
+    for name in ("nq", "nv", "nu", "nmocap", "nsensordata", "ngeom", "ncam", "nlight", "nkey", "nsite"):
+        assert getattr(ours, name) == getattr(theirs, name), name
+    for name in ("body_mass", "body_inertia", "body_ipos", "body_iquat", "body_pos", "body_quat", "key_qpos"):
+        np.testing.assert_allclose(getattr(theirs, name), getattr(ours, name), rtol=0, atol=1e-14)
+    for name in ("jnt_range", "dof_armature", "actuator_ctrlrange", "actuator_forcerange", "site_pos", "site_quat"):
+        np.testing.assert_allclose(getattr(theirs, name), getattr(ours, name), rtol=0, atol=1e-14)
+    assert int(theirs.opt.integrator) == int(mujoco.mjtIntegrator.mjINT_RK4)
+    assert not theirs.opt.gravity.any()
+    generator = np.random.default_rng(0)
+    for _ in range(20):
+        mine = random_state(ours, generator)
+        other = mujoco.MjData(theirs)
+        other.qpos[:] = mine.qpos
+        mujoco.mj_forward(theirs, other)
+        expected = mass_matrix(ours, mine)
+        np.testing.assert_allclose(mass_matrix(theirs, other), expected, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(other.sensordata, mine.sensordata, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_urdf_agrees_with_mujoco_in_pinocchio(variant: str) -> None:
+    options = ModelOptions(variant=variant)
+    model = single_arm_model(options)
+    robot = pin.buildModelFromXML(export("urdf", options), pin.JointModelFreeFlyer())
+    assert list(robot.names)[2:] == [f"joint{number}" for number in range(1, 8)]
+    np.testing.assert_allclose(robot.lowerPositionLimit[7:], model.jnt_range[1:, 0], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(robot.upperPositionLimit[7:], model.jnt_range[1:, 1], rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(robot.upperEffortLimit[6:], np.full(7, 60.0))
+    np.testing.assert_array_equal(robot.upperVelocityLimit[6:], np.full(7, 0.3))
+    numbers = robot.createData()
+    frame = robot.getFrameId("end_effector")
+    generator = np.random.default_rng(1)
+    for _ in range(50):
+        data = random_state(model, generator)
+        w, x, y, z = data.qpos[3:7]
+        q = np.array([*data.qpos[:3], x, y, z, w, *data.qpos[7:]])  # Pinocchio's quaternion ends with w
+        upper = np.triu(pin.crba(robot, numbers, q))
+        mass = upper + np.triu(upper, 1).T
+        # Pinocchio's base velocity is in body axes, MuJoCo's linear one in world axes.
+        axes = np.eye(13)
+        axes[:3, :3] = data.body("satellite").xmat.reshape(3, 3).T
+        expected = mass_matrix(model, data) - np.diag(model.dof_armature)  # URDF has no rotor inertia
+        np.testing.assert_allclose(axes.T @ mass @ axes, expected, rtol=1e-12, atol=1e-10)
+        pin.framesForwardKinematics(robot, numbers, q)
+        pose, site = numbers.oMf[frame], data.site("end_effector")
+        np.testing.assert_allclose(pose.translation, site.xpos, rtol=0, atol=1e-10)
+        np.testing.assert_allclose(pose.rotation, site.xmat.reshape(3, 3), rtol=0, atol=1e-10)
+
+
+def test_command_prints_without_a_file(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--format", "urdf", "--variant", "physical"]) == 0
+    assert ET.fromstring(capsys.readouterr().out).attrib["name"] == "single_arm_physical"
+
+
+def test_command_writes_a_file(tmp_path: Path) -> None:
+    target = tmp_path / "new" / "arm.xml"
+    command = [sys.executable, "-m", "space_envs.models.export", "--visual", "-o", str(target)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout == done.stderr == ""
+    assert mujoco.MjModel.from_xml_path(str(target)).ngeom > 100
+    assert [path.name for path in target.parent.iterdir()] == ["arm.xml"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--format", "urfd"], "unknown model format 'urfd'; valid are 'mjcf', 'urdf'. Did you mean 'urdf'?"),
+        (["--variant", "x"], "unknown model variant 'x'; valid are 'paper', 'physical'."),
+        (["--format", "urdf", "--visual"], "URDF is exported without geometry"),
+        (["-o", "/dev/null/arm.xml"], "/dev/null"),
+    ],
+)
+def test_command_says_in_one_line_what_is_wrong(
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(arguments) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert message in printed.err
+    assert printed.err.startswith("error: ")
+    assert printed.err.count("\n") == 1
+
+
+def test_unknown_format_is_refused() -> None:
+    with pytest.raises(ConfigurationError, match="unknown model format"):
+        export("sdf")
