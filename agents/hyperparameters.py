@@ -95,7 +95,16 @@ class OffPolicy(Hyperparameters):
 
 @dataclass(frozen=True)
 class SAC(OffPolicy):
-    """Soft actor-critic (Haarnoja et al. 2018) with its entropy coefficient learned."""
+    """Soft actor-critic (Haarnoja et al. 2018) with its entropy coefficient learned.
+
+    Attributes:
+        ent_coef: auto_ and the coefficient to begin with. With stable-baselines3's 1 the entropy outweighs
+            the reward of a step, which is some hundredths.
+        target_entropy: of an action, nat.
+    """
+
+    ent_coef: str = "auto_0.005"
+    target_entropy: float = -14.0
 
 
 @dataclass(frozen=True)

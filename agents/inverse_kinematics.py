@@ -1,7 +1,7 @@
 """Inverse kinematics of a floating arm, batched: joint goals whose motions end at inertial poses.
 
 Where the base is at the end depends on the motion that brings the joints there. So the pose is solved in the
-base frame that is predicted for the end of the very motion that will be executed (ERRATA, V-B).
+base frame that is predicted for the end of the very motion that will be executed.
 """
 
 from collections.abc import Callable

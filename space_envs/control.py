@@ -196,7 +196,7 @@ class Lookahead:
 
 
 class EndEffectorVelocity:
-    """End-effector twist [v; w], m/s and rad/s, inertial axes, by the damped inverse of the generalised Jacobian."""
+    """End-effector twist [v; w], m/s and rad/s, inertial axes, by the damped generalised Jacobian."""
 
     def __init__(self, drive: Drive) -> None:
         self.drive = drive

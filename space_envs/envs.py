@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from space_envs.control import MODES, Drive
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ActionError, ConfigurationError, unknown_name
-from space_envs.models.parameters import SINGLE_ARM
 from space_envs.registration import make_task
 from space_envs.reset_options import choose_start, rows_to_reset
 from space_envs.simulation import Simulation
@@ -51,7 +50,7 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         control_mode: joint_velocity, joint_torque, end_effector_velocity or reactionless.
         autoreset_mode: next_step, same_step or disabled (Gymnasium's `AutoresetMode`).
         threads: of the simulation; None chooses by N.
-        render_mode: None, rgb_array (of the first simulations) or human (of the first).
+        render_mode: None, rgb_array (of every simulation) or human (of the first).
         width, height: of pictures, pixels. camera: name of a camera of the model.
         **keywords: of the task (difficulty, split, reward, variant, horizon, timestep, control_period,
             attitude_limit, c) and of its capture envelope (position_tolerance m, orientation_tolerance deg,
@@ -112,7 +111,10 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         self.metadata = {**METADATA, "autoreset_mode": autoreset_mode}
         self.simulation = Simulation(self.task.model, num_envs, threads)
         self.drive = Drive(
-            self.simulation, self.task.control_period, SINGLE_ARM.rate_limit, SINGLE_ARM.acceleration_limit
+            self.simulation,
+            self.task.control_period,
+            self.task.parameters.rate_limit,
+            self.task.parameters.acceleration_limit,
         )
         self.mode = MODES[control_mode](self.drive)
         self._view = {"width": width, "height": height, "camera": camera}

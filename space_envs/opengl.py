@@ -1,9 +1,9 @@
 """Which OpenGL this machine can draw with, found out when the first picture is asked for.
 
-MuJoCo chooses its backend when it is imported, by the environment variable MUJOCO_GL, and on Linux takes GLFW,
-which needs a screen. Here the choice is made late and nothing happens on import, so that a machine without
-OpenGL runs everything but pictures. A driver can end the process instead of raising, hence the trial in a
-process of its own.
+MuJoCo chooses its backend when it is imported, by the environment variable MUJOCO_GL, and on Linux takes
+GLFW, which needs a screen. Here the choice is made late and nothing happens on import, so that a machine
+without OpenGL runs everything but pictures. A driver can end the process instead of raising, so it is tried
+in a process of its own.
 """
 
 import importlib
@@ -28,8 +28,8 @@ renderer.render()
 """
 _TRIAL_SECONDS = 60
 _ADVICE = (
-    "Everything but pictures works without. On Debian or Ubuntu, `apt-get install libegl1 libgl1-mesa-dri` draws"
-    " without a screen (or `libosmesa6` with MUJOCO_GL=osmesa)."
+    "Everything but pictures works without. On Debian or Ubuntu, `apt-get install libegl1 libgl1-mesa-dri`"
+    " draws without a screen (or `libosmesa6` with MUJOCO_GL=osmesa)."
 )
 
 

@@ -1,13 +1,12 @@
 """The one table of ids: which task, with what defaults."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import gymnasium as gym
 
 from space_envs.errors import unknown_name
-from space_envs.tasks.common import CaptureEnvelope
 from space_envs.tasks.single_arm import SingleArmTask
 
 
@@ -49,8 +48,8 @@ def make_task(env_id: str, keywords: Mapping[str, Any]) -> SingleArmTask:
     for name in keywords:
         if name not in names and name not in ENVELOPE_KEYWORDS:
             raise unknown_name("keyword", name, [*names, *ENVELOPE_KEYWORDS, *sorted(own)])
-    envelope = CaptureEnvelope(
-        **{ENVELOPE_KEYWORDS[k]: v for k, v in keywords.items() if k in ENVELOPE_KEYWORDS}
+    envelope = replace(
+        task().envelope, **{ENVELOPE_KEYWORDS[k]: v for k, v in keywords.items() if k in ENVELOPE_KEYWORDS}
     )
     return task(**{k: v for k, v in keywords.items() if k in names}, envelope=envelope)
 

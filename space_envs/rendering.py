@@ -179,8 +179,8 @@ class Renderer:
             except (ImportError, RuntimeError, mujoco.FatalError) as error:
                 self.close()
                 raise RenderingError(f"OpenGL ({backend}) could not be opened: {error}") from error
-            self._scene = mujoco.MjvScene(self._model, _MAX_GEOMS)
-            self._scene.flags[int(mujoco.mjtRndFlag.mjRND_SHADOW)] = self._shadows
+            scene = self._scene = mujoco.MjvScene(self._model, _MAX_GEOMS)
+            scene.flags[int(mujoco.mjtRndFlag.mjRND_SHADOW)] = self._shadows
         return self._scene, self._context
 
     def _open_window(self) -> Any:
@@ -193,7 +193,7 @@ class Renderer:
             )
         except RuntimeError as error:  # macOS asks for `mjpython` in place of `python`
             raise RenderingError(f"no window for render_mode='human': {error}") from error
-        # The window's own thread crashes in a process that ends under it, so `close` waits for it, at exit too.
+        # The window's thread crashes in a process that ends under it, so `close` waits for it, at exit too.
         self._window_threads = set(threading.enumerate()) - before
         atexit.register(self.close)
         with window.lock():

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError, unknown_name
-from space_envs.models.parameters import SINGLE_ARM
 from space_envs.tasks.single_arm import SingleArmTask
 
 RESET_OPTIONS = (
@@ -106,7 +105,7 @@ def _joint_option(
     task: SingleArmTask, options: Mapping[str, Any], name: str, rows: NDArray[np.int64], n: int
 ) -> Array:
     value = _row_values(options, name, task.robot.n_joints, rows, n)
-    rates = SINGLE_ARM.rate_limit * np.array([[-1.0, 1.0]])
+    rates = task.parameters.rate_limit * np.array([[-1.0, 1.0]])
     limits = task.robot.range if name == "joint_position" else rates
     if (value < limits[:, 0]).any() or (value > limits[:, 1]).any():
         raise ConfigurationError(f"{name} outside its limits: got {value.tolist()}, limits {limits.tolist()}")

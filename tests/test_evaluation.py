@@ -150,6 +150,7 @@ def test_timing_tells_planning_from_acting():
         (["--episodes", "0"], "1..512"),
         (["--seed", "-1"], "seed must not be negative"),
         (["--control-mode", "torque"], "Did you mean 'joint_torque'"),
+        (["--policy", "hold", "gjm", "--control-mode", "joint_torque"], "control mode 'joint_velocity'"),
     ],
 )
 def test_bad_input_is_one_line_and_status_2_before_work_starts(arguments, message, capsys, tmp_path):

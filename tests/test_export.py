@@ -40,7 +40,14 @@ def test_mjcf_reads_back_as_the_same_model(variant: str, visual: bool) -> None:
         assert getattr(ours, name) == getattr(theirs, name), name
     for name in ("body_mass", "body_inertia", "body_ipos", "body_iquat", "body_pos", "body_quat", "key_qpos"):
         np.testing.assert_allclose(getattr(theirs, name), getattr(ours, name), rtol=0, atol=1e-14)
-    for name in ("jnt_range", "dof_armature", "actuator_ctrlrange", "actuator_forcerange", "site_pos", "site_quat"):
+    for name in (
+        "jnt_range",
+        "dof_armature",
+        "actuator_ctrlrange",
+        "actuator_forcerange",
+        "site_pos",
+        "site_quat",
+    ):
         np.testing.assert_allclose(getattr(theirs, name), getattr(ours, name), rtol=0, atol=1e-14)
     assert int(theirs.opt.integrator) == int(mujoco.mjtIntegrator.mjINT_RK4)
     assert not theirs.opt.gravity.any()

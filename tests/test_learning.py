@@ -32,6 +32,7 @@ from agents.learned_policy import (
     LearnedPolicy,
     ProximalPolicyOptimization,
     load_shipped,
+    shipped_path,
     shipped_policies,
 )
 from agents.learning import learn
@@ -380,6 +381,7 @@ def test_a_killed_run_goes_on_from_its_checkpoint(tmp_path: Path) -> None:
         (["--env", "SpaceCapture/SingleArm-v1"], "SingleArm-v0"),
         (["--difficulty", "meduim"], "medium"),
         (["--control-mode", "torque"], "joint_torque"),
+        (["--control-mode", "joint_torque"], "--init none"),
         (["--expert", "gmj"], "gjm"),
         (["--algo", "sac", "--expert", "gjm"], "--expert is for"),
         (["--algo", "bc", "--init", "none"], "--init is for ppo"),
@@ -439,6 +441,15 @@ def test_shipped_policies_capture(kind: type[BehaviourCloning] | type[ProximalPo
     assert captured.mean() >= 0.9
     with pytest.raises(ConfigurationError, match="shipped policy"):
         load_shipped(ENV_ID, "dqn")
+
+
+@pytest.mark.parametrize("name", ["bc", "ppo"])
+def test_shipped_policies_come_from_the_documented_command(name: str) -> None:
+    provenance = json.loads(shipped_path(ENV_ID, name).with_suffix(".json").read_text())
+    assert provenance["commands"] == [["train.py"] if name == "ppo" else ["train.py", "--algo", "bc"]]
+    assert from_json(name, provenance["hyperparameters"]) == TABLE[name]
+    assert load_shipped(ENV_ID, name).notes["validation"] == provenance["summary"]["validation"]
+    assert provenance["test"]["captured"] >= 0.97 and provenance["summary"]["wall_s"] < 600
 
 
 def _scalars(folder: RunFolder, name: str) -> list[float]:

@@ -35,8 +35,8 @@ TABLE_II = [
     (20.0, 0.25, 25.0, 25.0),
     (20.0, 0.25, 25.0, 25.0),
 ]
-# The `physical` variant: rods of radius 0.08 m and a homogeneous cube of side 1 m. Axes of DH frame i; links 1
-# and 7 run along its y axis, links 3 to 6 along x, link 2 is as long as it is wide, about z.
+# The `physical` variant: rods of radius 0.08 m and a homogeneous cube of side 1 m. Axes of DH frame i; links
+# 1 and 7 run along its y axis, links 3 to 6 along x, link 2 is as long as it is wide, about z.
 AXIAL_20, AXIAL_30 = 0.064, 0.096
 PHYSICAL_INERTIA = [
     (200 / 6, 200 / 6, 200 / 6),
@@ -69,7 +69,12 @@ def dh_frames(q: np.ndarray) -> list[np.ndarray]:
     frames = [np.eye(4)]
     for theta, (alpha, a, d) in zip(q, TABLE_I, strict=True):
         ct, st_, ca, sa = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
-        step = [[ct, -st_ * ca, st_ * sa, a * ct], [st_, ct * ca, -ct * sa, a * st_], [0, sa, ca, d], [0, 0, 0, 1]]
+        step = [
+            [ct, -st_ * ca, st_ * sa, a * ct],
+            [st_, ct * ca, -ct * sa, a * st_],
+            [0, sa, ca, d],
+            [0, 0, 0, 1],
+        ]
         frames.append(frames[-1] @ np.array(step))
     return frames
 
@@ -87,7 +92,9 @@ def test_masses_and_inertias_are_those_of_table_ii(variant: str, visual: bool) -
         body = model.body(name)
         assert body.mass[0] == TABLE_II[number][0]
         moments = TABLE_II[number][1:] if variant == "paper" else PHYSICAL_INERTIA[number]
-        turn = rotation_x(TABLE_I[number - 1][0]) if number else np.eye(3)  # body axes from those of DH frame i
+        turn = (
+            rotation_x(TABLE_I[number - 1][0]) if number else np.eye(3)
+        )  # body axes from those of DH frame i
         axes = rotation(body.iquat)
         compiled = axes @ np.diag(body.inertia) @ axes.T
         np.testing.assert_allclose(compiled, turn @ np.diag(moments) @ turn.T, rtol=0, atol=1e-12)
@@ -148,7 +155,9 @@ def test_frames_are_the_dh_frames(q: list[float], base: list[float], turn: list[
     for number in range(1, 8):  # body i has its origin in frame i - 1 and the z axis of that frame
         body = data.body(f"link{number}")
         np.testing.assert_allclose(body.xpos, frames[number - 1][:3, 3], rtol=0, atol=1e-12)
-        np.testing.assert_allclose(body.xmat.reshape(3, 3)[:, 2], frames[number - 1][:3, 2], rtol=0, atol=1e-12)
+        np.testing.assert_allclose(
+            body.xmat.reshape(3, 3)[:, 2], frames[number - 1][:3, 2], rtol=0, atol=1e-12
+        )
     site = data.site("end_effector")
     np.testing.assert_allclose(site.xpos, frames[7][:3, 3], rtol=0, atol=1e-12)
     np.testing.assert_allclose(site.xmat.reshape(3, 3), frames[7][:3, :3], rtol=0, atol=1e-12)
@@ -180,9 +189,29 @@ def test_drawing_changes_nothing_that_is_simulated(variant: str) -> None:
     drawn = single_arm_model(ModelOptions(variant=variant, visual=True))
     assert plain.ngeom == plain.ncam == plain.nlight == plain.ntex == 0
     assert drawn.ngeom > 100
-    for name in ("nq", "nv", "nu", "na", "nmocap", "nsensordata", "nbody", "nsite", "nkey", "neq", "nuserdata"):
+    for name in (
+        "nq",
+        "nv",
+        "nu",
+        "na",
+        "nmocap",
+        "nsensordata",
+        "nbody",
+        "nsite",
+        "nkey",
+        "neq",
+        "nuserdata",
+    ):
         assert getattr(plain, name) == getattr(drawn, name), name
-    for name in ("body_mass", "body_inertia", "body_ipos", "body_iquat", "body_pos", "body_quat", "sensor_adr"):
+    for name in (
+        "body_mass",
+        "body_inertia",
+        "body_ipos",
+        "body_iquat",
+        "body_pos",
+        "body_quat",
+        "sensor_adr",
+    ):
         np.testing.assert_array_equal(getattr(plain, name), getattr(drawn, name))
     for name in ("dof_armature", "jnt_range", "actuator_forcerange", "sensor_objid", "key_qpos", "site_pos"):
         np.testing.assert_array_equal(getattr(plain, name), getattr(drawn, name))
@@ -216,7 +245,8 @@ def test_what_is_drawn_stands_where_the_frames_say() -> None:
         return [
             geom
             for geom in range(model.ngeom)
-            if model.geom_bodyid[geom] == body_id and model.mat(int(model.geom_matid[geom])).name.startswith(material)
+            if model.geom_bodyid[geom] == body_id
+            and model.mat(int(model.geom_matid[geom])).name.startswith(material)
         ]
 
     def distance(first: list[int], second: list[int]) -> float:

@@ -85,7 +85,7 @@ def test_bootstrap_with_missing_values_has_no_nan() -> None:
 def test_bootstrap_repeats_with_its_generator_alone() -> None:
     values, strata = np.random.default_rng(2).normal(size=40), np.arange(40) % 4
     first = stratified_bootstrap(values, strata, np.random.default_rng(5))
-    np.random.random(3)  # noqa: NPY002
+    np.random.random(3)
     assert stratified_bootstrap(values, strata, np.random.default_rng(5)) == first
     assert stratified_bootstrap(values, strata, np.random.default_rng(6)) != first
 

@@ -12,10 +12,12 @@ from rich.console import Console
 
 from agents.resolve import ResolvedPolicy, available_policies, resolve_policy
 from space_envs.control import CONTROL_MODES
+from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError, SpaceEnvsError, unknown_name
 from space_envs.evaluation.leaderboard import build_rows
 from space_envs.evaluation.metrics import episode_records, episode_traces
 from space_envs.evaluation.pictures import capture_pictures
+from space_envs.evaluation.policy import PolicyContext
 from space_envs.evaluation.provenance import provenance
 from space_envs.evaluation.records import EpisodeRecord, EvaluationResult, Timing
 from space_envs.evaluation.report import BOOTSTRAP_SEED, write_report
@@ -100,6 +102,10 @@ def run(options: argparse.Namespace, arguments: list[str]) -> None:
     task = make_task(options.env, keywords)
     indices = split_indices(task, options.split, options.episodes, options.seed)
     policies = _policies(options)
+    for policy in policies:
+        # One that does not fit the environment says so before the first episode of any.
+        env = CaptureVectorEnv(options.env, 1, policy.control_mode, **keywords)
+        policy.build(PolicyContext.from_env(env), options.seed)
     started = perf_counter()
     records: list[EpisodeRecord] = []
     traces: dict[str, Traces] = {}

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from agents.hyperparameters import ALGORITHMS, BC, PPO, TABLES, AnyHyperparameters, hyperparameters
-from agents.registry import policy_class
+from agents.registry import control_mode, policy_class
 from agents.training.runs import RunFolder, Settings, command_line
 from agents.training.validation import EPISODES
 from space_envs.control import CONTROL_MODES
@@ -192,6 +192,12 @@ def _check(settings: Settings, parameters: AnyHyperparameters, parsed: argparse.
     _check_device(settings.device)
     if isinstance(parameters, PPO | BC) and parameters.expert is not None:
         policy_class(parameters.expert)
+        mode = control_mode(parameters.expert)
+        if mode != settings.control_mode:
+            raise ConfigurationError(
+                f"expert {parameters.expert!r} acts in control mode {mode!r}, not {settings.control_mode!r}; "
+                "name another --expert, or for ppo --init none"
+            )
     if isinstance(parameters, PPO) and settings.init is not None:
         from agents.learning import starting_policy
 

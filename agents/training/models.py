@@ -21,6 +21,7 @@ _ACTIVATIONS: dict[str, type[nn.Module]] = {"tanh": nn.Tanh, "relu": nn.ReLU}
 # Hyperparameters that go to stable-baselines3 under their own names.
 _PPO = "n_steps n_epochs gae_lambda clip_range ent_coef vf_coef max_grad_norm target_kl"
 _OFF_POLICY = "buffer_size learning_starts tau train_freq gradient_steps"
+_SAC = "ent_coef target_entropy"
 _TD3 = "policy_delay target_policy_noise target_noise_clip"
 LARGEST_BUFFER = 256 * 2**20  # bytes of a replay buffer that goes into a checkpoint
 
@@ -53,7 +54,7 @@ def build_model(
         return PPO("MlpPolicy", env, **common, **_values(parameters, _PPO))
     common |= _values(parameters, _OFF_POLICY)
     if isinstance(parameters, tables.SAC):
-        return SAC("MlpPolicy", env, **common)
+        return SAC("MlpPolicy", env, **common, **_values(parameters, _SAC))
     size = env.action_space.shape or (0,)
     noise = NormalActionNoise(np.zeros(size), np.full(size, parameters.exploration))
     return TD3("MlpPolicy", env, action_noise=noise, **common, **_values(parameters, _TD3))

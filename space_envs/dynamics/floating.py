@@ -56,7 +56,7 @@ class FloatingRobot(RobotTree):
     def momentum_matrices(self, q: Array) -> tuple[Array, Array]:
         """Base inertia H_b (..., 6, 6) and coupling inertia H_bm (..., 6, n): [p; L] = H_b xi + H_bm qdot.
 
-        Eq. 7b of shyam2020 with the linear part kept (ERRATA, eq. 2 and 3), by composite bodies.
+        Eq. 7b of shyam2020 with the linear part kept (docs/physics.md says why), by composite bodies.
         """
         base, coupling = self._by_blocks(q, self._momentum_matrices, (6, 6), (6, self.n_joints))
         return base, coupling

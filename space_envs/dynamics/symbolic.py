@@ -110,7 +110,7 @@ class SymbolicRobot:
 
     @cached_property
     def reduced_mass(self) -> ca.Function:
-        """q -> mass (n, n) that the joints feel at zero momentum (I_m of eq. 12 of shah2013, ERRATA)."""
+        """q -> mass (n, n) that the joints feel at zero momentum (I_m of eq. 12 of shah2013)."""
         mass = ca.hessian(self._energy(self._free_twist), self._qdot)[0]
         return self._function("reduced_mass", ["q"], ["mass"], [mass])
 

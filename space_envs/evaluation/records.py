@@ -24,7 +24,7 @@ OUTCOMES = ("captured", "timeout", "attitude_lost", "diverged", "collision", "po
 
 
 class Timing(TypedDict):
-    """Milliseconds: to make the plan (None where the policy makes none) and for each action (mean)."""
+    """Milliseconds: to make the plan (None where the policy makes none) and for each action (median)."""
 
     planning_ms: float | None
     action_ms: float | None

@@ -146,10 +146,15 @@ def _draw_link(body: Brush, link: DHLink, radius: float, shorten: float) -> None
     if not shorten:
         ring("dark_metal", length - 0.17, length - 0.10, 1.18)
     ring("aluminium", length * 0.5 - 0.012, length * 0.5 + 0.012, 1.06)
-    side = np.array([-along[2], 0.0, along[0]])  # a cable duct along the boom, across the joint axis or along x
+    side = np.array(
+        [-along[2], 0.0, along[0]]
+    )  # a cable duct along the boom, across the joint axis or along x
     offset = 1.02 * radius * side
     body.rod(
-        "grey_paint", (0.17 * along + offset).tolist(), ((length - 0.12) * along + offset).tolist(), 0.16 * radius
+        "grey_paint",
+        (0.17 * along + offset).tolist(),
+        ((length - 0.12) * along + offset).tolist(),
+        0.16 * radius,
     )
 
 
@@ -201,9 +206,13 @@ def draw_target(target: mujoco.MjsBody) -> None:
     # One wing bent at its hinge, the other torn off at the yoke.
     debris.rod("aluminium", (0.3, middle, 0), (0.46, middle, 0.0), 0.022)
     debris.box("dead_cells", (0.70, middle, 0.02), (0.46, 0.5, 0.014), (cos(0.04), 0, -sin(0.04), 0))
-    debris.box("dead_cells", (1.10, middle + 0.02, 0.20), (0.42, 0.5, 0.014), (cos(0.33), 0.05, -sin(0.33), 0.04))
+    debris.box(
+        "dead_cells", (1.10, middle + 0.02, 0.20), (0.42, 0.5, 0.014), (cos(0.33), 0.05, -sin(0.33), 0.04)
+    )
     debris.rod("aluminium", (-0.3, middle, 0), (-0.42, middle + 0.04, 0.05), 0.022)
-    debris.box("dead_cells", (-0.47, middle + 0.09, 0.07), (0.13, 0.24, 0.014), (cos(0.3), 0.1, sin(0.3), 0.15))
+    debris.box(
+        "dead_cells", (-0.47, middle + 0.09, 0.07), (0.13, 0.24, 0.014), (cos(0.3), 0.1, sin(0.3), 0.15)
+    )
     debris.mesh("white_paint", "small_dish", (0.08, middle, -0.38), (0, 1, 0, 0))
 
 
@@ -216,7 +225,9 @@ def draw_environment(spec: mujoco.MjSpec) -> None:
     bowl = [(0.001, 0.0), (0.10, 0.012), (0.20, 0.05), (0.28, 0.10)]
     add_revolved(spec, "dish", [*bowl, *((max(r - 0.008, 0.001), z + 0.008) for r, z in reversed(bowl))])
     bowl = [(0.55 * r, 0.55 * z) for r, z in bowl]
-    add_revolved(spec, "small_dish", [*bowl, *((max(r - 0.006, 0.001), z + 0.006) for r, z in reversed(bowl))])
+    add_revolved(
+        spec, "small_dish", [*bowl, *((max(r - 0.006, 0.001), z + 0.006) for r, z in reversed(bowl))]
+    )
     bell = [(0.17, 0.0), (0.155, 0.08), (0.12, 0.16), (0.06, 0.22), (0.07, 0.26)]
     add_revolved(spec, "nozzle", [*bell, *((r - 0.012, z) for r, z in reversed(bell))])
 
@@ -243,8 +254,8 @@ def draw_environment(spec: mujoco.MjSpec) -> None:
     spec.stat.extent = 5.0
     spec.stat.center = [0.0, 0.8, 1.0]
 
-    eye, at = (6.0, -1.4, 3.3), (-0.3, 0.8, 1.15)
-    world.add_camera(name="overview", pos=eye, quat=look_at(eye, at), fovy=45)
+    eye, at = (6.5, -1.5, 3.6), (-0.3, 0.85, 1.4)
+    world.add_camera(name="overview", pos=eye, quat=look_at(eye, at), fovy=46)
     eye, at = (4.0, -4.1, 3.2), (0.0, 0.6, 0.9)
     spec.body("satellite").add_camera(
         name="chase", mode=mujoco.mjtCamLight.mjCAMLIGHT_TRACKCOM, pos=eye, quat=look_at(eye, at), fovy=50

@@ -46,7 +46,8 @@ def _restore_digits(root: ET.Element, model: mujoco.MjModel) -> None:
             )
         for site in element.findall("site"):
             site.attrib.update(
-                pos=_text(model.site(site.attrib["name"]).pos), quat=_text(model.site(site.attrib["name"]).quat)
+                pos=_text(model.site(site.attrib["name"]).pos),
+                quat=_text(model.site(site.attrib["name"]).quat),
             )
         for joint in element.findall("joint[@range]"):
             joint.attrib["range"] = _text(model.joint(joint.attrib["name"]).range)
@@ -112,7 +113,13 @@ def _add_link(robot: ET.Element, model: mujoco.MjModel, name: str) -> None:
 
 
 def _add_joint(
-    robot: ET.Element, name: str, kind: str, parent: str, child: str, position: np.ndarray, quaternion: np.ndarray
+    robot: ET.Element,
+    name: str,
+    kind: str,
+    parent: str,
+    child: str,
+    position: np.ndarray,
+    quaternion: np.ndarray,
 ) -> ET.Element:
     element = ET.SubElement(robot, "joint", name=name, type=kind)
     ET.SubElement(element, "origin", xyz=_text(position), rpy=_text(_roll_pitch_yaw(quaternion)))
@@ -159,8 +166,12 @@ def _parser() -> argparse.ArgumentParser:
         metavar="|".join(FORMATS),
         help="mjcf is the whole model, urdf the robot alone (default: %(default)s)",
     )
-    parser.add_argument("--visual", action="store_true", help="with the drawn geometry, lights and cameras (mjcf)")
-    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="where to write (default: print it)")
+    parser.add_argument(
+        "--visual", action="store_true", help="with the drawn geometry, lights and cameras (mjcf)"
+    )
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="FILE", help="where to write (default: print it)"
+    )
     return parser
 
 

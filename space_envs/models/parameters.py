@@ -36,7 +36,7 @@ class SingleArmParameters:
 
     satellite_mass: float = 200.0  # kg, Table II, L 0
     satellite_inertia: tuple[float, float, float] = (1400.0, 1400.0, 2040.0)  # kg m^2, Table II, L 0
-    satellite_side: float = 1.0  # m; d1 = 0.5 m then puts the shoulder on a face (ERRATA, Table I)
+    satellite_side: float = 1.0  # m; d1 = 0.5 m then puts the shoulder on a face; our reading
     links: tuple[DHLink, ...] = (
         DHLink(-pi / 2, 0.0, 0.5, 20.0, (0.10, 0.10, 0.10)),
         DHLink(pi / 2, 0.0, 0.0, 30.0, (0.25, 25.0, 25.0)),

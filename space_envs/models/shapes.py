@@ -39,7 +39,15 @@ class Brush:
 
     def _geom(self, kind: mujoco.mjtGeom, material: str, pos: Vector, size: Vector, **rest) -> None:
         self.body.add_geom(
-            type=kind, material=material, pos=pos, size=size, mass=0, contype=0, conaffinity=0, group=1, **rest
+            type=kind,
+            material=material,
+            pos=pos,
+            size=size,
+            mass=0,
+            contype=0,
+            conaffinity=0,
+            group=1,
+            **rest,
         )
 
     def box(self, material: str, pos: Vector, size: Vector, quat: Vector = (1, 0, 0, 0)) -> None:
@@ -91,20 +99,26 @@ def add_crumpled_box(spec: mujoco.MjSpec, name: str, size: Vector, depth: float,
             inner[..., [first, second]] += generator.uniform(-0.35, 0.35, (*inner.shape[:2], 2)) * 2 / cells
             grid *= half
             grid[1:-1, 1:-1, axis] -= sign * generator.uniform(0, depth, inner.shape[:2])
-            a, b, c, d = (part.reshape(-1, 3) for part in (grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]))
+            a, b, c, d = (
+                part.reshape(-1, 3) for part in (grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:])
+            )
             faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
             triangles.append(faces if sign > 0 else faces[:, ::-1])
     _add_mesh(spec, name, np.concatenate(triangles))
 
 
-def add_revolved(spec: mujoco.MjSpec, name: str, profile: Sequence[tuple[float, float]], sides: int = 32) -> None:
+def add_revolved(
+    spec: mujoco.MjSpec, name: str, profile: Sequence[tuple[float, float]], sides: int = 32
+) -> None:
     """Add the closed surface that a profile of (radius, z) points, turned about z, sweeps out.
 
     Used for dishes and nozzles: give the outside going up and the inside coming down.
     """
     angle = np.linspace(0, 2 * np.pi, sides + 1)
     points = np.array([[(r * np.cos(t), r * np.sin(t), z) for t in angle] for r, z in profile])
-    a, b, c, d = (p.reshape(-1, 3) for p in (points[:-1, :-1], points[:-1, 1:], points[1:, 1:], points[1:, :-1]))
+    a, b, c, d = (
+        p.reshape(-1, 3) for p in (points[:-1, :-1], points[:-1, 1:], points[1:, 1:], points[1:, :-1])
+    )
     faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
     edges = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
     _add_mesh(spec, name, faces[np.linalg.norm(edges, axis=1) > 1e-9])

@@ -2,7 +2,7 @@
 
 The base floats, so where the end-effector arrives depends on the way it takes. A goal is the pose in which a
 minimum-jerk joint motion of the free-floating robot ends, from home to a configuration drawn around it: every
-goal can be reached. Nothing is touched; a capture is a matter of being close, aligned and slow for long enough.
+goal can be reached. Nothing is touched; to capture is to be close, aligned and slow for long enough.
 """
 
 from dataclasses import dataclass, field
@@ -91,8 +91,8 @@ class SingleArmTask:
         reward: dense or sparse.
         variant: inertias of the model, paper or physical.
         control_period: between two actions, s. timestep: of the simulation, s; the default is the largest
-            whose momentum drift meets the published bound (docs/momentum.md). horizon: steps after which an
-            episode is cut.
+            in the table of docs/momentum.md whose drift meets the bound.
+        horizon: steps after which an episode is cut.
         envelope: of a capture. attitude_limit: deg from the initial attitude at which it counts as lost.
         c: angular to linear conversion of eq. 20, m/rad.
     """
@@ -130,7 +130,7 @@ class SingleArmTask:
                 raise ConfigurationError(f"{name} must be positive, got {getattr(self, name)!r}")
 
     layout = LAYOUT
-    measured = MEASURED
+    parameters = SINGLE_ARM
 
     @cached_property
     def weights(self) -> RewardWeights:
