@@ -29,6 +29,8 @@ POLICIES: dict[str, Entry] = {
         "agents.promp_policy:ProMPPolicy", "best of 100 samples of a ProMP by eq. 20, as in shyam2020"
     ),
     "promp_mean": Entry("agents.promp_policy:ConditionalMean", "the conditional mean of the same ProMP"),
+    "bc": Entry("agents.learned_policy:BehaviourCloning", "cloned from gjm (DAgger), shipped"),
+    "ppo": Entry("agents.learned_policy:ProximalPolicyOptimization", "the clone, improved by PPO, shipped"),
 }
 
 
