@@ -132,9 +132,13 @@ def test_a_policy_that_raises_or_misshapes_is_named(name, message):
 
 
 def test_timing_tells_planning_from_acting():
-    policy = resolve_policy("minimum_jerk")
-    timing = time_policy(policy.factory(0), {"env_id": SINGLE}, "test", np.arange(2))
-    assert timing.planning > timing.action > 0
+    times = {
+        name: time_policy(resolve_policy(name).factory(0), {"env_id": SINGLE}, "test", np.arange(3))
+        for name in ("minimum_jerk", "gjm")
+    }
+    assert times["minimum_jerk"].planning > 10 * times["minimum_jerk"].action > 0
+    assert times["gjm"].planning is None
+    assert times["gjm"].action > 0
 
 
 @pytest.mark.parametrize(
