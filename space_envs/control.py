@@ -96,6 +96,9 @@ class Drive:
         late = np.asarray((now < self.low) | (now > self.high))
         if not late.any():
             need, held = self._inverse_dynamics(acceleration)
+            torque = held + need
+            if (np.abs(torque) <= self.torque_limit).all():
+                return torque
             return self._within(held + need * self._room(held, need))
         braking, held = self._inverse_dynamics(np.where(late, acceleration, 0.0))
         rest, _ = self._inverse_dynamics(np.where(late, 0.0, acceleration))

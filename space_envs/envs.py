@@ -227,23 +227,23 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         if not self._started:
             raise ConfigurationError("call reset before step")
         action = self._checked(actions)
-        ended = self._outcome != _RUNNING
-        previous = self._observation if ended.any() else None
+        ended = self._outcome != _RUNNING if self._outcome.any() else None
         self.drive.begin()
         self.simulation.ctrl[:] = self.mode.torques(action)
         self.simulation.step(self.task.substeps)
         self._steps += 1
-        observation = self.task.observe(self.simulation.sensors, self._time())
-        diverged = self.simulation.diverged() | ~np.isfinite(observation).all(axis=1)
-        if diverged.any():
-            observation[diverged] = self._observation[diverged]
+        previous, observation = self._observation, self.task.observe(self.simulation.sensors, self._time())
+        diverged = None
+        if self.simulation.warned() or not np.isfinite(observation).all():
+            diverged = self.simulation.diverged() | ~np.isfinite(observation).all(axis=1)
+            observation[diverged] = previous[diverged]
         reward, terms, attitude = self._judge(observation, action, diverged, ended)
         self._observation = observation
         terminated = (self._outcome == _CAPTURED) | (self._outcome >= _ATTITUDE_LOST)
         truncated = self._outcome == _TIMEOUT
         info = self._step_info(terms, attitude)
-        if previous is not None:
-            self._after_end(ended, previous, reward, terms, terminated, truncated)
+        if ended is not None:
+            self._after_end(ended, previous, terminated, truncated)
         if self.autoreset_mode is AutoresetMode.SAME_STEP and (done := terminated | truncated).any():
             self._reset_same_step(np.flatnonzero(done), info)
         if self.render_mode == "human":
@@ -268,41 +268,42 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         return inside
 
     def _judge(
-        self, observation: Array, action: Array, diverged: NDArray[np.bool_], ended: NDArray[np.bool_]
-    ) -> tuple[Array, dict[str, Array], Array]:
-        """Update outcomes; return rewards (N,), reward terms and attitude (N,) rad."""
+        self,
+        observation: Array,
+        action: Array,
+        diverged: NDArray[np.bool_] | None,
+        ended: NDArray[np.bool_] | None,
+    ) -> tuple[Array, Array, Array]:
+        """Update outcomes; return rewards (N,), reward terms (N, k) and attitude (N,) rad."""
         task = self.task
         norms, attitude = task.norms(observation), task.attitude(observation)
         self._held = (self._held + 1) * task.in_envelope(norms)
-        lost = (attitude > task.attitude_limit_rad) | diverged
-        captured = (self._held >= task.hold_steps) & ~lost
+        captured = self._held >= task.hold_steps
+        lost = attitude > task.attitude_limit_rad
         over = self._steps >= task.horizon
-        if ended.any():
-            captured, lost, over = captured & ~ended, lost & ~ended, over & ~ended
-        if (captured | lost | over).any():
-            self._outcome[over] = _TIMEOUT
+        if (captured | lost | over).any() or diverged is not None:
+            if diverged is not None:
+                lost = lost | diverged
+            running = self._outcome == _RUNNING
+            captured, lost = captured & ~lost & running, lost & running
+            self._outcome[over & running] = _TIMEOUT
             self._outcome[captured] = _CAPTURED
-            self._outcome[lost] = np.where(diverged[lost], _DIVERGED, _ATTITUDE_LOST)
+            self._outcome[lost] = _ATTITUDE_LOST
+            if diverged is not None:
+                self._outcome[lost & diverged] = _DIVERGED
         terms = task.reward_terms(norms, attitude, action, captured, lost)
-        # Added one by one: numpy's own sum over an axis takes another order for N = 1.
-        reward = np.zeros(self.num_envs)
-        for term in terms.values():
-            reward += term
-        return reward, terms, attitude
+        if ended is not None:
+            terms[ended] = 0.0
+        return terms.sum(axis=1), terms, attitude
 
     def _after_end(
         self,
         ended: NDArray[np.bool_],
         previous: Array,
-        reward: Array,
-        terms: dict[str, Array],
         terminated: NDArray[np.bool_],
         truncated: NDArray[np.bool_],
     ) -> None:
-        """Rows that had ended before this step: frozen, or started anew, with reward 0."""
-        reward[ended] = 0.0
-        for term in terms.values():
-            term[ended] = 0.0
+        """Rows that had ended before this step: frozen, or started anew."""
         if self.autoreset_mode is AutoresetMode.NEXT_STEP:
             self._begin(np.flatnonzero(ended), {})
             terminated[ended] = truncated[ended] = False
@@ -325,11 +326,11 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
     def _time(self) -> Array:
         return self._steps * self.task.control_period
 
-    def _step_info(self, terms: dict[str, Array], attitude: Array) -> dict[str, Any]:
+    def _step_info(self, terms: Array, attitude: Array) -> dict[str, Any]:
         present = self._all
         named: dict[str, Any] = {}
-        for name, term in terms.items():
-            named[name], named["_" + name] = term, present
+        for column, name in enumerate(self.task.reward_names):
+            named[name], named["_" + name] = terms[:, column], present
         return {
             "reward_terms": named,
             "_reward_terms": present,

@@ -91,6 +91,10 @@ class Simulation:
         inertia[rows, base] = self._nominal[1][base] * scale[:, None]
         self.batch.set_const(rows)
 
+    def warned(self) -> bool:
+        """Whether any simulation has warned since it was reset; cheaper than `diverged`."""
+        return self.batch.warning[:, :, 1].sum() > self._warned.sum()
+
     def diverged(self) -> NDArray[np.bool_]:
         """(N,) bool: MuJoCo found a bad state since the last reset and silently started over."""
         return self.batch.warning[:, :, 1].sum(axis=1) > self._warned

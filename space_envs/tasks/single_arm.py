@@ -5,7 +5,7 @@ minimum-jerk joint motion of the free-floating robot ends, from home to a config
 goal can be reached. Nothing is touched; to capture is to be close, aligned and slow for long enough.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property, lru_cache
 
 import mujoco
@@ -46,6 +46,18 @@ LAYOUT = ObservationLayout(
         Field("time", 1, 1e4, "since the start of the episode, s"),
     )
 )
+_GOAL, _GOAL_TURN, _TIP, _TIP_TURN, _POSITION_ERROR, _ROTATION_ERROR = (
+    LAYOUT.slices[name]
+    for name in (
+        "goal_position",
+        "goal_quaternion",
+        "end_effector_position",
+        "end_effector_quaternion",
+        "position_error",
+        "rotation_error",
+    )
+)
+_TINY = 1e-300  # keeps 0 / 0 from being NaN
 MEASURED = 47  # leading components that are sensors of the model, in its order
 
 # Half-width of the box around home that goal configurations are drawn from, rad.
@@ -223,40 +235,38 @@ class SingleArmTask:
 
     @cached_property
     def _squares(self) -> Array:
-        return LAYOUT.sum_of_squares(
+        """(size, 5) from squared observations to the squares of what `norms` gives."""
+        squares = LAYOUT.sum_of_squares(
             "position_error",
             "rotation_error",
             "end_effector_linear_velocity",
             "end_effector_angular_velocity",
             "base_linear_velocity",
-            "base_angular_velocity",
         )
+        squares[LAYOUT.slices["base_angular_velocity"], 4] = self.c**2
+        return squares
 
     def observe(self, sensors: Array, time: Array) -> Array:
         """Observations (N, size) from the model's sensors (N, 47) and the time (N,) in s."""
+        # Runs at every step, also for N = 1: what counts here is the number of numpy calls.
         observation = np.empty((len(sensors), LAYOUT.size))
         observation[:, :MEASURED] = sensors
-        at = LAYOUT.slices
-        observation[:, at["position_error"]] = (
-            sensors[:, at["goal_position"]] - sensors[:, at["end_effector_position"]]
-        )
-        # goal * conjugate(end-effector) as two stacked matrix products: few calls, the same bits for any N.
-        left = (sensors[:, None, at["goal_quaternion"]] @ _QUOTIENT).reshape(-1, 4, 4)
-        error = (left @ sensors[:, at["end_effector_quaternion"], None])[..., 0]
-        vector = error[:, 1:]
+        np.subtract(sensors[:, _GOAL], sensors[:, _TIP], out=observation[:, _POSITION_ERROR])
+        # goal * conjugate(end-effector) as two stacked matrix products, which give the same bits for any N.
+        left = (sensors[:, None, _GOAL_TURN] @ _QUOTIENT).reshape(-1, 4, 4)
+        error = (left @ sensors[:, _TIP_TURN, None])[..., 0]
+        cosine, vector = error[:, :1], error[:, 1:]
         sine = np.sqrt((vector * vector).sum(axis=1, keepdims=True))
-        cosine = error[:, :1]
-        # Twice atan2 of |w| with the vector's sign flipped where w < 0: the short way round.
-        angle = 2.0 * np.arctan2(sine, np.abs(cosine))
-        factor = np.copysign(angle / np.maximum(sine, 1e-12), cosine)
-        observation[:, at["rotation_error"]] = (
-            np.where(sine > 1e-12, factor, np.copysign(2.0, cosine)) * vector
-        )
+        # Twice atan2 with |w|, and the vector's sign flipped where w < 0: the short way round.
+        half = np.arctan2(sine, np.abs(cosine))
+        factor = np.copysign(half / np.maximum(0.5 * sine, _TINY), cosine)
+        np.multiply(factor, vector, out=observation[:, _ROTATION_ERROR])
         observation[:, -1] = time
         return observation
 
     def norms(self, observation: Array) -> Array:
-        """(N, 6): position error m, orientation error rad, end-effector |v|, |w|, base |v|, |w|."""
+        """(N, 5): position error m, orientation error rad, end-effector's |v| m/s and |w| rad/s, and the root
+        of the integrand of eq. 20, sqrt(c^2 w.w + v.v) of the satellite, m/s."""
         return np.sqrt(((observation * observation)[:, None, :] @ self._squares)[:, 0])
 
     def attitude(self, observation: Array) -> Array:
@@ -269,6 +279,28 @@ class SingleArmTask:
         """Whether the capture conditions hold now, (N,) bool, from `norms`."""
         return np.all(norms[:, :4] <= self.envelope.limits, axis=1)
 
+    @cached_property
+    def reward_names(self) -> tuple[str, ...]:
+        """Names of the reward terms, in the order of `reward_terms`."""
+        names = tuple(f.name for f in fields(RewardWeights))
+        return names if self.reward == "dense" else ("attitude", "capture", "failure")
+
+    @cached_property
+    def _rates(self) -> Array:
+        """What a unit of each quantity in `reward_terms` pays in a step."""
+        weight, dt = self.weights, self.control_period
+        paid = {
+            "attitude": -dt * weight.attitude,
+            "attitude_angle": -dt * weight.attitude_angle,
+            "position": -dt * weight.position,
+            "orientation": -dt * weight.orientation,
+            "precision": dt * weight.precision,
+            "effort": -dt * weight.effort,
+            "capture": weight.capture,
+            "failure": -weight.failure,
+        }
+        return np.array([paid[name] for name in self.reward_names])
+
     def reward_terms(
         self,
         norms: Array,
@@ -276,27 +308,23 @@ class SingleArmTask:
         action: Array,
         captured: NDArray[np.bool_],
         failed: NDArray[np.bool_],
-    ) -> dict[str, Array]:
-        """Named terms (N,) whose sum is the reward.
+    ) -> Array:
+        """Reward terms (N, k), named by `reward_names`; the reward is their sum.
 
         Args:
-            norms: (N, 6). attitude: (N,) rad. action: (N, m) in [-1, 1].
+            norms: (N, 5). attitude: (N,) rad. action: (N, m) in [-1, 1].
             captured, failed: (N,) bool, true on the step where the episode ends so.
         """
-        dt, weight = self.control_period, self.weights
-        squares = norms[:, 4:] * norms[:, 4:]
-        terms: dict[str, Array] = {
-            "attitude": (-dt * weight.attitude) * (squares[:, 0] + self.c**2 * squares[:, 1])
-        }
+        terms = np.empty((len(norms), len(self.reward_names)))
+        terms[:, 0] = norms[:, 4] * norms[:, 4]
         if self.reward == "dense":
-            worst = (norms[:, :2] / self.envelope.limits[:2]).max(axis=1)
-            terms["attitude_angle"] = (-dt * weight.attitude_angle) * attitude
-            terms["position"] = (-dt * weight.position) * norms[:, 0]
-            terms["orientation"] = (-dt * weight.orientation) * norms[:, 1]
-            terms["precision"] = (dt * weight.precision) * np.exp(-worst)
-            terms["effort"] = (-dt * weight.effort / action.shape[1]) * (action * action).sum(axis=1)
-        terms["capture"] = weight.capture * captured
-        terms["failure"] = -weight.failure * failed
+            terms[:, 1] = attitude
+            terms[:, 2:4] = norms[:, :2]
+            terms[:, 4] = np.exp(-(norms[:, :2] / self.envelope.limits[:2]).max(axis=1))
+            terms[:, 5] = (action * action).sum(axis=1) / action.shape[1]
+        terms[:, -2] = captured
+        terms[:, -1] = failed
+        terms *= self._rates
         return terms
 
 
