@@ -131,16 +131,23 @@ def test_a_policy_that_raises_or_misshapes_is_named(name, message):
         rollout_of(f"{__name__}:{name}")
 
 
-def test_timing_tells_planning_from_acting():
-    times = {
-        name: time_policy(resolve_policy(name).factory(0), {"env_id": SINGLE}, "test", np.arange(3))
-        for name in ("minimum_jerk", "gjm")
-    }
-    planner = times["minimum_jerk"]
-    assert planner.planning is not None
-    assert planner.planning > 10 * planner.action > 0
-    assert times["gjm"].planning is None
-    assert times["gjm"].action > 0
+class Ticking(Nan):
+    """Takes as long as it says on a clock of its own: `first` s for the first call, 0.25 s for later ones."""
+
+    clock, first = 0.0, 0.25
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        Ticking.clock += self.first if episode_start.all() else 0.25
+        return np.zeros((len(observation), self.size)), None
+
+
+@pytest.mark.parametrize(("first", "planning"), [(2.25, 2000.0), (0.25, None), (0.45, None)])
+def test_timing_tells_planning_from_acting(monkeypatch, first, planning):
+    monkeypatch.setattr("space_envs.evaluation.rollout.perf_counter", lambda: Ticking.clock)
+    monkeypatch.setattr(Ticking, "first", first)
+    timing = time_policy(lambda context: Ticking(context, 0), {"env_id": SINGLE}, "test", np.arange(2))
+    assert timing.action == pytest.approx(250.0)
+    assert timing.planning == (None if planning is None else pytest.approx(planning))
 
 
 @pytest.mark.parametrize(

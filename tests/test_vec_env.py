@@ -143,6 +143,7 @@ def test_wrappers_of_stable_baselines_work() -> None:
     env.close()
 
 
+@pytest.mark.filterwarnings("ignore:.*render was called without a render_mode")
 def test_attributes_and_methods_of_rows() -> None:
     env = adapter()
     assert env.get_attr("control_mode") == ["joint_velocity"] * 3
