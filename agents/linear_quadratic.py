@@ -1,7 +1,7 @@
 """The finite-horizon linear-quadratic problem on the joint double integrator (eq. 12 of shyam2020), batched.
 
-State x = [q - goal; qdot], control u = joint accelerations held over a control period. ERRATA says how eq. 12
-is read: a sum over control periods, a Riccati recursion, an end weight from the algebraic Riccati equation.
+State x = [q - goal; qdot], control u = joint accelerations held over a control period. Eq. 12 is
+read as a sum over control periods, a Riccati recursion, an end weight from the algebraic Riccati equation.
 """
 
 import numpy as np

@@ -126,7 +126,7 @@ def _robot(env: CaptureVectorEnv) -> str:
         ("torque limit, N m", torque),
         ("reach from the centre of mass, m", f"{robot.reach():.2f}"),
         ("control period, s", number(task.control_period)),
-        ("simulation step, s", f"{number(task.timestep)}, fourth-order Runge-Kutta"),
+        ("simulation step, s", f"{number(task.step_size)}, fourth-order Runge-Kutta"),
         ("cameras", ", ".join(f"`{task.render_model.cam(i).name}`" for i in range(task.render_model.ncam))),
     ]
     variants = described(section(ModelOptions.__doc__, "Attributes"), ("variant", "timestep", "visual"))

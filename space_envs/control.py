@@ -15,7 +15,10 @@ from space_envs.simulation import STAGE_POS, Simulation
 CONTROL_MODES = ("joint_velocity", "joint_torque", "end_effector_velocity", "reactionless")
 END_EFFECTOR_SPEED = (0.3, 0.5)  # m/s and rad/s per unit action
 DAMPING = 0.02  # of the generalised Jacobian's inverse, in the units of its singular values
-BRAKING = 0.04  # rad/s^2 with which a joint may approach its limit; 60 N m leave 0.05 in any configuration
+BRAKING = 0.04  # rad/s^2 with which a joint may approach its limit; 60 N m give a resting arm 0.05 at least
+CORIOLIS_SHARE = 0.4  # of a drive's torque; where Coriolis forces take more, the arm is slowed
+CORIOLIS_LOST = 0.8  # of a drive's torque; where they take more, they are no longer held against
+OVERSPEED = 1.05  # times the rate limit, likewise
 STOP_MARGIN = 0.1  # rad; the drives stop this far inside the joint range, so that nothing hits its end
 ATTITUDE_GAIN = 0.5  # 1/s, feedback of the attitude left in mode reactionless
 
@@ -94,16 +97,28 @@ class Drive:
         """
         now = self.simulation.joint_velocity
         late = np.asarray((now < self.low) | (now > self.high))
-        if not late.any():
-            need, held = self._inverse_dynamics(acceleration)
-            torque = held + need
-            if (np.abs(torque) <= self.torque_limit).all():
-                return torque
-            return self._within(held + need * self._room(held, need))
-        braking, held = self._inverse_dynamics(np.where(late, acceleration, 0.0))
-        rest, _ = self._inverse_dynamics(np.where(late, 0.0, acceleration))
-        held = held + braking * self._room(held, braking)
-        return self._within(held + rest * self._room(held, rest))
+        need, held = self._inverse_dynamics(acceleration)
+        torque = held + need
+        easy = np.abs(held) <= CORIOLIS_SHARE * self.torque_limit
+        if not late.any() and easy.all() and (np.abs(torque) <= self.torque_limit).all():
+            return torque
+        braking, _ = self._inverse_dynamics(np.where(late, acceleration, 0.0))
+        after = held + braking * self._room(held, braking)
+        rest = need - braking
+        torque = self._within(after + rest * self._room(after, rest))
+        # Where Coriolis forces take much of a drive, the arm as a whole slows down while there is torque to
+        # hold its direction with. Where there is hardly any, nothing is held: Coriolis forces do no work, so
+        # torques against M* times the rates brake for certain.
+        load = (np.abs(held) / self.torque_limit).max(axis=1, keepdims=True)
+        fast = (load > CORIOLIS_SHARE) | (np.abs(now) > OVERSPEED * self.rate_limit).any(
+            axis=1, keepdims=True
+        )
+        if fast.any():
+            against, _ = self._inverse_dynamics(-now / self.control_period)
+            kept = np.where(load > CORIOLIS_LOST, 0.0, held)
+            slower = self._within(kept + against * self._room(kept, against))
+            torque = np.where(fast, slower, torque)
+        return torque
 
     def _inverse_dynamics(self, acceleration: Array) -> tuple[Array, Array]:
         """Torques (N, n) for a joint acceleration (N, n), and for Coriolis and centrifugal forces."""

@@ -1,19 +1,18 @@
 """The environments: `CaptureVectorEnv` simulates N episodes at once, `CaptureEnv` is the same with N = 1."""
 
 import copy
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from space_envs.control import MODES, Drive
 from space_envs.dynamics.rotations import Array
-from space_envs.errors import ActionError, ConfigurationError, unknown_name
+from space_envs.errors import ActionError, ConfigurationError, positive_integer, unknown_name
 from space_envs.registration import make_task
-from space_envs.reset_options import choose_start, rows_to_reset
+from space_envs.reset_options import choose_start, rows_to_reset, seeded
 from space_envs.simulation import Simulation
 
 if TYPE_CHECKING:
@@ -92,23 +91,30 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
             "camera": camera,
             **keywords,
         }
-        if isinstance(num_envs, bool) or not isinstance(num_envs, int | np.integer) or num_envs < 1:
-            raise ConfigurationError(f"num_envs must be a positive integer, got {num_envs!r}")
-        if control_mode not in MODES:
+        positive_integer("num_envs", num_envs)
+        if threads is not None:
+            positive_integer("threads", threads)
+        if not isinstance(control_mode, str) or control_mode not in MODES:
             raise unknown_name("control mode", control_mode, MODES)
         if render_mode is not None and render_mode not in METADATA["render_modes"]:
             raise unknown_name("render mode", render_mode, METADATA["render_modes"])
-        if isinstance(autoreset_mode, str):
-            if autoreset_mode not in _AUTORESET:
-                raise unknown_name("autoreset mode", autoreset_mode, _AUTORESET)
+        if isinstance(autoreset_mode, str) and autoreset_mode in _AUTORESET:
             autoreset_mode = _AUTORESET[autoreset_mode]
+        if not isinstance(autoreset_mode, AutoresetMode):
+            raise unknown_name("autoreset mode", autoreset_mode, _AUTORESET)
+        for name, side in (("width", width), ("height", height)):
+            positive_integer(name, side, largest=4096)
         self.task = make_task(env_id, keywords)
         self.env_id = env_id
         self.control_mode = control_mode
         self.num_envs = num_envs
         self.render_mode = render_mode
         self.autoreset_mode = autoreset_mode
-        self.metadata = {**METADATA, "autoreset_mode": autoreset_mode}
+        self.metadata = {
+            **METADATA,
+            "render_fps": max(1, round(1.0 / self.task.control_period)),
+            "autoreset_mode": autoreset_mode,
+        }
         self.simulation = Simulation(self.task.model, num_envs, threads)
         self.drive = Drive(
             self.simulation,
@@ -157,39 +163,34 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
             ConfigurationError: for an option, split or index that does not exist.
             GoalError: for a goal that is malformed or out of reach.
         """
-        options = options or {}
+        options = {} if options is None else options
         rows = rows_to_reset(options, self.num_envs)
         if not self._started and len(rows) < self.num_envs:
             raise ConfigurationError("the first reset must reset every row")
-        self._seed(seed)
-        self._begin(rows, options)
+        generators = seeded(self._generators, seed, rows, self.num_envs)
+        self._begin(rows, options, generators)
         self._started = True
         if self.render_mode == "human":
             self.render()
-        return self._observation.copy(), self._reset_info()
+        reset = np.zeros(self.num_envs, dtype=bool)
+        reset[rows] = True
+        return self._observation.copy(), self._reset_info(reset)
 
-    def _seed(self, seed: int | list[int | None] | None) -> None:
-        seeds: list[int | None]
-        if seed is None:
-            if self._generators:
-                return
-            seeds = [None] * self.num_envs
-        elif isinstance(seed, int | np.integer):
-            seeds = [int(seed) + row for row in range(self.num_envs)]
-        else:
-            seeds = list(seed)
-            if len(seeds) != self.num_envs:
-                raise ConfigurationError(f"seed must be one number or {self.num_envs}, got {len(seeds)}")
-        if not self._generators:
-            self._generators = [seeding.np_random(s)[0] for s in seeds]
+    def _begin(
+        self,
+        rows: NDArray[np.int64],
+        options: dict[str, Any],
+        generators: list[np.random.Generator] | None = None,
+    ) -> None:
+        """Reset rows (k,) of the simulation and of the bookkeeping, and observe them.
+
+        The generators take the place of those there are once nothing can be refused any more.
+        """
+        generators = self._generators if generators is None else generators
+        start = choose_start(self.task, options, rows, generators)
+        self._generators = generators
+        if not len(rows):
             return
-        for row, s in enumerate(seeds):
-            if s is not None:
-                self._generators[row] = seeding.np_random(s)[0]
-
-    def _begin(self, rows: NDArray[np.int64], options: dict[str, Any]) -> None:
-        """Reset rows (k,) of the simulation and of the bookkeeping, and observe them."""
-        start = choose_start(self.task, options, rows, self._generators)
         simulation = self.simulation
         simulation.reset(rows)
         simulation.scale_base(rows, start.mass_scale)
@@ -206,6 +207,7 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         for counter in (self._steps, self._held, self._clipped, self._outcome):
             counter[rows] = 0
         self._observation[rows] = self.task.observe(simulation.sensors, self._time())[rows]
+        self._held[rows] = self.task.in_envelope(self.task.norms(self._observation))[rows]
 
     # Step ----------------------------------------------------------------------------------------------
 
@@ -228,11 +230,14 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
             raise ConfigurationError("call reset before step")
         action = self._checked(actions)
         ended = self._outcome != _RUNNING if self._outcome.any() else None
+        running = None if ended is None else np.flatnonzero(~ended)
         self.drive.begin()
         self.simulation.ctrl[:] = self.mode.torques(action)
-        self.simulation.step(self.task.substeps)
-        self._steps += 1
+        self.simulation.step(self.task.substeps, running)
+        self._steps += 1 if ended is None else ~ended
         previous, observation = self._observation, self.task.observe(self.simulation.sensors, self._time())
+        if ended is not None:
+            observation[ended] = previous[ended]
         diverged = None
         if self.simulation.warned() or not np.isfinite(observation).all():
             diverged = self.simulation.diverged() | ~np.isfinite(observation).all(axis=1)
@@ -241,17 +246,21 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         self._observation = observation
         terminated = (self._outcome == _CAPTURED) | (self._outcome >= _ATTITUDE_LOST)
         truncated = self._outcome == _TIMEOUT
-        info = self._step_info(terms, attitude)
-        if ended is not None:
-            self._after_end(ended, previous, terminated, truncated)
+        if ended is not None and self.autoreset_mode is AutoresetMode.NEXT_STEP:
+            self._begin(np.flatnonzero(ended), {})
+            terminated[ended] = truncated[ended] = False
+            attitude = np.where(ended, 0.0, attitude)
+            info = self._step_info(terms, attitude) | self._reset_info(ended)
+        else:
+            info = self._step_info(terms, attitude)
         if self.autoreset_mode is AutoresetMode.SAME_STEP and (done := terminated | truncated).any():
-            self._reset_same_step(np.flatnonzero(done), info)
+            info = self._reset_same_step(done, info)
         if self.render_mode == "human":
             self.render()
         return self._observation.copy(), reward, terminated, truncated, info
 
     def _checked(self, actions: NDArray) -> Array:
-        action = np.asarray(actions)
+        action = _numbers(actions)
         if action.shape != self._action_shape:
             raise ActionError(f"action must have shape {self._action_shape}, got {action.shape}")
         if action.dtype.kind not in "fiu":
@@ -264,7 +273,7 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
             if not np.isfinite(action).all():
                 rows = np.flatnonzero(~np.isfinite(action).all(axis=1)).tolist()
                 raise ActionError(f"action holds NaN or infinity in rows {rows}")
-            self._clipped += changed.any(axis=1)
+            self._clipped += changed.any(axis=1) & (self._outcome == _RUNNING)
         return inside
 
     def _judge(
@@ -278,7 +287,7 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         task = self.task
         norms, attitude = task.norms(observation), task.attitude(observation)
         self._held = (self._held + 1) * task.in_envelope(norms)
-        captured = self._held >= task.hold_steps
+        captured = self._held > task.hold_steps
         lost = attitude > task.attitude_limit_rad
         over = self._steps >= task.horizon
         if (captured | lost | over).any() or diverged is not None:
@@ -296,30 +305,15 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
             terms[ended] = 0.0
         return terms.sum(axis=1), terms, attitude
 
-    def _after_end(
-        self,
-        ended: NDArray[np.bool_],
-        previous: Array,
-        terminated: NDArray[np.bool_],
-        truncated: NDArray[np.bool_],
-    ) -> None:
-        """Rows that had ended before this step: frozen, or started anew."""
-        if self.autoreset_mode is AutoresetMode.NEXT_STEP:
-            self._begin(np.flatnonzero(ended), {})
-            terminated[ended] = truncated[ended] = False
-        else:
-            self._observation[ended] = previous[ended]
-            self._steps[ended] -= 1
-
-    def _reset_same_step(self, rows: NDArray[np.int64], info: dict[str, Any]) -> None:
+    def _reset_same_step(self, done: NDArray[np.bool_], info: dict[str, Any]) -> dict[str, Any]:
+        """Start the done rows anew; what was said of them moves to `final_obs` and `final_info`."""
         final = np.full(self.num_envs, None, dtype=object)
-        for row in rows:
+        for row in np.flatnonzero(done):
             final[row] = self._observation[row].copy()
-        mask = np.zeros(self.num_envs, dtype=bool)
-        mask[rows] = True
-        last = {key: value if key.startswith("_") else _copied(value) for key, value in info.items()}
-        info.update(final_obs=final, _final_obs=mask, final_info=last, _final_info=mask)
-        self._begin(rows, {})
+        last = _masked(info, done)
+        self._begin(np.flatnonzero(done), {})
+        extra = {"final_obs": final, "_final_obs": done, "final_info": last, "_final_info": done}
+        return _masked(info, ~done) | self._reset_info(done) | extra
 
     # Information -----------------------------------------------------------------------------------------
 
@@ -327,7 +321,7 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         return self._steps * self.task.control_period
 
     def _step_info(self, terms: Array, attitude: Array) -> dict[str, Any]:
-        present = self._all
+        present = self._all.copy()
         named: dict[str, Any] = {}
         for column, name in enumerate(self.task.reward_names):
             named[name], named["_" + name] = terms[:, column], present
@@ -344,13 +338,9 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
             "_clipped_actions": present,
         }
 
-    def _reset_info(self) -> dict[str, Any]:
-        return {
-            "split": self._split.copy(),
-            "_split": self._all,
-            "index": self._index.copy(),
-            "_index": self._all,
-        }
+    def _reset_info(self, rows: NDArray[np.bool_]) -> dict[str, Any]:
+        """Which goals the rows (N,) bool that were reset go for."""
+        return {"split": self._split.copy(), "_split": rows, "index": self._index.copy(), "_index": rows}
 
     # Copies ----------------------------------------------------------------------------------------------
 
@@ -400,20 +390,33 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
             self._renderer = None
 
 
+def _numbers(action: Any) -> NDArray:
+    try:
+        return np.asarray(action)
+    except ValueError as error:
+        raise ActionError(f"action must be an array of numbers: {error}") from None
+
+
 def _batched(space: gym.spaces.Box, n: int) -> gym.spaces.Box:
     return gym.spaces.Box(np.tile(space.low, (n, 1)), np.tile(space.high, (n, 1)), dtype=space.dtype.type)
 
 
-def _copied(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: item if key.startswith("_") else _copied(item) for key, item in value.items()}
-    return value.copy()
+def _masked(info: dict[str, Any], rows: NDArray[np.bool_]) -> dict[str, Any]:
+    """A copy of a vector info that speaks of `rows` only."""
+    return {
+        key: rows.copy()
+        if key.startswith("_")
+        else _masked(value, rows)
+        if isinstance(value, dict)
+        else value.copy()
+        for key, value in info.items()
+    }
 
 
 class CaptureEnv(gym.Env[NDArray, NDArray]):
     """One episode at a time: `CaptureVectorEnv` with N = 1 and the same keywords."""
 
-    metadata: ClassVar[dict[str, Any]] = METADATA
+    metadata: dict[str, Any] = METADATA
 
     def __init__(self, **keywords: Any) -> None:
         for name in ("num_envs", "autoreset_mode"):
@@ -421,6 +424,7 @@ class CaptureEnv(gym.Env[NDArray, NDArray]):
                 raise ConfigurationError(f"{name} is a keyword of gym.make_vec, not of gym.make")
         self.vector = CaptureVectorEnv(num_envs=1, autoreset_mode="disabled", **keywords)
         self.render_mode = self.vector.render_mode
+        self.metadata = {**METADATA, "render_fps": self.vector.metadata["render_fps"]}
         self.observation_space = self.vector.single_observation_space
         self.action_space = self.vector.single_action_space
 
@@ -433,14 +437,17 @@ class CaptureEnv(gym.Env[NDArray, NDArray]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array, dict[str, Any]]:
         """Start an episode; options as in `CaptureVectorEnv.reset`."""
-        super().reset(seed=seed)
-        self.vector._generators = [self.np_random]
-        observation, info = self.vector.reset(options=options)
+        if self._np_random is not None:
+            self.vector._generators = [self._np_random]
+        observation, info = self.vector.reset(seed=seed, options=options)
+        self._np_random = self.vector._generators[0]
+        if seed is not None:
+            self._np_random_seed = int(seed)
         return observation[0], _first(info)
 
     def step(self, action: NDArray) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """Advance by one control period; action (m,) in [-1, 1]."""
-        action = np.asarray(action)
+        action = _numbers(action)
         if action.shape != self.action_space.shape:
             raise ActionError(f"action must have shape {self.action_space.shape}, got {action.shape}")
         observation, reward, terminated, truncated, info = self.vector.step(action[None])

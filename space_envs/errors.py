@@ -32,6 +32,31 @@ class PolicyError(SpaceEnvsError, RuntimeError):
     """A policy could not be loaded, or returned something that is not an action."""
 
 
+def positive(name: str, value: object) -> float:
+    """`value` as a float, if it is a finite positive number.
+
+    Raises:
+        ConfigurationError: naming what was got.
+    """
+    number = isinstance(value, int | float) or (hasattr(value, "dtype") and getattr(value, "ndim", 1) == 0)
+    if not number or isinstance(value, bool) or not 0 < float(value) < float("inf"):  # type: ignore[arg-type]
+        raise ConfigurationError(f"{name} must be a finite positive number, got {value!r}")
+    return float(value)  # type: ignore[arg-type]
+
+
+def positive_integer(name: str, value: object, largest: int | None = None) -> int:
+    """`value` as an int, if it is a whole number from 1 to `largest`.
+
+    Raises:
+        ConfigurationError: naming what was got.
+    """
+    whole = isinstance(value, int) or type(value).__module__ == "numpy" and hasattr(value, "__index__")
+    if isinstance(value, bool) or not whole or not 1 <= int(value) <= (largest or int(value)):  # type: ignore[arg-type, call-overload]
+        limit = "" if largest is None else f" of at most {largest}"
+        raise ConfigurationError(f"{name} must be a positive integer{limit}, got {value!r}")
+    return int(value)  # type: ignore[arg-type, call-overload]
+
+
 def unknown_name(kind: str, got: object, valid: Iterable[str]) -> ConfigurationError:
     """Build the error for an unknown name: what was got, what is valid, and the nearest valid name."""
     names = list(valid)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from gymnasium.utils import seeding
 from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array
@@ -41,12 +42,42 @@ class Start:
     joint_velocity: Array | None
 
 
+def seeded(
+    generators: Sequence[np.random.Generator], seed: Any, rows: NDArray[np.int64], n: int
+) -> list[np.random.Generator]:
+    """Generators of n rows: those there are, with rows (k,) seeded anew as `seed` says.
+
+    Raises:
+        ConfigurationError: if the seed is neither None, nor a number, nor n of them.
+    """
+    if seed is None:
+        seeds: list[Any] = [None] * n
+    elif isinstance(seed, int | np.integer) and not isinstance(seed, bool):
+        seeds = [int(seed) + row for row in range(n)]
+    elif isinstance(seed, list | tuple | np.ndarray) and len(seed) == n:
+        seeds = [None if s is None else s for s in seed]
+    else:
+        raise ConfigurationError(f"seed must be an integer, a list of {n}, or None; got {seed!r}")
+    for s in seeds:
+        if s is not None and (isinstance(s, bool) or not isinstance(s, int | np.integer) or s < 0):
+            raise ConfigurationError(f"a seed must be an integer of at least 0, got {s!r}")
+    if not generators:
+        return [seeding.np_random(None if s is None else int(s))[0] for s in seeds]
+    chosen = list(generators)
+    for row in rows:
+        if seeds[row] is not None:
+            chosen[row] = seeding.np_random(int(seeds[row]))[0]
+    return chosen
+
+
 def rows_to_reset(options: Mapping[str, Any], n: int) -> NDArray[np.int64]:
     """Rows (k,) that are to be reset, of n.
 
     Raises:
         ConfigurationError: for an option that does not exist or a mask that is none.
     """
+    if not isinstance(options, Mapping):
+        raise ConfigurationError(f"options must be a dictionary, got {options!r}")
     for name in options:
         if name not in RESET_OPTIONS:
             raise unknown_name("reset option", name, RESET_OPTIONS)
@@ -81,6 +112,7 @@ def choose_start(
         position, quaternion = task.check_goals(
             _row_values(options, "goal_position", 3, rows, n),
             _row_values(options, "goal_quaternion", 4, rows, n),
+            joints["joint_position"],
         )
         scale, index = np.ones(len(rows)), np.full(len(rows), -1, dtype=np.int64)
         return Start(position, quaternion, scale, _names("given", rows), index, **joints)

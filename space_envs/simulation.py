@@ -30,7 +30,7 @@ class Simulation:
 
     def __init__(self, model: mujoco.MjModel, n: int, threads: int | None = None) -> None:
         if threads is None:
-            threads = 1 if n <= _ONE_THREAD_UP_TO else min(os.cpu_count() or 1, 16)
+            threads = 1 if n <= _ONE_THREAD_UP_TO else min(len(os.sched_getaffinity(0)), 16)
         self.model = model
         self.n = n
         self.n_joints = model.nu
@@ -68,9 +68,10 @@ class Simulation:
         """Coriolis and centrifugal forces (N, 6 + n) of the robot."""
         return self._bias[:, : 6 + self.n_joints]
 
-    def step(self, substeps: int) -> None:
-        """Advance all simulations and make sensors, mass matrix and bias current."""
-        self.batch.step(nstep=substeps, stage=STAGE_VEL)
+    def step(self, substeps: int, rows: Rows | None = None) -> None:
+        """Advance all simulations, or rows (k,), and make their sensors, mass matrix and bias current."""
+        if rows is None or len(rows):
+            self.batch.step(ids=rows, nstep=substeps, stage=STAGE_VEL)
 
     def refresh(self, rows: Rows | None = None) -> None:
         """Make derived quantities agree with a state that was written."""

@@ -217,12 +217,35 @@ def test_reset_options_set_goal_state_split_and_index():
     ],
 )
 def test_bad_reset_options_are_refused_before_anything_moves(options, error, message):
-    env = gym.make_vec(SINGLE, num_envs=1)
+    env, twin = (gym.make_vec(SINGLE, num_envs=1) for _ in range(2))
     env.reset(seed=0)
+    twin.reset(seed=0)
     before = env.simulation.state(0)
     with pytest.raises(error, match=message):
-        env.reset(options=options)
+        env.reset(seed=5, options=options)
     np.testing.assert_array_equal(env.simulation.state(0), before)
+    # Nor did the generators move on to the refused seed.
+    np.testing.assert_array_equal(env.reset()[0], twin.reset()[0])
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, "ab", [1, 2], np.array([1.5])])
+def test_bad_seeds_are_refused(seed):
+    with pytest.raises(ConfigurationError, match="seed must be"):
+        gym.make_vec(SINGLE, num_envs=1).reset(seed=seed)
+
+
+def test_a_seed_leaves_rows_outside_the_mask_alone():
+    env, twin = (gym.make_vec(SINGLE, num_envs=2, autoreset_mode="disabled") for _ in range(2))
+    env.reset(seed=0)
+    twin.reset(seed=0)
+    env.reset(seed=9, options={"reset_mask": np.array([True, False])})
+    again, _ = env.reset()
+    expected, _ = twin.reset()
+    np.testing.assert_array_equal(again[1], expected[1])
+    assert not np.array_equal(again[0], expected[0])
+    untouched, info = env.reset(options={"reset_mask": np.array([False, False])})
+    np.testing.assert_array_equal(untouched, again)
+    assert not info["_index"].any()
 
 
 @pytest.mark.parametrize(
@@ -236,11 +259,21 @@ def test_bad_reset_options_are_refused_before_anything_moves(options, error, mes
         ({"variant": "papre"}, "Did you mean 'paper'"),
         ({"render_mode": "rgb"}, "unknown render mode"),
         ({"timestep": 0.03}, "multiple of timestep"),
-        ({"timestep": float("nan")}, "multiple of timestep"),
+        ({"timestep": float("nan")}, "timestep must be a finite positive number"),
+        ({"timestep": 0}, "timestep must be"),
+        ({"control_period": None}, "control_period must be"),
+        ({"c": "1"}, "c must be"),
+        ({"c": float("inf")}, "c must be"),
+        ({"hold_time": float("inf")}, "finite positive"),
+        ({"horizon": True}, "horizon must be"),
+        ({"threads": -3}, "threads must be"),
+        ({"threads": 1.5}, "threads must be"),
+        ({"control_mode": ["joint_velocity"]}, "unknown control mode"),
+        ({"width": -1}, "width must be"),
         ({"horizon": 0}, "horizon must be"),
-        ({"position_tolerance": -1.0}, "must be positive"),
-        ({"hold_time": float("nan")}, "must be positive"),
-        ({"attitude_limit": 0}, "attitude_limit must be positive"),
+        ({"position_tolerance": -1.0}, "finite positive"),
+        ({"hold_time": float("nan")}, "finite positive"),
+        ({"attitude_limit": 0}, "attitude_limit must be"),
         ({"num_envs": 3}, "gym.make_vec"),
     ],
 )
@@ -263,6 +296,7 @@ def test_bad_keywords_name_the_nearest_valid_one(keywords, message):
         (np.zeros(7, dtype=complex), "dtype"),
         (np.zeros(7, dtype=bool), "dtype"),
         (np.array(["0"] * 7), "dtype"),
+        ([[0.0], [0.0, 1.0]], "array of numbers"),
     ],
 )
 def test_bad_actions_are_refused_before_anything_moves(action, message):
@@ -307,6 +341,20 @@ def test_capture_needs_the_whole_envelope_held_for_its_time():
     assert ends[-1][4]["outcome"] == "captured"
     assert ends[-1][4]["is_success"]
     assert ends[-1][4]["reward_terms"]["capture"] > 0
+    # Held for its whole time: on the way in, the sample that finds the envelope begins the first period.
+    aside = task.robot.home + [0.0, 0.06, 0, 0, 0, 0, 0]
+    env.reset(options={**goal, "goal_position": home[0], "joint_position": aside})
+    inside = []
+    for _ in range(60):
+        observation, _, done, *_ = env.step(
+            np.array([0, -0.05, 0, 0, 0, 0, 0.0]) if not any(inside) else np.zeros(7)
+        )
+        inside.append(bool(task.in_envelope(task.norms(observation[None]))[0]))
+        if done:
+            break
+    assert done
+    assert not inside[0]
+    assert sum(inside) == 11
     # A hair outside the position tolerance, and nothing ever happens.
     goal["goal_position"] = home[0] + [0.0, 0.051, 0.0]
     env.reset(options=goal)
@@ -372,6 +420,12 @@ def test_next_step_autoreset():
     assert (reward == 0).all()
     assert not (terminated | truncated).any()
     assert all((term == 0).all() for name, term in info["reward_terms"].items() if name[0] != "_")
+    # The information is that of the new episodes.
+    assert info["outcome"].tolist() == ["running"] * 2
+    assert (info["attitude"] == 0).all()
+    assert info["_index"].all()
+    goals = env.task.goals("train", info["index"])
+    np.testing.assert_array_equal(env.task.layout.read(first, "goal_position"), goals.position)
 
 
 def test_same_step_autoreset_keeps_the_final_observation():
@@ -386,6 +440,8 @@ def test_same_step_autoreset_keeps_the_final_observation():
     assert truncated.all()
     np.testing.assert_array_equal(np.stack(info["final_obs"]), last)
     assert info["final_info"]["outcome"].tolist() == ["timeout"] * 2
+    assert not info["_outcome"].any()
+    assert info["_index"].all()
     assert (env.task.layout.read(first, "time") == 0).all()
     goals = env.task.layout.read(first, "goal_position")
     assert not np.array_equal(goals, env.task.layout.read(last, "goal_position"))
@@ -400,6 +456,13 @@ def test_disabled_autoreset_freezes_ended_rows_and_resets_by_mask():
     np.testing.assert_array_equal(again, last)
     assert (reward == 0).all()
     assert truncated.all()
+    state = env.simulation.state(0)
+    for _ in range(5):
+        *_, info = env.step(np.full((2, 7), 2.0))
+    np.testing.assert_array_equal(env.simulation.qpos[0], state[1 : 1 + env.simulation.qpos.shape[1]])
+    assert (info["clipped_actions"] == 0).all()
+    attitude = np.rad2deg(env.task.attitude(last))
+    np.testing.assert_array_equal(info["attitude"], attitude)
     partly, _ = env.reset(options={"reset_mask": np.array([True, False])})
     np.testing.assert_array_equal(partly[1], last[1])
     assert env.task.layout.read(partly[0], "time") == 0

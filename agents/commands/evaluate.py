@@ -106,6 +106,10 @@ def run(options: argparse.Namespace, arguments: list[str]) -> None:
         # One that does not fit the environment says so before the first episode of any.
         env = CaptureVectorEnv(options.env, 1, policy.control_mode, **keywords)
         policy.build(PolicyContext.from_env(env), options.seed)
+    try:
+        options.output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigurationError(f"cannot write to {options.output}: {error.strerror}") from None
     started = perf_counter()
     records: list[EpisodeRecord] = []
     traces: dict[str, Traces] = {}

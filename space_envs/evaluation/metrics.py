@@ -20,7 +20,7 @@ TRACED = 30  # episodes of a policy whose course in time is kept
 
 def config_hash(env_id: str, control_mode: str, task: SingleArmTask) -> str:
     """Twelve hexadecimal digits that change with anything that defines the task."""
-    config = {"env_id": env_id, "control_mode": control_mode, **asdict(task)}
+    config = {"env_id": env_id, "control_mode": control_mode, **asdict(task), "timestep": task.step_size}
     del config["split"]
     return sha256(json.dumps(config, sort_keys=True).encode()).hexdigest()[:12]
 

@@ -19,7 +19,7 @@ def provenance(command: str, env_id: str, seed: int, task: SingleArmTask) -> dic
         "environment": env_id,
         "seed": seed,
         "eq. 20 c, m/rad": task.c,
-        "simulation step, s": task.timestep,
+        "simulation step, s": task.step_size,
         "commit": commit(),
         "versions": versions(),
         "machine": machine(),

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array
-from space_envs.errors import ConfigurationError, unknown_name
+from space_envs.errors import positive, unknown_name
 
 SPLITS = ("train", "validation", "test", "ood")
 DIFFICULTIES = ("easy", "medium", "hard")
@@ -79,8 +79,7 @@ class CaptureEnvelope:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if not value > 0:
-                raise ConfigurationError(f"capture envelope: {name} must be positive, got {value!r}")
+            positive(f"capture envelope: {name}", value)
 
     @cached_property
     def limits(self) -> Array:

@@ -5,6 +5,7 @@ minimum-jerk joint motion of the free-floating robot ends, from home to a config
 goal can be reached. Nothing is touched; to capture is to be close, aligned and slow for long enough.
 """
 
+import math
 from dataclasses import dataclass, field, fields
 from functools import cached_property, lru_cache
 
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from space_envs.dynamics import FloatingRobot, minimum_jerk, roll_out_base
 from space_envs.dynamics.rotations import Array, from_matrix, multiply, rotate
-from space_envs.errors import ConfigurationError, GoalError, unknown_name
+from space_envs.errors import ConfigurationError, GoalError, positive, positive_integer, unknown_name
 from space_envs.models.parameters import SINGLE_ARM, VARIANTS
 from space_envs.models.single_arm import ModelOptions, single_arm_model
 from space_envs.tasks.common import (
@@ -60,6 +61,9 @@ _GOAL, _GOAL_TURN, _TIP, _TIP_TURN, _POSITION_ERROR, _ROTATION_ERROR = (
 _TINY = 1e-300  # keeps 0 / 0 from being NaN
 MEASURED = 47  # leading components that are sensors of the model, in its order
 
+# Largest steps of docs/momentum.md whose drift stays well inside the bound, s.
+DEFAULT_TIMESTEP = {"paper": 0.02, "physical": 0.01}
+
 # Half-width of the box around home that goal configurations are drawn from, rad.
 RADIUS = {"easy": 0.3, "medium": 0.6, "hard": 1.0}
 SPLIT_SIZE = {"train": 4096, "validation": 256, "test": 512, "ood": 512}
@@ -102,8 +106,8 @@ class SingleArmTask:
         split: which goals an episode draws from when `reset` does not say.
         reward: dense or sparse.
         variant: inertias of the model, paper or physical.
-        control_period: between two actions, s. timestep: of the simulation, s; the default is the largest
-            in the table of docs/momentum.md whose drift meets the bound.
+        control_period: between two actions, s. timestep: of the simulation, s; None takes the variant's own,
+            the largest in the table of docs/momentum.md whose drift stays well inside the bound.
         horizon: steps after which an episode is cut.
         envelope: of a capture. attitude_limit: deg from the initial attitude at which it counts as lost.
         c: angular to linear conversion of eq. 20, m/rad.
@@ -114,7 +118,7 @@ class SingleArmTask:
     reward: str = "dense"
     variant: str = "paper"
     control_period: float = 0.1
-    timestep: float = 0.02
+    timestep: float | None = None
     horizon: int = 200
     envelope: CaptureEnvelope = field(default_factory=CaptureEnvelope)
     attitude_limit: float = 45.0
@@ -127,19 +131,19 @@ class SingleArmTask:
             ("split", self.split, SPLITS),
             ("reward", self.reward, REWARDS),
         ):
-            if value not in valid:
+            if not isinstance(value, str) or value not in valid:
                 raise unknown_name(kind, value, valid)
-        substeps = self.control_period / self.timestep
-        if not substeps >= 1 or abs(substeps - round(substeps)) > 1e-9:
+        if self.timestep is not None:
+            positive("timestep", self.timestep)
+        for name in ("control_period", "attitude_limit", "c"):
+            positive(name, getattr(self, name))
+        positive_integer("horizon", self.horizon)
+        substeps = self.control_period / self.step_size
+        if not substeps > 0.5 or abs(substeps - round(substeps)) > 1e-9 * substeps:
             raise ConfigurationError(
                 f"control_period must be a multiple of timestep, got {self.control_period!r} and "
-                f"{self.timestep!r} s"
+                f"{self.step_size!r} s"
             )
-        if not (isinstance(self.horizon, int) and self.horizon > 0):
-            raise ConfigurationError(f"horizon must be a positive number of steps, got {self.horizon!r}")
-        for name in ("attitude_limit", "c"):
-            if not getattr(self, name) > 0:
-                raise ConfigurationError(f"{name} must be positive, got {getattr(self, name)!r}")
 
     layout = LAYOUT
     parameters = SINGLE_ARM
@@ -150,14 +154,19 @@ class SingleArmTask:
         return RewardWeights() if self.reward == "dense" else SPARSE
 
     @property
+    def step_size(self) -> float:
+        """Step of the simulation, s."""
+        return DEFAULT_TIMESTEP[self.variant] if self.timestep is None else self.timestep
+
+    @property
     def substeps(self) -> int:
         """Simulation steps per control step."""
-        return round(self.control_period / self.timestep)
+        return round(self.control_period / self.step_size)
 
     @cached_property
     def hold_steps(self) -> int:
-        """Consecutive control steps inside the envelope that make a capture."""
-        return max(1, round(self.envelope.hold / self.control_period))
+        """Control periods that begin and end inside the envelope, in a row, that make a capture."""
+        return math.ceil(self.envelope.hold / self.control_period - 1e-9)
 
     @cached_property
     def attitude_limit_rad(self) -> float:
@@ -167,12 +176,12 @@ class SingleArmTask:
     @property
     def model(self) -> mujoco.MjModel:
         """The compiled model, shared and read-only."""
-        return single_arm_model(ModelOptions(self.variant, self.timestep))
+        return single_arm_model(ModelOptions(self.variant, self.step_size))
 
     @property
     def render_model(self) -> mujoco.MjModel:
         """The same model with its drawn geometry."""
-        return single_arm_model(ModelOptions(self.variant, self.timestep, visual=True))
+        return single_arm_model(ModelOptions(self.variant, self.step_size, visual=True))
 
     @property
     def robot(self) -> FloatingRobot:
@@ -205,12 +214,17 @@ class SingleArmTask:
         Raises:
             ConfigurationError: for an unknown split.
         """
-        if split not in SPLITS:
+        if not isinstance(split, str) or split not in SPLITS:
             raise unknown_name("split", split, SPLITS)
         return SPLIT_SIZE[split]
 
-    def check_goals(self, position: Array, quaternion: Array) -> tuple[Array, Array]:
+    def check_goals(
+        self, position: Array, quaternion: Array, joints: Array | None = None
+    ) -> tuple[Array, Array]:
         """Validate grapple poses given by a user; returns them with unit quaternions, w >= 0.
+
+        Args:
+            position: (K, 3) m. quaternion: (K, 4). joints: (K, n) rad at the start; None is home.
 
         Raises:
             GoalError: for NaN, a quaternion that is no rotation, a place out of reach or inside the bus.
@@ -222,7 +236,11 @@ class SingleArmTask:
             raise GoalError(
                 f"goal_quaternion must be a unit quaternion (w, x, y, z), got norm {norm.ravel().tolist()}"
             )
-        distance = np.linalg.norm(position - _centre_of_mass(self.variant), axis=-1)
+        robot = self.robot
+        com = robot.kinematics(robot.home if joints is None else joints).com
+        # The base starts at the origin, and with zero momentum the common centre of mass stays where it is.
+        centre = (robot.mass[1:] @ com + robot.mass[0] * robot.com[0]) / robot.mass.sum()
+        distance = np.linalg.norm(position - centre, axis=-1)
         reach = self.robot.reach()
         if (distance > reach).any():
             raise GoalError(
@@ -341,14 +359,6 @@ _QUOTIENT = _quotient_tensor()
 @lru_cache(maxsize=4)
 def _robot(variant: str) -> FloatingRobot:
     return FloatingRobot.from_model(single_arm_model(ModelOptions(variant)))
-
-
-@lru_cache(maxsize=4)
-def _centre_of_mass(variant: str) -> Array:
-    """Of the robot at home with the satellite at the origin, (3,) m; it stays there, momentum being zero."""
-    robot = _robot(variant)
-    com = robot.kinematics(robot.home).com
-    return (robot.mass[1:] @ com + robot.mass[0] * robot.com[0]) / robot.mass.sum()
 
 
 @lru_cache(maxsize=512)
