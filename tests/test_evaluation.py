@@ -137,7 +137,7 @@ class Ticking(Nan):
     clock, first = 0.0, 0.25
 
     def predict(self, observation, state=None, episode_start=None, deterministic=True):
-        Ticking.clock += self.first if episode_start.all() else 0.25
+        Ticking.clock += self.first if np.all(episode_start) else 0.25
         return np.zeros((len(observation), self.size)), None
 
 
