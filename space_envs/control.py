@@ -97,38 +97,39 @@ class Drive:
         """
         now = self.simulation.joint_velocity
         late = np.asarray((now < self.low) | (now > self.high))
-        need, held = self._inverse_dynamics(acceleration)
+        need, held, braking, stopping = self._inverse_dynamics(acceleration, late)
         torque = held + need
-        easy = np.abs(held) <= CORIOLIS_SHARE * self.torque_limit
-        if not late.any() and easy.all() and (np.abs(torque) <= self.torque_limit).all():
+        load = (np.abs(held) / self.torque_limit).max(axis=1, keepdims=True)
+        overspeed = np.abs(now).max(axis=1, keepdims=True) > OVERSPEED * self.rate_limit
+        fast = (load > CORIOLIS_SHARE) | overspeed
+        if not (late.any() or fast.any()) and (np.abs(torque) <= self.torque_limit).all():
             return torque
-        braking, _ = self._inverse_dynamics(np.where(late, acceleration, 0.0))
         after = held + braking * self._room(held, braking)
         rest = need - braking
-        torque = self._within(after + rest * self._room(after, rest))
+        torque = after + rest * self._room(after, rest)
         # Where Coriolis forces take much of a drive, the arm as a whole slows down while there is torque to
         # hold its direction with. Where there is hardly any, nothing is held: Coriolis forces do no work, so
         # torques against M* times the rates brake for certain.
-        load = (np.abs(held) / self.torque_limit).max(axis=1, keepdims=True)
-        fast = (load > CORIOLIS_SHARE) | (np.abs(now) > OVERSPEED * self.rate_limit).any(
-            axis=1, keepdims=True
-        )
-        if fast.any():
-            against, _ = self._inverse_dynamics(-now / self.control_period)
-            kept = np.where(load > CORIOLIS_LOST, 0.0, held)
-            slower = self._within(kept + against * self._room(kept, against))
-            torque = np.where(fast, slower, torque)
-        return torque
+        kept = np.where(load > CORIOLIS_LOST, 0.0, held)
+        slower = kept + stopping * self._room(kept, stopping)
+        return self._within(np.where(fast, slower, torque))
 
-    def _inverse_dynamics(self, acceleration: Array) -> tuple[Array, Array]:
-        """Torques (N, n) for a joint acceleration (N, n), and for Coriolis and centrifugal forces."""
+    def _inverse_dynamics(
+        self, acceleration: Array, late: NDArray[np.bool_]
+    ) -> tuple[Array, Array, Array, Array]:
+        """Torques (N, n): for joint accelerations (N, n), for Coriolis and centrifugal forces, for the
+        accelerations of the late joints (N, n) alone, and for stopping all joints within the period."""
         mass, bias = self._mass, self._bias
-        force = np.empty((*bias.shape, 2))
-        force[..., 0] = (mass[:, :, 6:] @ acceleration[..., None])[..., 0]
-        force[..., 1] = bias
+        wanted = np.empty((*acceleration.shape, 3))
+        wanted[..., 0] = acceleration
+        wanted[..., 1] = acceleration * late
+        wanted[..., 2] = self.simulation.joint_velocity * (-1.0 / self.control_period)
+        force = np.empty((*bias.shape, 4))
+        force[..., :3] = mass[:, :, 6:] @ wanted
+        force[..., 3] = bias
         base = np.linalg.solve(mass[:, :6, :6], force[:, :6])
         torque = force[:, 6:] - mass[:, 6:, :6] @ base
-        return torque[..., 0], torque[..., 1]
+        return torque[..., 0], torque[..., 3], torque[..., 1], torque[..., 2]
 
     def _room(self, held: Array, need: Array) -> Array:
         """Largest factor (N, 1) up to 1 with which `need` can be added to `held` within the torque limits."""
