@@ -43,8 +43,7 @@ class ProMP:
         basis: the nb basis functions.
 
     Immutable: the arrays are read-only copies, and conditioning returns a new object. What has less than a
-        millionth
-    of the largest standard deviation counts as fixed (see promp.gaussian for every tolerance).
+    millionth of the largest standard deviation counts as fixed (see promp.gaussian for every tolerance).
     """
 
     mean: Array
