@@ -69,9 +69,14 @@ def load(path: str | Path) -> tuple[Demonstrations, dict[str, Any]]:
         raise ConfigurationError(f"{path}: expected the arrays {names}, got {sorted(stored)}")
     if checksum(stored) != claimed:
         raise ConfigurationError(
-            f"{path}: its content does not match its checksum; it was changed or damaged"
+            f"{path}: its content does not match its checksum; it was changed or damaged. Delete it, and the "
+            "same command makes it again"
         )
-    return Demonstrations(*[stored[name] for name in names]), json.loads(str(stored["provenance"]))
+    try:
+        provenance = json.loads(str(stored["provenance"]))
+    except ValueError as error:
+        raise ConfigurationError(f"{path}: its provenance is not JSON: {error}") from None
+    return Demonstrations(*[stored[name] for name in names]), provenance
 
 
 def recipe(config: DemonstratorConfig, seed: int) -> dict[str, Any]:
