@@ -69,10 +69,10 @@ def ship(run: RunFolder, name: str) -> dict[str, Any]:
 
 
 def _portable(command: list[str]) -> list[str]:
-    """The command without the folders of the machine it ran on."""
+    """The command without the folders of the machine it ran on and without what only shows progress."""
     kept, skip = [], False
     for word in command:
-        if not skip and word != "--output":
+        if not skip and word not in ("--output", "--quiet"):
             kept.append(Path(word).name if "/" in word and Path(word).exists() else word)
         skip = word == "--output"
     return kept
