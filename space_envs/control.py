@@ -3,6 +3,7 @@
 Every mode ends in joint torques, which are internal to the robot and so leave its total momentum alone.
 """
 
+from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
@@ -290,7 +291,7 @@ def _project(turning: Array, rate: Array, wanted: Array, free: Array) -> Array:
     return rate + (through.swapaxes(1, 2) @ np.linalg.solve(square, missing[..., None]))[..., 0]
 
 
-MODES: dict[str, type[JointVelocity | JointTorque | EndEffectorVelocity | Reactionless]] = {
+MODES: dict[str, Callable[[Drive], ControlMode]] = {
     "joint_velocity": JointVelocity,
     "joint_torque": JointTorque,
     "end_effector_velocity": EndEffectorVelocity,
