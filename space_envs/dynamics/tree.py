@@ -15,14 +15,16 @@ from space_envs.errors import ConfigurationError
 
 @dataclass(frozen=True, eq=False)
 class RobotTree:
-    """A base that floats and links on hinges, in any tree.
+    """A base that floats, in space or in the plane z = 0, and links on hinges, in any tree.
 
-    Body 0 is the base; link i = 1..n carries joint i - 1.
+    Body 0 is the base; link i = 1..n carries joint i - 1. A robot in the plane is one in space whose motion
+    never leaves the plane: twists and momenta keep six components, three of which are zero.
 
     Attributes:
         parent: (n,) body that carries link i.
         offset, mounting: (n, 3) m and (n, 3, 3): pose of link i in its parent at joint angle zero.
         hinge: (n, 3) joint axis in the link's frame.
+        rotor_inertia: (n,) kg m^2 behind the gears; it adds to the joints' inertia alone.
         mass: (n + 1,) kg. com: (n + 1, 3) m, in the body's frame.
         inertia: (n + 1, 3, 3) kg m^2 about the centre of mass, in the body's axes.
         tip_link: (k,) body of each end-effector. tip_offset, tip_mounting: its pose in that body.
@@ -34,6 +36,7 @@ class RobotTree:
     offset: Array
     mounting: Array
     hinge: Array
+    rotor_inertia: Array
     mass: Array
     com: Array
     inertia: Array
@@ -60,15 +63,13 @@ class RobotTree:
         """Read the robot whose base body is `base` out of a compiled model.
 
         Raises:
-            ConfigurationError: if there is no such body, site or keyframe, the base has no free joint, a
+            ConfigurationError: if there is no such body, site or keyframe, the base does not float, a
                 link does not hang on exactly one hinge through its frame's origin, or an end-effector is not
                 on a link.
         """
         root = _id(model, mujoco.mjtObj.mjOBJ_BODY, base)
         members = [b for b in range(model.nbody) if model.body_rootid[b] == root]
-        if int(model.body_jntnum[root]) != 1 or int(model.jnt_type[model.body_jntadr[root]]) != int(
-            mujoco.mjtJoint.mjJNT_FREE
-        ):
+        if base_kind(model, root) is None:
             raise ConfigurationError(f"body {base!r} is not a free-floating base")
         links = members[1:]
         index = {body: number for number, body in enumerate(members)}
@@ -97,6 +98,7 @@ class RobotTree:
             offset=model.body_pos[links],
             mounting=_matrices(model.body_quat[links]),
             hinge=model.jnt_axis[joints],
+            rotor_inertia=model.dof_armature[model.jnt_dofadr[joints]],
             mass=model.body_mass[members],
             com=model.body_ipos[members],
             inertia=principal @ (model.body_inertia[members][:, :, None] * principal.swapaxes(1, 2)),
@@ -143,6 +145,23 @@ class RobotTree:
         if values.ndim == 0 or values.shape[-1] != self.n_joints:
             raise ConfigurationError(f"{what} must have shape (..., {self.n_joints}), got {values.shape}")
         return values
+
+
+def base_kind(model: mujoco.MjModel, body: int) -> str | None:
+    """How a body floats: `spatial` (a free joint), `planar` (slides along x and y, a hinge about z), or None."""
+    first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+    kinds = [int(kind) for kind in model.jnt_type[first : first + count]]
+    free, slide, hinge = (
+        int(kind)
+        for kind in (mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE)
+    )
+    if kinds == [free]:
+        return "spatial"
+    axes = model.jnt_axis[first : first + count]
+    through_origin = not model.jnt_pos[first : first + count].any()
+    if kinds == [slide, slide, hinge] and (axes == np.eye(3)).all() and through_origin:
+        return "planar"
+    return None
 
 
 def _id(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str) -> int:

@@ -79,3 +79,75 @@ def cube_inertia(mass: float, side: float) -> tuple[float, float, float]:
     """Principal inertia of a homogeneous cube, kg m^2."""
     moment = mass * side**2 / 6
     return (moment, moment, moment)
+
+
+@dataclass(frozen=True)
+class PlanarLink:
+    """One link of an arm of shah2013: a body that turns in the plane, its mass in the middle."""
+
+    length: float  # m, Table I
+    mass: float  # kg, Table I
+    inertia: float  # kg m^2 about the centre of mass, out of the plane, Table I
+
+
+@dataclass(frozen=True)
+class TargetParameters:
+    """The object that two arms take, all of it our choice: the paper says nothing about it."""
+
+    mass: float  # kg
+    inertia: tuple[float, float, float]  # kg m^2, principal, at the nominal size; scales with its square
+    half_width: float  # m, nominal distance of the grapple points from the centre
+    body: tuple[float, float, float]  # m, half sides of the box between the grapple points, nominal
+
+
+@dataclass(frozen=True)
+class DualArmPlanarParameters:
+    """The planar robot of shah2013: Table I; what it leaves open is marked as our choice."""
+
+    satellite_mass: float = 500.0  # kg, Table I
+    satellite_inertia: float = 83.61  # kg m^2, Table I
+    satellite_side: float = 1.0  # m, Table I
+    arm: tuple[PlanarLink, ...] = (PlanarLink(1.0, 10.0, 1.05),) * 3  # of both arms, Table I
+    mounts: tuple[tuple[float, float], ...] = ((0.5, 0.0), (-0.5, 0.0))  # m, the lost Fig. 1; our reading
+    home: tuple[float, ...] = (0.0, 1.8, -1.5, 0.9, -0.6, 1.0)  # rad, our choice; not symmetric
+    first_reach: float = 3.1  # rad, largest angle of the joint at the mount; our choice
+    joint_reach: float = 2.7  # rad, largest angle of the others; our choice
+    rate_limit: float = 0.3  # rad/s, our choice
+    acceleration_limit: float = 0.25  # rad/s^2, our choice
+    torque_limit: float = 60.0  # N m, our choice
+    link_radius: float = 0.05  # m, for clearances and what is drawn; our choice
+    target: TargetParameters = TargetParameters(100.0, (10.0, 10.0, 10.0), 0.3, (0.18, 0.22, 0.2))
+
+
+DUAL_ARM_PLANAR = DualArmPlanarParameters()
+
+
+@dataclass(frozen=True)
+class DualArmSpatialParameters:
+    """Two 7-DoF arms on a bus, the extension that shah2013 announces; parameters are our choice.
+
+    Each arm has the Denavit-Hartenberg lengths of shyam2020's Table I at half scale, with solid rods as
+    links. Arm 1 stands on the face at +x, arm 2 on the one at -x; both reach towards +y.
+    """
+
+    satellite_mass: float = 500.0  # kg, as in shah2013
+    satellite_side: float = 1.0  # m; a homogeneous cube
+    alpha: tuple[float, ...] = tuple(link.alpha for link in SINGLE_ARM.links)  # rad, shyam2020, Table I
+    a: tuple[float, ...] = tuple(link.a / 2 for link in SINGLE_ARM.links)  # m, half of Table I
+    d: tuple[float, ...] = tuple(link.d / 2 for link in SINGLE_ARM.links)  # m, half of Table I
+    mass: tuple[float, ...] = tuple(link.mass / 2 for link in SINGLE_ARM.links)  # kg, half of Table II
+    # rad; elbows out, hands before the bus, not symmetric
+    home: tuple[float, ...] = (
+        *(-0.87, -1.41, 0.28, 1.95, 0.94, -0.35, 0.0),
+        *(-1.30, -1.60, 0.10, 1.90, 0.27, -0.37, 0.0),
+    )
+    joint_reach: float = 2.9  # rad to either side of zero
+    rate_limit: float = 0.3  # rad/s
+    acceleration_limit: float = 0.25  # rad/s^2
+    torque_limit: float = 60.0  # N m
+    rotor_inertia: float = 0.5  # kg m^2 behind the gear
+    link_radius: float = 0.05  # m, of the rods
+    target: TargetParameters = TargetParameters(120.0, (12.0, 16.0, 20.0), 0.3, (0.2, 0.25, 0.25))
+
+
+DUAL_ARM_SPATIAL = DualArmSpatialParameters()

@@ -46,14 +46,18 @@ class ModelOptions:
             raise ConfigurationError(f"timestep must lie in (0, 0.1] s, got {self.timestep!r}")
 
 
-def _quaternion_x(angle: float) -> list[float]:
+def quaternion_x(angle: float) -> list[float]:
+    """Turn about x as a quaternion."""
     return [float(np.cos(angle / 2)), float(np.sin(angle / 2)), 0.0, 0.0]
 
 
 def link_inertia(link: DHLink, variant: str, radius: float) -> tuple[float, float, float]:
     """Principal inertia of a link in the axes of its DH frame, kg m^2."""
-    if variant == "paper":
-        return link.inertia
+    return link.inertia if variant == "paper" else rod_link_inertia(link, radius)
+
+
+def rod_link_inertia(link: DHLink, radius: float) -> tuple[float, float, float]:
+    """Principal inertia of a link that is a solid rod, in the axes of its DH frame, kg m^2."""
     # The link runs along (a, 0, d) before Rx(alpha); alpha is a quarter turn, so it lies on an axis after it.
     along = (link.a, link.d * float(np.sin(link.alpha)), link.d * float(np.cos(link.alpha)))
     return rod_inertia(link.mass, radius, (along[0], along[1], 0.0 if abs(along[2]) < 1e-12 else along[2]))
@@ -94,7 +98,7 @@ def single_arm_spec(
         body = parent.add_body(name=f"link{number}", pos=position, quat=orientation, explicitinertial=True)
         body.mass = link.mass
         body.ipos = [link.a / 2, 0.0, link.d / 2]
-        body.iquat = _quaternion_x(link.alpha)
+        body.iquat = quaternion_x(link.alpha)
         body.inertia = link_inertia(link, options.variant, parameters.link_radius)
         home = parameters.home[number - 1]
         body.add_joint(
@@ -111,7 +115,7 @@ def single_arm_spec(
             ctrlrange=[-parameters.torque_limit, parameters.torque_limit],
             forcerange=[-parameters.torque_limit, parameters.torque_limit],
         ).set_to_motor()
-        parent, position, orientation = body, [link.a, 0.0, link.d], _quaternion_x(link.alpha)
+        parent, position, orientation = body, [link.a, 0.0, link.d], quaternion_x(link.alpha)
     parent.add_site(name=END_EFFECTOR, pos=position, quat=orientation, size=[0.01, 0.01, 0.01], group=4)
 
     target = spec.worldbody.add_body(name=TARGET, mocap=True, pos=[0.0, 3.0, 2.0])
