@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array
-from space_envs.models.single_arm import END_EFFECTOR
 from space_envs.simulation import STAGE_POS, Simulation
 
 CONTROL_MODES = ("joint_velocity", "joint_torque", "end_effector_velocity", "reactionless")
@@ -48,7 +47,8 @@ class Drive:
         self._sign = np.array([[1.0], [-1.0]])
         self._offset = -self._sign * model.jnt_range[joints].T - STOP_MARGIN
         self.extrapolate = True
-        n = simulation.n_joints + 6
+        self._b = simulation.n_base
+        n = simulation.n_joints + self._b
         self._last_mass, self._last_bias = np.zeros((simulation.n, n, n)), np.zeros((simulation.n, n))
         self._mass, self._bias = self._last_mass, self._last_bias
 
@@ -120,16 +120,16 @@ class Drive:
     ) -> tuple[Array, Array, Array, Array]:
         """Torques (N, n): for joint accelerations (N, n), for Coriolis and centrifugal forces, for the
         accelerations of the late joints (N, n) alone, and for stopping all joints within the period."""
-        mass, bias = self._mass, self._bias
+        mass, bias, b = self._mass, self._bias, self._b
         wanted = np.empty((*acceleration.shape, 3))
         wanted[..., 0] = acceleration
         wanted[..., 1] = acceleration * late
         wanted[..., 2] = self.simulation.joint_velocity * (-1.0 / self.control_period)
         force = np.empty((*bias.shape, 4))
-        force[..., :3] = mass[:, :, 6:] @ wanted
+        force[..., :3] = mass[:, :, b:] @ wanted
         force[..., 3] = bias
-        base = np.linalg.solve(mass[:, :6, :6], force[:, :6])
-        torque = force[:, 6:] - mass[:, 6:, :6] @ base
+        base = np.linalg.solve(mass[:, :b, :b], force[:, :b])
+        torque = force[:, b:] - mass[:, b:, :b] @ base
         return torque[..., 0], torque[..., 3], torque[..., 1], torque[..., 2]
 
     def _room(self, held: Array, need: Array) -> Array:
@@ -144,8 +144,8 @@ class Drive:
         """Commanded torques (N, n), replaced in rows where they would break a rate or position limit."""
         torque = self._within(torque)
         force = -self._bias
-        force[:, 6:] += torque
-        acceleration = np.linalg.solve(self._mass, force[..., None])[:, 6:, 0]
+        force[:, self._b :] += torque
+        acceleration = np.linalg.solve(self._mass, force[..., None])[:, self._b :, 0]
         rate = self.simulation.joint_velocity + self.control_period * acceleration
         # Half the rate limit in one period is more than a torque held that long can steer.
         harsh = np.abs(acceleration) > 0.5 * self.rate_limit / self.control_period
@@ -205,37 +205,49 @@ class Lookahead:
     def update(self) -> None:
         """Take the present state of the drive's simulation and look ahead from there."""
         now, ahead = self.drive.simulation, self.simulation
-        ahead.qpos[:, 3:7] = now.qpos[:, 3:7]
+        ahead.base_attitude[:] = now.base_attitude
         ahead.joint_position[:] = now.joint_position + self.drive.control_period * now.joint_velocity
         ahead.batch.forward(stage=STAGE_POS)
 
     def base_map(self) -> Array:
-        """Base velocity (N, 6, n) per joint rate, zero momentum; linear in inertial, angular in base axes."""
-        mass = self.simulation.mass_matrix()
-        return -np.linalg.solve(mass[:, :6, :6], mass[:, :6, 6:])
+        """Base velocity (N, b, n) per joint rate, zero momentum; linear in inertial, angular in base axes."""
+        mass, b = self.simulation.mass_matrix(), self.simulation.n_base
+        return -np.linalg.solve(mass[:, :b, :b], mass[:, :b, b:])
 
 
 class EndEffectorVelocity:
-    """End-effector twist [v; w], m/s and rad/s, inertial axes, by the damped generalised Jacobian."""
+    """Twists [v; w] of the end-effectors, one after the other, by the damped generalised Jacobian.
+
+    m/s and rad/s in inertial axes; in the plane a twist is [vx, vy, wz].
+    """
 
     def __init__(self, drive: Drive) -> None:
         self.drive = drive
-        self.size = 6
-        self.scale = np.repeat(END_EFFECTOR_SPEED, 3)
         self._ahead = Lookahead(drive)
-        model = drive.simulation.model
-        self._body = int(model.site_bodyid[model.site(END_EFFECTOR).id])
-        start = int(model.sensor(f"{END_EFFECTOR}_position").adr[0])
-        self._point = slice(start, start + 3)
+        model, planar = drive.simulation.model, drive.simulation.planar
+        sites = [model.site(i) for i in range(model.nsite) if model.site(i).name.startswith("end_effector")]
+        starts = [int(model.sensor(f"{site.name}_position").adr[0]) for site in sites]
+        self._tips = [
+            (int(site.bodyid[0]), slice(start, start + 3)) for site, start in zip(sites, starts, strict=True)
+        ]
+        self._rows = np.array([0, 1, 5]) if planar else np.arange(6)
+        twist = np.repeat(END_EFFECTOR_SPEED, 3)[self._rows]
+        self.scale = np.tile(twist, len(sites))
+        self.size = len(self.scale)
 
     def torques(self, action: Array) -> Array:
         ahead = self._ahead
         ahead.update()
-        linear, angular = ahead.simulation.batch.jac(self._body, ahead.simulation.sensors[:, self._point])
-        jacobian = np.concatenate([linear, angular], axis=1)
-        joints = slice(6, 6 + ahead.simulation.n_joints)
-        generalized = jacobian[:, :, joints] + jacobian[:, :, :6] @ ahead.base_map()
-        square = generalized @ generalized.swapaxes(1, 2) + DAMPING**2 * np.eye(6)
+        simulation = ahead.simulation
+        parts = []
+        for body, point in self._tips:
+            parts += simulation.batch.jac(body, simulation.sensors[:, point])
+        rows = np.concatenate([self._rows + 6 * tip for tip in range(len(self._tips))])
+        jacobian = np.concatenate(parts, axis=1)[:, rows]
+        b = simulation.n_base
+        joints = slice(b, b + simulation.n_joints)
+        generalized = jacobian[:, :, joints] + jacobian[:, :, :b] @ ahead.base_map()
+        square = generalized @ generalized.swapaxes(1, 2) + DAMPING**2 * np.eye(self.size)
         command = np.linalg.solve(square, (action * self.scale)[..., None])
         rate = (generalized.swapaxes(1, 2) @ command)[..., 0]
         excess = np.abs(rate).max(axis=1, keepdims=True) / self.drive.rate_limit
@@ -259,10 +271,12 @@ class Reactionless:
         simulation = self.drive.simulation
         low, high = self.drive.low, self.drive.high
         self._ahead.update()
-        turning = self._ahead.base_map()[:, 3:]  # (N, 3, n), base axes
-        quaternion = simulation.qpos[:, 3:7]
-        # For the small angles that are left, twice the vector part is the rotation vector, in base axes too.
-        wanted = -2.0 * ATTITUDE_GAIN * quaternion[:, 1:] * np.copysign(1.0, quaternion[:, :1])
+        turning = self._ahead.base_map()[:, simulation.angular]  # (N, 3 or 1, n), base axes
+        attitude = simulation.base_attitude
+        if not simulation.planar:
+            # For small angles twice the vector part is the rotation vector, in base axes too.
+            attitude = 2.0 * attitude[:, 1:] * np.copysign(1.0, attitude[:, :1])
+        wanted = -ATTITUDE_GAIN * attitude
         command = np.minimum(np.maximum(action * self.scale, low), high)
         rate = _project(turning, command, wanted, np.ones_like(command))
         free = ((rate >= low) & (rate <= high)).astype(np.float64)
@@ -286,7 +300,7 @@ class Reactionless:
 def _project(turning: Array, rate: Array, wanted: Array, free: Array) -> Array:
     """Change rates (N, n) as little as possible, in the free joints only, so that turning @ rate = wanted."""
     through = turning * free[:, None, :]
-    square = through @ turning.swapaxes(1, 2) + 1e-9 * np.eye(3)
+    square = through @ turning.swapaxes(1, 2) + 1e-9 * np.eye(turning.shape[1])
     missing = wanted - (turning @ rate[..., None])[..., 0]
     return rate + (through.swapaxes(1, 2) @ np.linalg.solve(square, missing[..., None]))[..., 0]
 

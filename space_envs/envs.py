@@ -14,6 +14,7 @@ from space_envs.errors import ActionError, ConfigurationError, positive_integer,
 from space_envs.registration import make_task
 from space_envs.reset_options import choose_start, rows_to_reset, seeded
 from space_envs.simulation import Simulation
+from space_envs.tasks.common import Goals
 
 if TYPE_CHECKING:
     from space_envs.rendering import Renderer
@@ -30,6 +31,7 @@ _COPIED = (
     "_outcome",
     "_index",
     "_split",
+    "_goal",
     "_started",
 )
 _AUTORESET = {
@@ -52,8 +54,8 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         render_mode: None, rgb_array (of every simulation) or human (of the first).
         width, height: of pictures, pixels. camera: name of a camera of the model.
         **keywords: of the task (difficulty, split, reward, variant, horizon, timestep, control_period,
-            attitude_limit, c) and of its capture envelope (position_tolerance m, orientation_tolerance deg,
-            linear_velocity_tolerance m/s, angular_velocity_tolerance deg/s, hold_time s).
+            attitude_limit, c; docs/environments has those of each id) and of its capture envelope
+            (position_tolerance m, linear_velocity_tolerance m/s, hold_time s, ...).
 
     Raises:
         ConfigurationError: for a keyword or a value that is not valid, naming the nearest that is.
@@ -142,6 +144,7 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         self._outcome = np.zeros(num_envs, dtype=np.int64)
         self._index = np.full(num_envs, -1, dtype=np.int64)
         self._split = np.full(num_envs, self.task.split, dtype=object)
+        self._goal: list[Goals | None] = [None] * num_envs
         self._started = False
 
     # Reset ---------------------------------------------------------------------------------------------
@@ -154,17 +157,17 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         Args:
             seed: of row 0; row i takes seed + i. Or a list with one seed a row. None goes on with the
                 generators there are.
-            options: any of split and index (which goal; a number or one a row), or goal_position (3,) m and
-                goal_quaternion (4,) in the inertial frame, one for all rows or one a row; joint_position and
-                joint_velocity (7,), likewise, the base then moving so that total momentum is zero; reset_mask
-                (N,) bool, the rows to reset.
+            options: any of split and index (which goal; a number or one a row), or the task's own
+                `goal_options` (of SingleArm: goal_position (3,) m and goal_quaternion (4,) in the inertial
+                frame), one for all rows or one a row; joint_position and joint_velocity (n,), likewise, the
+                base then moving so that total momentum is zero; reset_mask (N,) bool, the rows to reset.
 
         Raises:
             ConfigurationError: for an option, split or index that does not exist.
             GoalError: for a goal that is malformed or out of reach.
         """
         options = {} if options is None else options
-        rows = rows_to_reset(options, self.num_envs)
+        rows = rows_to_reset(self.task, options, self.num_envs)
         if not self._started and len(rows) < self.num_envs:
             raise ConfigurationError("the first reset must reset every row")
         generators = seeded(self._generators, seed, rows, self.num_envs)
@@ -193,17 +196,17 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
             return
         simulation = self.simulation
         simulation.reset(rows)
-        simulation.scale_base(rows, start.mass_scale)
-        simulation.mocap_pos[rows, 0] = start.position
-        simulation.mocap_quat[rows, 0] = start.quaternion
-        if start.joint_position is not None:
-            simulation.joint_position[rows] = start.joint_position
+        simulation.scale_base(rows, start.goals.mass_scale)
+        self.task.place(simulation, rows, start.goals)
+        simulation.joint_position[rows] = start.goals.joint_position
         if start.joint_velocity is not None:
             simulation.joint_velocity[rows] = start.joint_velocity
             simulation.set_base_velocity(rows)
         simulation.refresh(rows)
         self.drive.reset(rows)
         self._index[rows], self._split[rows] = start.index, start.split
+        for place, row in enumerate(rows):
+            self._goal[row] = start.goals.take(np.array([place]))
         for counter in (self._steps, self._held, self._clipped, self._outcome):
             counter[rows] = 0
         self._observation[rows] = self.task.observe(simulation.sensors, self._time())[rows]
@@ -378,10 +381,15 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
             from space_envs.rendering import Renderer  # pictures are rare, and OpenGL may be missing
 
             renderer = self._renderer = Renderer(self.task.render_model, **self._view)
-        if self.render_mode == "human":
-            renderer.show(self.simulation.state(0))
-            return None
-        return tuple(renderer.render(self.simulation.state(row)) for row in range(self.num_envs))
+        pictures = []
+        for row in range(1 if self.render_mode == "human" else self.num_envs):
+            if (goal := self._goal[row]) is not None:
+                self.task.dress(renderer.model, None, goal, 0)
+            if self.render_mode == "human":
+                renderer.show(self.simulation.state(row))
+                return None
+            pictures.append(renderer.render(self.simulation.state(row)))
+        return tuple(pictures)
 
     def close_extras(self, **kwargs: Any) -> None:
         """Free what pictures needed."""

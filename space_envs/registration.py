@@ -7,6 +7,7 @@ from typing import Any
 import gymnasium as gym
 
 from space_envs.errors import unknown_name
+from space_envs.tasks.base import CaptureTask
 from space_envs.tasks.single_arm import SingleArmTask
 
 
@@ -14,7 +15,7 @@ from space_envs.tasks.single_arm import SingleArmTask
 class Entry:
     """One id: its task class and a line that says what it asks."""
 
-    task: type[SingleArmTask]
+    task: type[CaptureTask]
     summary: str
 
 
@@ -28,13 +29,14 @@ ENTRIES: dict[str, Entry] = {
 ENVELOPE_KEYWORDS = {
     "position_tolerance": "position",
     "orientation_tolerance": "orientation",
+    "approach_tolerance": "approach",
     "linear_velocity_tolerance": "linear_velocity",
     "angular_velocity_tolerance": "angular_velocity",
     "hold_time": "hold",
 }
 
 
-def make_task(env_id: str, keywords: Mapping[str, Any]) -> SingleArmTask:
+def make_task(env_id: str, keywords: Mapping[str, Any]) -> CaptureTask:
     """Build the task of an id from the keywords of `gym.make`.
 
     Raises:
@@ -44,12 +46,14 @@ def make_task(env_id: str, keywords: Mapping[str, Any]) -> SingleArmTask:
         raise unknown_name("environment id", env_id, ENTRIES)
     task = ENTRIES[env_id].task
     names = [f.name for f in fields(task) if f.name != "envelope"]
+    asked = {f.name for f in fields(task().envelope)}
+    tolerances = [keyword for keyword, name in ENVELOPE_KEYWORDS.items() if name in asked]
     own = {"control_mode", "render_mode", "width", "height", "camera", "threads"}
     for name in keywords:
-        if name not in names and name not in ENVELOPE_KEYWORDS:
-            raise unknown_name("keyword", name, [*names, *ENVELOPE_KEYWORDS, *sorted(own)])
+        if name not in names and name not in tolerances:
+            raise unknown_name("keyword", name, [*names, *tolerances, *sorted(own)])
     envelope = replace(
-        task().envelope, **{ENVELOPE_KEYWORDS[k]: v for k, v in keywords.items() if k in ENVELOPE_KEYWORDS}
+        task().envelope, **{ENVELOPE_KEYWORDS[k]: v for k, v in keywords.items() if k in tolerances}
     )
     return task(**{k: v for k, v in keywords.items() if k in names}, envelope=envelope)
 

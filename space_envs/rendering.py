@@ -130,6 +130,11 @@ class Renderer:
         self._shown = (self._data.time, time.monotonic())
         return True
 
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The Renderer's own copy of the model, to be adapted to what is drawn next."""
+        return self._model
+
     def close(self) -> None:
         """Free the window and the OpenGL context; closing twice does nothing, drawing opens them again."""
         window, self._window = self._window, None

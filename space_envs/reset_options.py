@@ -1,7 +1,7 @@
 """What `reset(options=...)` may ask for, validated before anything moves."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -10,17 +10,10 @@ from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError, unknown_name
-from space_envs.tasks.single_arm import SingleArmTask
+from space_envs.tasks.base import CaptureTask
+from space_envs.tasks.common import Goals
 
-RESET_OPTIONS = (
-    "split",
-    "index",
-    "goal_position",
-    "goal_quaternion",
-    "joint_position",
-    "joint_velocity",
-    "reset_mask",
-)
+COMMON_OPTIONS = ("split", "index", "joint_position", "joint_velocity", "reset_mask")
 
 
 @dataclass(frozen=True)
@@ -28,17 +21,14 @@ class Start:
     """How k episodes begin.
 
     Attributes:
-        position (k, 3), quaternion (k, 4): grapple, inertial frame. mass_scale: (k,) of the satellite.
+        goals: of the task, k of them, with the joint angles at the start.
         split, index: (k,) where the goals come from; `given` and -1 for a user's own.
-        joint_position, joint_velocity: (k, n), or None for home and rest.
+        joint_velocity: (k, n), or None for rest.
     """
 
-    position: Array
-    quaternion: Array
-    mass_scale: Array
+    goals: Goals
     split: NDArray[np.object_]
     index: NDArray[np.int64]
-    joint_position: Array | None
     joint_velocity: Array | None
 
 
@@ -70,7 +60,7 @@ def seeded(
     return chosen
 
 
-def rows_to_reset(options: Mapping[str, Any], n: int) -> NDArray[np.int64]:
+def rows_to_reset(task: CaptureTask, options: Mapping[str, Any], n: int) -> NDArray[np.int64]:
     """Rows (k,) that are to be reset, of n.
 
     Raises:
@@ -78,9 +68,10 @@ def rows_to_reset(options: Mapping[str, Any], n: int) -> NDArray[np.int64]:
     """
     if not isinstance(options, Mapping):
         raise ConfigurationError(f"options must be a dictionary, got {options!r}")
+    valid = (*COMMON_OPTIONS, *task.goal_options)
     for name in options:
-        if name not in RESET_OPTIONS:
-            raise unknown_name("reset option", name, RESET_OPTIONS)
+        if name not in valid:
+            raise unknown_name("reset option", name, valid)
     mask = np.asarray(options.get("reset_mask", np.ones(n, dtype=bool)))
     if mask.shape != (n,) or mask.dtype != np.bool_:
         raise ConfigurationError(f"reset_mask must be bool of shape ({n},), got {mask.dtype} {mask.shape}")
@@ -88,7 +79,7 @@ def rows_to_reset(options: Mapping[str, Any], n: int) -> NDArray[np.int64]:
 
 
 def choose_start(
-    task: SingleArmTask,
+    task: CaptureTask,
     options: Mapping[str, Any],
     rows: NDArray[np.int64],
     generators: Sequence[np.random.Generator],
@@ -99,23 +90,16 @@ def choose_start(
         ConfigurationError: for a value that is not valid. GoalError: for a goal that cannot be reached.
     """
     n = len(generators)
-    given = [name for name in ("goal_position", "goal_quaternion") if name in options]
-    if len(given) == 1:
-        raise ConfigurationError("goal_position and goal_quaternion must be given together")
-    joints = {
-        name: _joint_option(task, options, name, rows, n) if name in options else None
+    joints, velocity = (
+        _joint_option(task, options, name, rows, n) if name in options else None
         for name in ("joint_position", "joint_velocity")
-    }
-    if given:
+    )
+    if any(name in options for name in task.goal_options):
         if "split" in options or "index" in options:
             raise ConfigurationError("give either a goal or a split and index, not both")
-        position, quaternion = task.check_goals(
-            _row_values(options, "goal_position", 3, rows, n),
-            _row_values(options, "goal_quaternion", 4, rows, n),
-            joints["joint_position"],
-        )
-        scale, index = np.ones(len(rows)), np.full(len(rows), -1, dtype=np.int64)
-        return Start(position, quaternion, scale, _names("given", rows), index, **joints)
+        goals = task.given_goals(_goal_values(task, options, rows, n), joints)
+        index = np.full(len(rows), -1, dtype=np.int64)
+        return Start(goals, _names("given", rows), index, velocity)
     split = options.get("split", task.split)
     if "index" in options:
         index = np.asarray(options["index"])
@@ -126,7 +110,25 @@ def choose_start(
         size = task.split_size(split)
         index = np.array([generators[row].integers(size) for row in rows], dtype=np.int64)
     goals = task.goals(split, index)
-    return Start(goals.position, goals.quaternion, goals.mass_scale, _names(split, rows), index, **joints)
+    if joints is not None:
+        goals = replace(goals, joint_position=joints)
+    return Start(goals, _names(split, rows), index, velocity)
+
+
+def _goal_values(
+    task: CaptureTask, options: Mapping[str, Any], rows: NDArray[np.int64], n: int
+) -> dict[str, Array]:
+    """Numbers (k, width) of every option that makes up a goal."""
+    values = {}
+    needed = [name for name, option in task.goal_options.items() if option.default is None]
+    for name, option in task.goal_options.items():
+        if name in options:
+            values[name] = _row_values(options, name, option.width, rows, n)
+        elif option.default is None:
+            raise ConfigurationError(f"{' and '.join(needed)} must be given together; {name} is missing")
+        else:
+            values[name] = np.tile(np.array(option.default), (len(rows), 1))
+    return values
 
 
 def _names(name: str, rows: NDArray[np.int64]) -> NDArray[np.object_]:
@@ -134,7 +136,7 @@ def _names(name: str, rows: NDArray[np.int64]) -> NDArray[np.object_]:
 
 
 def _joint_option(
-    task: SingleArmTask, options: Mapping[str, Any], name: str, rows: NDArray[np.int64], n: int
+    task: CaptureTask, options: Mapping[str, Any], name: str, rows: NDArray[np.int64], n: int
 ) -> Array:
     value = _row_values(options, name, task.robot.n_joints, rows, n)
     rates = task.parameters.rate_limit * np.array([[-1.0, 1.0]])

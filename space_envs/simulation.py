@@ -8,6 +8,7 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array
+from space_envs.dynamics.tree import base_kind
 
 Rows = NDArray[np.int64]
 
@@ -20,11 +21,16 @@ _ONE_THREAD_UP_TO = 8  # simulations; below this, handing work to threads costs 
 class Simulation:
     """N simulations of a free-floating robot with n joints.
 
-    The base's free joint is the model's first joint and the hinges follow it. The generalised velocity is
-    [v0 in inertial axes; w0 in base axes; joint rates].
+    The base's own joints are the model's first ones: a free joint in space, two slides and a hinge in the
+    plane. The robot's hinges follow them, and then what else there is. The robot's generalised velocity is
+    [v0 in inertial axes; w0 in base axes; joint rates], its base part having b = 6 components or, in the
+    plane, b = 3.
 
     Attributes:
-        qpos (N, nq), qvel (N, nv), ctrl (N, n), mocap_pos (N, 1, 3), mocap_quat (N, 1, 4): live and writable.
+        planar: whether the base moves in the plane only.
+        n_base: b. angular: slice of w0 in the generalised velocity.
+        qpos (N, nq), qvel (N, nv), ctrl (N, n): live and writable.
+        mocap_pos (N, k, 3), mocap_quat (N, k, 4): likewise, of the k mocap bodies.
         sensors (N, ns): live, current after `step` and `refresh`.
     """
 
@@ -34,13 +40,18 @@ class Simulation:
         self.model = model
         self.n = n
         self.n_joints = model.nu
+        self._base = int(model.jnt_bodyid[0])
+        self.planar = base_kind(model, self._base) == "planar"
+        self.n_base = 3 if self.planar else 6
+        self.angular = slice(2, 3) if self.planar else slice(3, 6)
+        self._first = 3 if self.planar else 7  # joint angle in qpos
         self.batch = Batch(model, n, threads)
         for name in ("qpos", "qvel", "ctrl", "mocap_pos", "mocap_quat"):
             setattr(self, name, self.batch.bind(name))
         self.sensors = self.batch.bind("sensordata")
         self._mass = self.batch.bind("M")
         self._bias = self.batch.bind("qfrc_bias")
-        self._mass_index = _dense_index(model, 6 + self.n_joints)
+        self._mass_index, self._mass_present = _dense_index(model, self.n_base + self.n_joints)
         self._nominal = (model.body_mass.copy(), model.body_inertia.copy())
         self._warned = np.zeros(n, dtype=np.int64)
 
@@ -53,20 +64,39 @@ class Simulation:
     @property
     def joint_position(self) -> Array:
         """(N, n) rad, a view."""
-        return self.qpos[:, 7 : 7 + self.n_joints]
+        return self.qpos[:, self._first : self._first + self.n_joints]
 
     @property
     def joint_velocity(self) -> Array:
         """(N, n) rad/s, a view."""
-        return self.qvel[:, 6 : 6 + self.n_joints]
+        return self.qvel[:, self.n_base : self.n_base + self.n_joints]
+
+    @property
+    def base_attitude(self) -> Array:
+        """Quaternion (N, 4) of the base or, in the plane, its angle (N, 1) rad; a view."""
+        return self.qpos[:, 2:3] if self.planar else self.qpos[:, 3:7]
+
+    def robot_state(self) -> tuple[Array, Array]:
+        """qpos (N, 7 + n) and qvel (N, 6 + n) of the robot as one in space with a free joint, copies."""
+        if not self.planar:
+            size = 7 + self.n_joints
+            return self.qpos[:, :size].copy(), self.qvel[:, : size - 1].copy()
+        qpos, qvel = np.zeros((self.n, 7 + self.n_joints)), np.zeros((self.n, 6 + self.n_joints))
+        qpos[:, :2], qpos[:, 7:] = self.qpos[:, :2], self.joint_position
+        qpos[:, 3], qpos[:, 6] = np.cos(0.5 * self.qpos[:, 2]), np.sin(0.5 * self.qpos[:, 2])
+        qvel[:, :2], qvel[:, 5], qvel[:, 6:] = self.qvel[:, :2], self.qvel[:, 2], self.joint_velocity
+        return qpos, qvel
 
     def mass_matrix(self) -> Array:
-        """Mass matrix (N, 6 + n, 6 + n) of the robot in generalised velocities, a copy."""
-        return self._mass.take(self._mass_index, axis=1)
+        """Mass matrix (N, b + n, b + n) of the robot in generalised velocities, a copy."""
+        mass = self._mass.take(self._mass_index, axis=1)
+        if self._mass_present is not None:
+            mass *= self._mass_present
+        return mass
 
     def bias(self) -> Array:
-        """Coriolis and centrifugal forces (N, 6 + n) of the robot."""
-        return self._bias[:, : 6 + self.n_joints]
+        """Coriolis and centrifugal forces (N, b + n) of the robot."""
+        return self._bias[:, : self.n_base + self.n_joints]
 
     def step(self, substeps: int, rows: Rows | None = None) -> None:
         """Advance all simulations, or rows (k,), and make their sensors, mass matrix and bias current."""
@@ -86,7 +116,7 @@ class Simulation:
         """Multiply the satellite's mass and inertia of rows (k,) by scale (k,), from the model's values."""
         if self.batch.expanded("body_mass") is None and (scale == 1.0).all():
             return
-        base = int(self.model.jnt_bodyid[0])
+        base = self._base
         mass, inertia = self.batch.expand("body_mass"), self.batch.expand("body_inertia")
         mass[rows, base] = self._nominal[0][base] * scale
         inertia[rows, base] = self._nominal[1][base] * scale[:, None]
@@ -104,16 +134,24 @@ class Simulation:
         """Give the base of rows (k,) the velocity that makes total momentum zero with the joint rates set."""
         self.refresh(rows)
         mass = self.mass_matrix()[rows]
-        momentum = mass[:, :6, 6:] @ self.joint_velocity[rows][..., None]
-        self.qvel[rows, :6] = -np.linalg.solve(mass[:, :6, :6], momentum)[..., 0]
+        b = self.n_base
+        momentum = mass[:, :b, b:] @ self.joint_velocity[rows][..., None]
+        self.qvel[rows, :b] = -np.linalg.solve(mass[:, :b, :b], momentum)[..., 0]
+
+    def place_sites(self, rows: Rows, names: tuple[str, ...], position: Array) -> None:
+        """Put sites of rows (k,) at positions (k, s, 3) in their bodies, m."""
+        sites = [self.model.site(name).id for name in names]
+        self.batch.expand("site_pos")[rows[:, None], sites] = position
 
     def snapshot(self) -> dict[str, Array]:
         """Everything that `restore` needs to go on from here with the same bits."""
         kept = {"state": np.stack([self.state(row) for row in range(self.n)])}
         mass = self.batch.expanded("body_mass")
         if mass is not None:
-            base = int(self.model.jnt_bodyid[0])
-            kept["mass_scale"] = mass[:, base] / self._nominal[0][base]
+            kept["mass_scale"] = mass[:, self._base] / self._nominal[0][self._base]
+        sites = self.batch.expanded("site_pos")
+        if sites is not None:
+            kept["site_pos"] = sites.copy()
         return kept
 
     def restore(self, snapshot: dict[str, Array]) -> None:
@@ -122,6 +160,8 @@ class Simulation:
         data = mujoco.MjData(self.model)
         if "mass_scale" in snapshot:
             self.scale_base(rows, snapshot["mass_scale"])
+        if "site_pos" in snapshot:
+            self.batch.expand("site_pos")[:] = snapshot["site_pos"]
         for row, state in enumerate(snapshot["state"]):
             mujoco.mj_setState(self.model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
             for name in ("qpos", "qvel", "ctrl", "mocap_pos", "mocap_quat", "qacc_warmstart", "time"):
@@ -137,14 +177,18 @@ class Simulation:
         return state
 
 
-def _dense_index(model: mujoco.MjModel, size: int) -> NDArray[np.int64]:
-    """Positions in the sparse lower triangle of M of the entries of its leading dense (size, size) block."""
+def _dense_index(model: mujoco.MjModel, size: int) -> tuple[NDArray[np.int64], NDArray[np.float64] | None]:
+    """Where the entries of M's leading (size, size) block lie in its sparse lower triangle.
+
+    Also (size, size) ones and zeros where branches leave entries out, which then point at any other entry;
+    None where there are no such entries.
+    """
     index = np.full((size, size), -1, dtype=np.int64)
     for row in range(size):
         start = int(model.M_rowadr[row])
         for place in range(start, start + int(model.M_rownnz[row])):
             column = int(model.M_colind[place])
             index[row, column] = index[column, row] = place
-    if (index < 0).any():
-        raise ValueError("the robot's mass matrix has structural zeros; its joints are not one chain")
-    return index
+    present = index >= 0
+    index[~present] = 0
+    return index, None if present.all() else present.astype(np.float64)

@@ -13,19 +13,19 @@ from space_envs.dynamics.trajectories import attitude_cost
 from space_envs.evaluation.records import SCHEMA_VERSION, EpisodeRecord, Timing
 from space_envs.evaluation.rollout import Rollout
 from space_envs.evaluation.traces import Traces
-from space_envs.tasks.single_arm import SingleArmTask
+from space_envs.tasks.base import CaptureTask
 
 TRACED = 30  # episodes of a policy whose course in time is kept
 
 
-def config_hash(env_id: str, control_mode: str, task: SingleArmTask) -> str:
+def config_hash(env_id: str, control_mode: str, task: CaptureTask) -> str:
     """Twelve hexadecimal digits that change with anything that defines the task."""
     config = {"env_id": env_id, "control_mode": control_mode, **asdict(task), "timestep": task.step_size}
     del config["split"]
     return sha256(json.dumps(config, sort_keys=True).encode()).hexdigest()[:12]
 
 
-def episode_metrics(rollout: Rollout, task: SingleArmTask) -> dict[str, Array]:
+def episode_metrics(rollout: Rollout, task: CaptureTask) -> dict[str, Array]:
     """Metrics (K,) of recorded episodes.
 
     attitude_cost: eq. 20 times dt, from the base twist after each step, m^2/s.
@@ -37,7 +37,7 @@ def episode_metrics(rollout: Rollout, task: SingleArmTask) -> dict[str, Array]:
     momentum_drift: largest change of total linear or angular momentum since the start, N s or N m s.
     """
     dt = task.control_period
-    motion = body_motion(task.robot, rollout.qpos, rollout.qvel, rollout.mass_scale[:, None])
+    motion = body_motion(task.robot, rollout.qpos, rollout.qvel, rollout.goals.mass_scale[:, None])
     alive = np.arange(rollout.torque.shape[1]) < rollout.length[:, None]  # (K, T) steps before the end
     twist = rollout.qvel[:, 1:, :6] * alive[..., None]  # rotation of the axes does not change eq. 20
     spin = np.linalg.norm(np.diff(motion.base_spin, axis=1), axis=-1)
@@ -60,7 +60,7 @@ def episode_metrics(rollout: Rollout, task: SingleArmTask) -> dict[str, Array]:
 
 def episode_records(
     rollout: Rollout,
-    task: SingleArmTask,
+    task: CaptureTask,
     env_id: str,
     policy: str,
     control_mode: str,
@@ -102,7 +102,7 @@ def episode_records(
     return records
 
 
-def episode_traces(rollout: Rollout, task: SingleArmTask) -> Traces:
+def episode_traces(rollout: Rollout, task: CaptureTask) -> Traces:
     """The course of the first episodes in time."""
     k = slice(0, TRACED)
     position = rollout.qpos[k, :, :3]

@@ -8,14 +8,14 @@ from numpy.typing import NDArray
 
 from space_envs.errors import RenderingError
 from space_envs.evaluation.rollout import Rollout
-from space_envs.tasks.single_arm import SingleArmTask
+from space_envs.tasks.base import CaptureTask
 
 FRAMES = 4
 WIDTH, HEIGHT = 480, 360
 
 
 def capture_pictures(
-    task: SingleArmTask, rollouts: Mapping[str, Rollout]
+    task: CaptureTask, rollouts: Mapping[str, Rollout]
 ) -> tuple[dict[str, list[NDArray[np.uint8]]], str]:
     """Frames (HEIGHT, WIDTH, 3) of each policy's farthest capture, and a note where there are none."""
     from space_envs.rendering import Renderer  # OpenGL may be missing, and is not needed without pictures
@@ -33,8 +33,8 @@ def capture_pictures(
             row = int(np.argmax(np.where(captured, rollout.position_error[:, 0], -1.0)))
             frames = []
             for step in np.linspace(0, rollout.length[row], FRAMES).round().astype(int):
-                data.qpos[:] = rollout.qpos[row, step]
-                data.mocap_pos[0], data.mocap_quat[0] = rollout.goal[row, :3], rollout.goal[row, 3:]
+                data.qpos[:] = rollout.scene[row, step]
+                task.dress(renderer.model, data, rollout.goals, row)
                 mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
                 frames.append(renderer.render(state))
             pictures[name] = frames

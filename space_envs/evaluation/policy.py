@@ -42,6 +42,9 @@ class Policy(Protocol):
             episode_start: (N,) rows whose episode begins with this observation; a planner plans these.
                 None means all rows if there is no state yet, otherwise none.
             deterministic: whether a stochastic policy shall give its mean action.
+
+        A state may have an attribute `failures`, N entries that are None or say why there is no plan for a
+        row; records of lost episodes then give that as their reason.
         """
         ...
 

@@ -7,12 +7,12 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from space_envs.tasks.single_arm import SingleArmTask
+from space_envs.tasks.base import CaptureTask
 
 PACKAGES = ("space-capture", "mujoco", "numpy", "scipy", "gymnasium", "casadi", "torch", "stable-baselines3")
 
 
-def provenance(command: str, env_id: str, seed: int, task: SingleArmTask) -> dict[str, Any]:
+def provenance(command: str, env_id: str, seed: int, task: CaptureTask) -> dict[str, Any]:
     """All that a reader needs to repeat a run, as plain JSON values."""
     return {
         "command": command,

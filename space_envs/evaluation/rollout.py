@@ -13,6 +13,7 @@ from space_envs.dynamics.rotations import Array
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError, PolicyError
 from space_envs.evaluation.policy import Policy, PolicyContext
+from space_envs.tasks.common import Goals
 
 PolicyFactory = Callable[[PolicyContext], Policy]
 BATCH = 128  # episodes simulated together
@@ -24,20 +25,22 @@ class Rollout:
 
     Attributes:
         index: (K,) goal in the split. length: (K,) steps until the end.
-        qpos: (K, T + 1, 7 + n), qvel: (K, T + 1, 6 + n) of the robot, MuJoCo's conventions.
+        qpos: (K, T + 1, 7 + n), qvel: (K, T + 1, 6 + n) of the robot, MuJoCo's conventions for a free joint.
+        scene: (K, T + 1, nq) all of the model's qpos, to draw pictures from.
         torque: (K, T, n) N m, zero after the end.
-        goal: (K, 7) grapple position m and quaternion, at the start. mass_scale: (K,) of the satellite.
+        goals: of the task, K of them.
         position_error: (K, T + 1) m. orientation_error, attitude: (K, T + 1) deg.
-        outcome, reason: K strings. episode_return, clipped: (K,).
+        outcome, reason: K strings; why an episode was lost, where the simulation or the policy says so.
+        episode_return, clipped: (K,).
     """
 
     index: NDArray[np.int64]
     length: NDArray[np.int64]
     qpos: Array
     qvel: Array
+    scene: Array
     torque: Array
-    goal: Array
-    mass_scale: Array
+    goals: Goals
     position_error: Array
     orientation_error: Array
     attitude: Array
@@ -102,16 +105,14 @@ def _roll_out_batch(
     task, simulation = env.task, env.simulation
     policy = factory(PolicyContext.from_env(env))
     observation, _ = env.reset(seed=seed, options={"split": split, "index": indices})
-    horizon, robot = task.horizon, 7 + simulation.n_joints
-    qpos = np.empty((n, horizon + 1, robot))
-    qvel = np.empty((n, horizon + 1, robot - 1))
+    horizon, joints = task.horizon, simulation.n_joints
+    qpos = np.empty((n, horizon + 1, 7 + joints))
+    qvel = np.empty((n, horizon + 1, 6 + joints))
+    scene = np.empty((n, horizon + 1, simulation.model.nq))
     torque = np.zeros((n, horizon, simulation.n_joints))
     seen = np.empty((n, horizon + 1, observation.shape[1]))
-    qpos[:, 0], qvel[:, 0], seen[:, 0] = (
-        simulation.qpos[:, :robot],
-        simulation.qvel[:, : robot - 1],
-        observation,
-    )
+    qpos[:, 0], qvel[:, 0] = simulation.robot_state()
+    scene[:, 0], seen[:, 0] = simulation.qpos, observation
     outcome = np.full(n, "running", dtype=object)
     reason: list[str | None] = [None] * n
     length = np.zeros(n, dtype=np.int64)
@@ -127,8 +128,9 @@ def _roll_out_batch(
         observation, reward, _, _, info = env.step(action)
         total += np.where(running, reward, 0.0)
         length += running
-        qpos[:, step + 1] = np.where(running[:, None], simulation.qpos[:, :robot], qpos[:, step])
-        qvel[:, step + 1] = np.where(running[:, None], simulation.qvel[:, : robot - 1], qvel[:, step])
+        state_now = (*simulation.robot_state(), simulation.qpos)
+        for record, now in zip((qpos, qvel, scene), state_now, strict=True):
+            record[:, step + 1] = np.where(running[:, None], now, record[:, step])
         torque[:, step] = np.where(running[:, None], simulation.ctrl, 0.0)
         seen[:, step + 1] = observation
         outcome = np.where(running, info["outcome"], outcome)
@@ -137,27 +139,32 @@ def _roll_out_batch(
             outcome[row], reason[row] = "policy_error", f"the action held NaN or infinity at step {step}"
         for row in np.flatnonzero(running & (outcome == "diverged")):
             # The simulation has started over by itself: the state before is the last true one.
-            qpos[row, step + 1], qvel[row, step + 1] = qpos[row, step], qvel[row, step]
+            for record in (qpos, qvel, scene):
+                record[row, step + 1] = record[row, step]
         ended = running & (outcome != "running")
         bar.update(int(ended.sum()))
         running = running & ~ended
         if not running.any():
-            for array in (qpos, qvel, seen):
+            for array in (qpos, qvel, scene, seen):
                 array[:, step + 2 :] = array[:, step + 1 : step + 2]
             break
     env.close()
-    read = task.layout.read
+    for row, told in enumerate(getattr(state, "failures", ())):
+        if told and reason[row] is None and outcome[row] != "captured":
+            reason[row] = told
+    flat = seen.reshape(-1, seen.shape[-1])
+    norms = task.norms(flat).reshape(n, horizon + 1, -1)
     return Rollout(
         index=indices,
         length=length,
         qpos=qpos,
         qvel=qvel,
+        scene=scene,
         torque=torque,
-        goal=np.concatenate([read(seen[:, 0], "goal_position"), read(seen[:, 0], "goal_quaternion")], axis=1),
-        mass_scale=task.goals(split, indices).mass_scale,
-        position_error=np.linalg.norm(read(seen, "position_error"), axis=-1),
-        orientation_error=np.rad2deg(np.linalg.norm(read(seen, "rotation_error"), axis=-1)),
-        attitude=np.rad2deg(task.attitude(seen.reshape(-1, seen.shape[-1])).reshape(n, -1)),
+        goals=task.goals(split, indices),
+        position_error=norms[..., 0],
+        orientation_error=np.rad2deg(norms[..., 1]),
+        attitude=np.rad2deg(task.attitude(flat)).reshape(n, -1),
         outcome=list(outcome),
         reason=reason,
         episode_return=total,
@@ -185,7 +192,15 @@ def _joined(parts: list[Rollout]) -> Rollout:
     joined: dict[str, Any] = {}
     for name in vars(parts[0]):
         values = [getattr(part, name) for part in parts]
-        joined[name] = sum(values, []) if isinstance(values[0], list) else np.concatenate(values)
+        if isinstance(values[0], list):
+            joined[name] = sum(values, [])
+        elif isinstance(values[0], Goals):
+            names = vars(values[0])
+            joined[name] = type(values[0])(
+                **{f: np.concatenate([getattr(v, f) for v in values]) for f in names}
+            )
+        else:
+            joined[name] = np.concatenate(values)
     return Rollout(**joined)
 
 

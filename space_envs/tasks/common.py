@@ -1,8 +1,8 @@
 """What all capture tasks share: named observations, the capture envelope, reward weights, splits."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,41 +69,66 @@ class ObservationLayout:
 
 @dataclass(frozen=True)
 class CaptureEnvelope:
-    """How close, aligned and slow the end-effector must be to the grapple, and for how long."""
+    """How close, aligned and slow an end-effector must be to its grapple, and for how long.
+
+    A task's own envelope says what it asks for and answers `limits`.
+    """
 
     position: float = 0.05  # m
-    orientation: float = 5.0  # deg
     linear_velocity: float = 0.05  # m/s
-    angular_velocity: float = 5.0  # deg/s
     hold: float = 1.0  # s
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
             positive(f"capture envelope: {name}", value)
 
-    @cached_property
+    @property
     def limits(self) -> Array:
-        """(4,) position m, orientation rad, linear velocity m/s, angular velocity rad/s."""
-        return np.array(
-            [
-                self.position,
-                np.deg2rad(self.orientation),
-                self.linear_velocity,
-                np.deg2rad(self.angular_velocity),
-            ]
-        )
+        """(4,) position m, angle rad, linear velocity m/s, angular velocity rad/s; infinite where free."""
+        return np.array([self.position, np.inf, self.linear_velocity, np.inf])
 
 
 @dataclass(frozen=True)
 class Goals:
-    """Goals of K episodes.
+    """Goals of K episodes; a task's own goals add what it goes for.
 
     Attributes:
-        position: (K, 3) m, grapple position in the inertial frame.
-        quaternion: (K, 4) grapple orientation in the inertial frame.
         mass_scale: (K,) factor on the satellite's mass and inertia; 1 but in the ood split.
+        joint_position: (K, n) rad at the start.
     """
 
-    position: Array
-    quaternion: Array
     mass_scale: Array
+    joint_position: Array
+
+    def take(self, rows: NDArray[np.int64]) -> Self:
+        """The goals of rows (k,)."""
+        return type(self)(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
+
+
+@dataclass(frozen=True)
+class GoalOption:
+    """One of the options of `reset` that together are a goal: its numbers, and what it is if left out."""
+
+    width: int
+    default: tuple[float, ...] | None = None  # None: it must be given
+
+
+@dataclass(frozen=True)
+class RewardWeights:
+    """Weights of the reward terms; field names are the names in `info["reward_terms"]`.
+
+    With weight 1 the sum of `attitude` over an episode is minus the cost of eq. 20 of shyam2020 times dt.
+    Terms per second are multiplied by the control period.
+    """
+
+    attitude: float = 1.0  # -(c^2 w.w + v.v), per s
+    attitude_angle: float = 1.0  # -angle of the satellite from its initial attitude in rad, per s
+    position: float = 1.0  # -distance to the grapple in m, per s
+    orientation: float = 0.5  # -angle to the grapple in rad, per s
+    precision: float = 1.0  # exp(-worst ratio of error to envelope), per s
+    effort: float = 0.02  # -mean squared action, per s
+    capture: float = 10.0  # once, on capture
+    failure: float = 20.0  # minus, once, when the attitude is lost or the simulation diverges
+
+
+SPARSE = RewardWeights(1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0)

@@ -5,8 +5,8 @@ minimum-jerk joint motion of the free-floating robot ends, from home to a config
 goal can be reached. Nothing is touched; to capture is to be close, aligned and slow for long enough.
 """
 
-import math
-from dataclasses import dataclass, field, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 
 import mujoco
@@ -15,15 +15,16 @@ from numpy.typing import NDArray
 
 from space_envs.dynamics import FloatingRobot, minimum_jerk, roll_out_base
 from space_envs.dynamics.rotations import Array, from_matrix, multiply, rotate
-from space_envs.errors import ConfigurationError, GoalError, positive, positive_integer, unknown_name
+from space_envs.errors import GoalError, unknown_name
 from space_envs.models.parameters import SINGLE_ARM, VARIANTS
 from space_envs.models.single_arm import ModelOptions, single_arm_model
+from space_envs.simulation import Simulation
+from space_envs.tasks.base import BLOCK, CaptureTask
 from space_envs.tasks.common import (
     DIFFICULTIES,
-    REWARDS,
-    SPLITS,
     CaptureEnvelope,
     Field,
+    GoalOption,
     Goals,
     ObservationLayout,
 )
@@ -70,108 +71,62 @@ SPLIT_SIZE = {"train": 4096, "validation": 256, "test": 512, "ood": 512}
 SPLIT_SEED = {"train": 20_201, "validation": 20_202, "test": 20_203, "ood": 20_204}
 OOD_RADIUS = (1.0, 1.3)  # of the difficulty's: the largest joint displacement lies in this range
 OOD_MASS = (0.8, 1.2)  # factor on the satellite's mass and inertia
-BLOCK = 64  # goals are computed in whole blocks, so that a goal has the same bits whoever asks for it
 NODES = 41  # of the minimum-jerk motion whose end defines a goal
 CLEARANCE = 0.25  # m, of a goal from the bus
 NEAREST = 0.15  # m, least distance of a goal from the end-effector's start
 
 
 @dataclass(frozen=True)
-class RewardWeights:
-    """Weights of the reward terms; field names are the names in `info["reward_terms"]`.
+class PoseEnvelope(CaptureEnvelope):
+    """A whole pose and twist."""
 
-    With weight 1 the sum of `attitude` over an episode is minus the cost of eq. 20 of shyam2020 times dt.
-    Terms per second are multiplied by the control period.
-    """
+    orientation: float = 5.0  # deg
+    angular_velocity: float = 5.0  # deg/s
 
-    attitude: float = 1.0  # -(c^2 w.w + v.v), per s
-    attitude_angle: float = 1.0  # -angle of the satellite from its initial attitude in rad, per s
-    position: float = 1.0  # -distance to the grapple in m, per s
-    orientation: float = 0.5  # -angle to the grapple in rad, per s
-    precision: float = 1.0  # exp(-worst ratio of error to envelope), per s
-    effort: float = 0.02  # -mean squared action, per s
-    capture: float = 10.0  # once, on capture
-    failure: float = 20.0  # minus, once, when the attitude is lost or the simulation diverges
-
-
-SPARSE = RewardWeights(1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0)
+    @property
+    def limits(self) -> Array:
+        """(4,) position m, orientation rad, linear velocity m/s, angular velocity rad/s."""
+        angle, rate = np.deg2rad(self.orientation), np.deg2rad(self.angular_velocity)
+        return np.array([self.position, angle, self.linear_velocity, rate])
 
 
 @dataclass(frozen=True)
-class SingleArmTask:
-    """The task's configuration and its pure functions on batched state.
+class PoseGoals(Goals):
+    """Grapple poses that rest in the inertial frame.
 
     Attributes:
-        difficulty: easy, medium or hard; size of the goal region.
-        split: which goals an episode draws from when `reset` does not say.
-        reward: dense or sparse.
-        variant: inertias of the model, paper or physical.
-        control_period: between two actions, s. timestep: of the simulation, s; None takes the variant's own,
-            the largest in the table of docs/momentum.md whose drift stays well inside the bound.
-        horizon: steps after which an episode is cut.
-        envelope: of a capture. attitude_limit: deg from the initial attitude at which it counts as lost.
-        c: angular to linear conversion of eq. 20, m/rad.
+        position: (K, 3) m. quaternion: (K, 4), grapple to inertial.
     """
 
-    difficulty: str = "medium"
-    split: str = "train"
-    reward: str = "dense"
+    position: Array
+    quaternion: Array
+
+
+@dataclass(frozen=True)
+class SingleArmTask(CaptureTask):
+    """The task of the single arm.
+
+    Attributes:
+        variant: inertias of the model, paper or physical.
+    """
+
     variant: str = "paper"
-    control_period: float = 0.1
-    timestep: float | None = None
-    horizon: int = 200
-    envelope: CaptureEnvelope = field(default_factory=CaptureEnvelope)
-    attitude_limit: float = 45.0
-    c: float = 1.0
+    envelope: CaptureEnvelope = field(default_factory=PoseEnvelope)
 
     def __post_init__(self) -> None:
-        for kind, value, valid in (
-            ("model variant", self.variant, VARIANTS),
-            ("difficulty", self.difficulty, DIFFICULTIES),
-            ("split", self.split, SPLITS),
-            ("reward", self.reward, REWARDS),
-        ):
-            if not isinstance(value, str) or value not in valid:
-                raise unknown_name(kind, value, valid)
-        if self.timestep is not None:
-            positive("timestep", self.timestep)
-        for name in ("control_period", "attitude_limit", "c"):
-            positive(name, getattr(self, name))
-        positive_integer("horizon", self.horizon)
-        substeps = self.control_period / self.step_size
-        if not substeps > 0.5 or abs(substeps - round(substeps)) > 1e-9 * substeps:
-            raise ConfigurationError(
-                f"control_period must be a multiple of timestep, got {self.control_period!r} and "
-                f"{self.step_size!r} s"
-            )
+        if not isinstance(self.variant, str) or self.variant not in VARIANTS:
+            raise unknown_name("model variant", self.variant, VARIANTS)
+        super().__post_init__()
 
     layout = LAYOUT
     parameters = SINGLE_ARM
-
-    @cached_property
-    def weights(self) -> RewardWeights:
-        """Weights of the reward terms."""
-        return RewardWeights() if self.reward == "dense" else SPARSE
+    split_sizes = SPLIT_SIZE
+    goal_options = {"goal_position": GoalOption(3), "goal_quaternion": GoalOption(4)}
 
     @property
-    def step_size(self) -> float:
-        """Step of the simulation, s."""
-        return DEFAULT_TIMESTEP[self.variant] if self.timestep is None else self.timestep
-
-    @property
-    def substeps(self) -> int:
-        """Simulation steps per control step."""
-        return round(self.control_period / self.step_size)
-
-    @cached_property
-    def hold_steps(self) -> int:
-        """Control periods that begin and end inside the envelope, in a row, that make a capture."""
-        return math.ceil(self.envelope.hold / self.control_period - 1e-9)
-
-    @cached_property
-    def attitude_limit_rad(self) -> float:
-        """The attitude limit in rad."""
-        return float(np.deg2rad(self.attitude_limit))
+    def default_timestep(self) -> float:
+        """By variant, s."""
+        return DEFAULT_TIMESTEP[self.variant]
 
     @property
     def model(self) -> mujoco.MjModel:
@@ -188,35 +143,28 @@ class SingleArmTask:
         """The robot's momentum-level mathematics, read from the model."""
         return _robot(self.variant)
 
-    def goals(self, split: str, indices: NDArray[np.int64]) -> Goals:
-        """Goals (K) of a split by index; the same for ever, on every machine to rounding.
+    def goal_block(self, split: str, block: int) -> PoseGoals:
+        """Goals of a block."""
+        return _goal_block(self.variant, self.difficulty, split, block)
 
-        Raises:
-            ConfigurationError: for an unknown split or an index outside it.
-        """
-        size = self.split_size(split)
-        indices = np.asarray(indices)
-        if indices.dtype.kind not in "iu" or (indices < 0).any() or (indices >= size).any():
-            raise ConfigurationError(
-                f"index of split {split!r} must be an integer in 0..{size - 1}, got {indices.tolist()!r}"
-            )
-        blocks = [_goal_block(self.variant, self.difficulty, split, int(b)) for b in indices // BLOCK]
-        rows = indices % BLOCK
-        return Goals(
-            position=np.array([b.position[r] for b, r in zip(blocks, rows, strict=True)]),
-            quaternion=np.array([b.quaternion[r] for b, r in zip(blocks, rows, strict=True)]),
-            mass_scale=np.array([b.mass_scale[r] for b, r in zip(blocks, rows, strict=True)]),
+    def given_goals(self, values: Mapping[str, Array], joint_position: Array | None) -> PoseGoals:
+        """Goals from `goal_position` and `goal_quaternion`; errors as in `check_goals`."""
+        position, quaternion = self.check_goals(
+            values["goal_position"], values["goal_quaternion"], joint_position
         )
+        start = self.robot.home if joint_position is None else joint_position
+        k = len(position)
+        return PoseGoals(np.ones(k), np.broadcast_to(start, (k, len(self.robot.home))), position, quaternion)
 
-    def split_size(self, split: str) -> int:
-        """Number of goals in a split.
+    def place(self, simulation: Simulation, rows: NDArray[np.int64], goals: PoseGoals) -> None:
+        """Put the grapple where the goals say."""
+        simulation.mocap_pos[rows, 0] = goals.position
+        simulation.mocap_quat[rows, 0] = goals.quaternion
 
-        Raises:
-            ConfigurationError: for an unknown split.
-        """
-        if not isinstance(split, str) or split not in SPLITS:
-            raise unknown_name("split", split, SPLITS)
-        return SPLIT_SIZE[split]
+    def dress(self, model: mujoco.MjModel, data: mujoco.MjData | None, goals: PoseGoals, row: int) -> None:
+        """Put the grapple where the goal says."""
+        if data is not None:
+            data.mocap_pos[0], data.mocap_quat[0] = goals.position[row], goals.quaternion[row]
 
     def check_goals(
         self, position: Array, quaternion: Array, joints: Array | None = None
@@ -293,58 +241,6 @@ class SingleArmTask:
         vector = quaternion[:, 1:]
         return 2.0 * np.arctan2(np.sqrt((vector * vector).sum(axis=1)), np.abs(quaternion[:, 0]))
 
-    def in_envelope(self, norms: Array) -> NDArray[np.bool_]:
-        """Whether the capture conditions hold now, (N,) bool, from `norms`."""
-        return np.all(norms[:, :4] <= self.envelope.limits, axis=1)
-
-    @cached_property
-    def reward_names(self) -> tuple[str, ...]:
-        """Names of the reward terms, in the order of `reward_terms`."""
-        names = tuple(f.name for f in fields(RewardWeights))
-        return names if self.reward == "dense" else ("attitude", "capture", "failure")
-
-    @cached_property
-    def _rates(self) -> Array:
-        """What a unit of each quantity in `reward_terms` pays in a step."""
-        weight, dt = self.weights, self.control_period
-        paid = {
-            "attitude": -dt * weight.attitude,
-            "attitude_angle": -dt * weight.attitude_angle,
-            "position": -dt * weight.position,
-            "orientation": -dt * weight.orientation,
-            "precision": dt * weight.precision,
-            "effort": -dt * weight.effort,
-            "capture": weight.capture,
-            "failure": -weight.failure,
-        }
-        return np.array([paid[name] for name in self.reward_names])
-
-    def reward_terms(
-        self,
-        norms: Array,
-        attitude: Array,
-        action: Array,
-        captured: NDArray[np.bool_],
-        failed: NDArray[np.bool_],
-    ) -> Array:
-        """Reward terms (N, k), named by `reward_names`; the reward is their sum.
-
-        Args:
-            norms: (N, 5). attitude: (N,) rad. action: (N, m) in [-1, 1].
-            captured, failed: (N,) bool, true on the step where the episode ends so.
-        """
-        terms = np.empty((len(norms), len(self.reward_names)))
-        terms[:, 0] = norms[:, 4] * norms[:, 4]
-        if self.reward == "dense":
-            terms[:, 1] = attitude
-            terms[:, 2:4] = norms[:, :2]
-            terms[:, 4] = np.exp(-(norms[:, :2] / self.envelope.limits[:2]).max(axis=1))
-            terms[:, 5] = (action * action).sum(axis=1) / action.shape[1]
-        terms[:, -2] = captured
-        terms[:, -1] = failed
-        terms *= self._rates
-        return terms
-
 
 def _quotient_tensor() -> Array:
     """T (4, 16) with (a @ T).reshape(4, 4) @ b the quaternion product of a and the conjugate of b."""
@@ -362,7 +258,7 @@ def _robot(variant: str) -> FloatingRobot:
 
 
 @lru_cache(maxsize=512)
-def _goal_block(variant: str, difficulty: str, split: str, block: int) -> Goals:
+def _goal_block(variant: str, difficulty: str, split: str, block: int) -> PoseGoals:
     """Goals block * BLOCK ... of a split, from seeds alone.
 
     A goal is where the end-effector of the resting robot is after a minimum-jerk joint motion from home to a
@@ -392,7 +288,8 @@ def _goal_block(variant: str, difficulty: str, split: str, block: int) -> Goals:
     position, quaternion = roll_out_base(robot, path, rate, dt)
     local_position, local_rotation = robot.end_effector_pose(chosen)
     goal_quaternion = multiply(quaternion[:, -1], from_matrix(local_rotation))
-    return Goals(
+    return PoseGoals(
+        joint_position=np.broadcast_to(robot.home, (BLOCK, robot.n_joints)),
         position=position[:, -1] + rotate(quaternion[:, -1], local_position),
         quaternion=np.where(goal_quaternion[:, :1] < 0, -goal_quaternion, goal_quaternion),
         mass_scale=mass_scale,

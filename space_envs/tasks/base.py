@@ -1,0 +1,266 @@
+"""What is the same in every capture task: configuration, splits, capture, reward."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from typing import Any, ClassVar, Protocol
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from space_envs.dynamics import FloatingRobot
+from space_envs.dynamics.rotations import Array
+from space_envs.errors import ConfigurationError, positive, positive_integer, unknown_name
+from space_envs.simulation import Simulation
+from space_envs.tasks.common import (
+    DIFFICULTIES,
+    REWARDS,
+    SPARSE,
+    SPLITS,
+    CaptureEnvelope,
+    GoalOption,
+    Goals,
+    ObservationLayout,
+    RewardWeights,
+)
+
+BLOCK = 64  # goals are computed in whole blocks, so that a goal has the same bits whoever asks for it
+
+
+class DriveLimits(Protocol):
+    """What the drives need to know of a robot's parameters."""
+
+    @property
+    def rate_limit(self) -> float: ...  # rad/s
+
+    @property
+    def acceleration_limit(self) -> float: ...  # rad/s^2
+
+
+@dataclass(frozen=True)
+class CaptureTask:
+    """A task's configuration and its pure functions on batched state; subclasses say which robot and goals.
+
+    Attributes:
+        difficulty: easy, medium or hard; size of the goal region.
+        split: which goals an episode draws from when `reset` does not say.
+        reward: dense or sparse.
+        control_period: between two actions, s. timestep: of the simulation, s; None takes the model's own,
+            one of docs/momentum.md whose drift stays well inside the bound.
+        horizon: steps after which an episode is cut.
+        envelope: of a capture. attitude_limit: deg from the initial attitude at which it counts as lost.
+        c: angular to linear conversion of eq. 20, m/rad.
+    """
+
+    difficulty: str = "medium"
+    split: str = "train"
+    reward: str = "dense"
+    control_period: float = 0.1
+    timestep: float | None = None
+    horizon: int = 200
+    envelope: CaptureEnvelope = field(default_factory=CaptureEnvelope)
+    attitude_limit: float = 45.0
+    c: float = 1.0
+
+    # What a subclass states about itself.
+    layout: ClassVar[ObservationLayout]
+    parameters: ClassVar[DriveLimits]
+    split_sizes: ClassVar[Mapping[str, int]]
+    goal_options: ClassVar[Mapping[str, GoalOption]]  # of `reset`, all that make up a goal
+    rewarded: ClassVar[tuple[str, ...]] = tuple(f.name for f in fields(RewardWeights))  # terms that it has
+
+    def __post_init__(self) -> None:
+        for kind, value, valid in (
+            ("difficulty", self.difficulty, DIFFICULTIES),
+            ("split", self.split, SPLITS),
+            ("reward", self.reward, REWARDS),
+        ):
+            if not isinstance(value, str) or value not in valid:
+                raise unknown_name(kind, value, valid)
+        if self.timestep is not None:
+            positive("timestep", self.timestep)
+        for name in ("control_period", "attitude_limit", "c"):
+            positive(name, getattr(self, name))
+        positive_integer("horizon", self.horizon)
+        substeps = self.control_period / self.step_size
+        if not substeps > 0.5 or abs(substeps - round(substeps)) > 1e-9 * substeps:
+            raise ConfigurationError(
+                f"control_period must be a multiple of timestep, got {self.control_period!r} and "
+                f"{self.step_size!r} s"
+            )
+
+    # What a subclass answers -----------------------------------------------------------------------------
+
+    @property
+    def default_timestep(self) -> float:
+        """Step of the simulation where the user gives none, s."""
+        raise NotImplementedError
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The compiled model, shared and read-only."""
+        raise NotImplementedError
+
+    @property
+    def render_model(self) -> mujoco.MjModel:
+        """The same model with its drawn geometry."""
+        raise NotImplementedError
+
+    @property
+    def robot(self) -> FloatingRobot:
+        """The robot's momentum-level mathematics, read from the model."""
+        raise NotImplementedError
+
+    def goal_block(self, split: str, block: int) -> Goals:
+        """Goals block * BLOCK ... of a split, from seeds alone."""
+        raise NotImplementedError
+
+    def given_goals(self, values: Mapping[str, Array], joint_position: Array | None) -> Goals:
+        """Goals (K) from a user's numbers, validated.
+
+        Args:
+            values: (K, width) by the names in `goal_options`.
+            joint_position: (K, n) rad at the start; None is home.
+
+        Raises:
+            GoalError: for a goal that is malformed or out of reach.
+        """
+        raise NotImplementedError
+
+    def place(self, simulation: Simulation, rows: NDArray[np.int64], goals: Goals) -> None:
+        """Put the goals (k) into rows (k,) of a simulation that was reset."""
+        raise NotImplementedError
+
+    def dress(self, model: mujoco.MjModel, data: mujoco.MjData | None, goals: Goals, row: int) -> None:
+        """Put into a drawn model and its data what a row's goal changes about them besides qpos."""
+        raise NotImplementedError
+
+    def observe(self, sensors: Array, time: Array) -> Array:
+        """Observations (N, size) from the model's sensors (N, s) and the time (N,) in s."""
+        raise NotImplementedError
+
+    def norms(self, observation: Array) -> Array:
+        """(N, 5): position error m, angle rad, relative |v| m/s and |w| rad/s of the worst end-effector, zero
+        where the task does not ask; the root of the integrand of eq. 20, sqrt(c^2 w.w + v.v), m/s."""
+        raise NotImplementedError
+
+    def attitude(self, observation: Array) -> Array:
+        """Angle (N,) of the satellite from its initial attitude, rad."""
+        raise NotImplementedError
+
+    # What follows from it --------------------------------------------------------------------------------
+
+    @cached_property
+    def weights(self) -> RewardWeights:
+        """Weights of the reward terms."""
+        return RewardWeights() if self.reward == "dense" else SPARSE
+
+    @property
+    def step_size(self) -> float:
+        """Step of the simulation, s."""
+        return self.default_timestep if self.timestep is None else self.timestep
+
+    @property
+    def substeps(self) -> int:
+        """Simulation steps per control step."""
+        return round(self.control_period / self.step_size)
+
+    @cached_property
+    def hold_steps(self) -> int:
+        """Control periods that begin and end inside the envelope, in a row, that make a capture."""
+        return math.ceil(self.envelope.hold / self.control_period - 1e-9)
+
+    @cached_property
+    def attitude_limit_rad(self) -> float:
+        """The attitude limit in rad."""
+        return float(np.deg2rad(self.attitude_limit))
+
+    def split_size(self, split: str) -> int:
+        """Number of goals in a split.
+
+        Raises:
+            ConfigurationError: for an unknown split.
+        """
+        if not isinstance(split, str) or split not in SPLITS:
+            raise unknown_name("split", split, SPLITS)
+        return self.split_sizes[split]
+
+    def goals(self, split: str, indices: NDArray[np.int64]) -> Any:
+        """Goals (K) of a split by index; the same for ever, on every machine to rounding.
+
+        Raises:
+            ConfigurationError: for an unknown split or an index outside it.
+        """
+        size = self.split_size(split)
+        indices = np.asarray(indices)
+        if indices.dtype.kind not in "iu" or (indices < 0).any() or (indices >= size).any():
+            raise ConfigurationError(
+                f"index of split {split!r} must be an integer in 0..{size - 1}, got {indices.tolist()!r}"
+            )
+        blocks = [self.goal_block(split, int(block)) for block in indices // BLOCK]
+        rows = indices % BLOCK
+        kind = type(self.goal_block(split, 0)) if not blocks else type(blocks[0])
+        return kind(
+            **{
+                f.name: np.array([getattr(b, f.name)[r] for b, r in zip(blocks, rows, strict=True)])
+                for f in fields(kind)
+            }
+        )
+
+    @cached_property
+    def _limits(self) -> Array:
+        return self.envelope.limits
+
+    def in_envelope(self, norms: Array) -> NDArray[np.bool_]:
+        """Whether the capture conditions hold now, (N,) bool, from `norms`."""
+        return np.all(norms[:, :4] <= self._limits, axis=1)
+
+    @cached_property
+    def reward_names(self) -> tuple[str, ...]:
+        """Names of the reward terms, in the order of `reward_terms`."""
+        return self.rewarded if self.reward == "dense" else ("attitude", "capture", "failure")
+
+    @cached_property
+    def _rates(self) -> Array:
+        """What a unit of each quantity in `reward_terms` pays in a step."""
+        weight, dt = self.weights, self.control_period
+        paid = {
+            "attitude": -dt * weight.attitude,
+            "attitude_angle": -dt * weight.attitude_angle,
+            "position": -dt * weight.position,
+            "orientation": -dt * weight.orientation,
+            "precision": dt * weight.precision,
+            "effort": -dt * weight.effort,
+            "capture": weight.capture,
+            "failure": -weight.failure,
+        }
+        return np.array([paid[name] for name in self.reward_names])
+
+    def reward_terms(
+        self,
+        norms: Array,
+        attitude: Array,
+        action: Array,
+        captured: NDArray[np.bool_],
+        failed: NDArray[np.bool_],
+    ) -> Array:
+        """Reward terms (N, k), named by `reward_names`; the reward is their sum.
+
+        Args:
+            norms: (N, 5). attitude: (N,) rad. action: (N, m) in [-1, 1].
+            captured, failed: (N,) bool, true on the step where the episode ends so.
+        """
+        terms = np.empty((len(norms), len(self.reward_names)))
+        terms[:, 0] = norms[:, 4] * norms[:, 4]
+        if self.reward == "dense":
+            errors = len(self.reward_names) - 6  # position, and orientation where it is asked for
+            terms[:, 1] = attitude
+            terms[:, 2 : 2 + errors] = norms[:, :errors]
+            terms[:, -4] = np.exp(-(norms[:, :2] / self._limits[:2]).max(axis=1))
+            terms[:, -3] = (action * action).sum(axis=1) / action.shape[1]
+        terms[:, -2] = captured
+        terms[:, -1] = failed
+        terms *= self._rates
+        return terms
