@@ -5,7 +5,7 @@ satellite's attitude, so that a network need not learn to rotate vectors. Every 
 scale; there are no running statistics, so a policy file needs none.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -27,7 +27,8 @@ class Feature(NamedTuple):
         kind: plain (x / scale), from_home (minus the home joint angles), rotation (rotation vector of a
             quaternion), base_axes (in the satellite's axes), from_base (a position relative to the
             satellite, in its axes), bearing (x / (scale + |x|) in the satellite's axes: large near the goal,
-            where a plain error is lost among larger inputs).
+            where a plain error is lost among larger inputs). A field may hold a vector for each of several
+            end-effectors.
         scale: what becomes 1, in the field's unit.
     """
 
@@ -49,6 +50,37 @@ SINGLE_ARM_FEATURES = (
     Feature("rotation_error", "base_axes", 0.5),
     Feature("position_error", "bearing", 0.1),
     Feature("rotation_error", "bearing", 0.2),
+)
+
+
+DUAL_PLANAR_FEATURES = (
+    Feature("joint_position", "from_home", 0.5),
+    Feature("joint_velocity", "plain", 0.2),
+    Feature("base_angle", "plain", 0.02),
+    Feature("base_linear_velocity", "base_axes", 0.02),
+    Feature("base_angular_velocity", "plain", 0.02),
+    Feature("end_effector_position", "from_base", 1.0),
+    Feature("end_effector_linear_velocity", "base_axes", 0.2),
+    Feature("goal_linear_velocity", "base_axes", 0.02),
+    Feature("position_error", "base_axes", 0.5),
+    Feature("position_error", "bearing", 0.1),
+    Feature("velocity_error", "base_axes", 0.1),
+)
+DUAL_SPATIAL_FEATURES = (
+    Feature("joint_position", "from_home", 0.5),
+    Feature("joint_velocity", "plain", 0.2),
+    Feature("base_quaternion", "rotation", 0.02),
+    Feature("base_linear_velocity", "base_axes", 0.02),
+    Feature("base_angular_velocity", "base_axes", 0.02),
+    Feature("end_effector_position", "from_base", 0.5),
+    Feature("end_effector_linear_velocity", "base_axes", 0.2),
+    Feature("goal_linear_velocity", "base_axes", 0.02),
+    Feature("goal_axis", "base_axes", 1.0),
+    Feature("position_error", "base_axes", 0.3),
+    Feature("position_error", "bearing", 0.1),
+    Feature("axis_error", "base_axes", 0.3),
+    Feature("axis_error", "bearing", 0.1),
+    Feature("velocity_error", "base_axes", 0.1),
 )
 
 
@@ -86,7 +118,8 @@ class FeatureView:
     def __call__(self, observation: NDArray) -> NDArray[np.float32]:
         """Features (N, F) of observations (N, size)."""
         layout = self.layout
-        to_base = conjugate(layout.read(observation, "base_quaternion"))
+        planar = "base_angle" in layout.slices
+        to_base = _turn(layout.read(observation, "base_angle" if planar else "base_quaternion"))
         parts: list[Array] = []
         for field, kind, scale in self.table:
             value = layout.read(observation, field)
@@ -94,15 +127,30 @@ class FeatureView:
                 value = value - self.home
             elif kind == "rotation":
                 value = logarithm(value)
-            elif kind == "from_base":
-                value = rotate(to_base, value - layout.read(observation, "base_position"))
             elif kind != "plain":
-                value = rotate(to_base, value)
-            if kind == "bearing":
-                parts.append(value / (scale + np.sqrt((value * value).sum(axis=-1, keepdims=True))))
-            else:
-                parts.append(value / scale)
+                value = value.reshape(len(value), -1, 2 if planar else 3)  # one vector an end-effector
+                if kind == "from_base":
+                    value = value - layout.read(observation, "base_position")[:, None]
+                value = to_base(value)
+                if kind == "bearing":
+                    value = value / (scale + np.sqrt((value * value).sum(axis=-1, keepdims=True)))
+                value = value.reshape(len(value), -1)
+            parts.append(value if kind == "bearing" else value / scale)
         return np.concatenate(parts, axis=-1).astype(np.float32)
+
+
+def _turn(attitude: Array) -> Callable[[Array], Array]:
+    """What turns vectors (N, k, 3) or, in the plane, (N, k, 2) into the axes of bodies of an attitude."""
+    if attitude.shape[1] == 4:
+        back = conjugate(attitude)[:, None]
+        return lambda vectors: rotate(back, vectors)
+    cosine, sine = np.cos(attitude), np.sin(attitude)
+
+    def turned(vectors: Array) -> Array:
+        x, y = vectors[..., 0], vectors[..., 1]
+        return np.stack([cosine * x + sine * y, cosine * y - sine * x], axis=-1)
+
+    return turned
 
 
 def feature_table(rows: Sequence[Sequence[object]]) -> tuple[Feature, ...]:

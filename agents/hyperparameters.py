@@ -4,7 +4,13 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
-from agents.features import SINGLE_ARM_FEATURES, Feature, feature_table
+from agents.features import (
+    DUAL_PLANAR_FEATURES,
+    DUAL_SPATIAL_FEATURES,
+    SINGLE_ARM_FEATURES,
+    Feature,
+    feature_table,
+)
 from agents.network import ACTIVATIONS
 from space_envs.errors import ConfigurationError, unknown_name
 
@@ -156,7 +162,52 @@ _CLASSES: dict[str, type[PPO] | type[SAC] | type[TD3] | type[BC]] = {
     "bc": BC,
 }
 
+
+def _dual_arm(features: tuple[Feature, ...], rounds: int) -> dict[str, AnyHyperparameters]:
+    """Tables of a dual-arm task, whose expert is the reactionless resolved rate."""
+    off_policy = {"num_envs": 16, "steps": 200_000, "learning_rate": 5e-4, "batch_size": 256}
+    networks = {"hidden": (256, 256), "activation": "relu", "interval": 20_000, "features": features}
+    bc = BC(
+        num_envs=128,
+        steps=rounds * 200 * 128,
+        learning_rate=2e-3,
+        batch_size=1024,
+        hidden=(256, 256),
+        activation="tanh",
+        interval=4 * 200 * 128,
+        features=features,
+        expert="reactionless_rate",
+        episode=200,
+        weight=0.02,
+        noise=0.05,
+    )
+    ppo = PPO(
+        num_envs=128,
+        steps=1_000_000,
+        learning_rate=1e-4,
+        batch_size=2048,
+        hidden=bc.hidden,
+        activation=bc.activation,
+        interval=100_000,
+        features=features,
+        n_steps=64,
+        n_epochs=5,
+        critic_warm_up=100_000,
+        deviation=0.05,
+        minutes=8.0,
+        expert=bc.expert,
+    )
+    return {
+        "ppo": ppo,
+        "sac": SAC(**off_policy, **networks),
+        "td3": TD3(**off_policy, **networks),
+        "bc": bc,
+    }
+
+
 TABLES: dict[str, dict[str, AnyHyperparameters]] = {
+    "SpaceCapture/DualArmPlanar-v0": _dual_arm(DUAL_PLANAR_FEATURES, 8),
+    "SpaceCapture/DualArmSpatial-v0": _dual_arm(DUAL_SPATIAL_FEATURES, 10),
     "SpaceCapture/SingleArm-v0": {
         "ppo": PPO(
             num_envs=128,
@@ -198,7 +249,7 @@ TABLES: dict[str, dict[str, AnyHyperparameters]] = {
             activation="tanh",
             interval=3 * 120 * 128,
         ),
-    }
+    },
 }
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from agents.policy_file import PolicyFile, load_policy_file
 from space_envs.errors import PolicyError, unknown_name
-from space_envs.evaluation.policy import PolicyContext
+from space_envs.evaluation.policy import DEFAULT_CONTROL_MODE, PolicyContext
 
 POLICY_FILE = "policy.npz"  # in a run's folder: the best policy on the validation split so far
 _SHIPPED = files("agents") / "data" / "policies"
@@ -81,6 +81,11 @@ def policy_path(path: str | Path) -> Path:
     return path
 
 
+def shipped_name(algorithm: str, control_mode: str) -> str:
+    """What a policy that ships is called: its algorithm, and its control mode where that is not the usual."""
+    return algorithm if control_mode == DEFAULT_CONTROL_MODE else f"{algorithm}_{control_mode}"
+
+
 def shipped_path(env_id: str, name: str) -> Path:
     """Where the shipped policy `name` for an id is, or would be."""
     return Path(str(_SHIPPED)) / env_id.split("/")[-1] / f"{name}.npz"
@@ -109,7 +114,8 @@ class ShippedPolicy(LearnedPolicy):
     name: ClassVar[str]
 
     def __init__(self, context: PolicyContext, seed: int = 0) -> None:
-        super().__init__(context, seed, load_shipped(context.env_id, self.name))
+        name = shipped_name(self.name, context.control_mode)
+        super().__init__(context, seed, load_shipped(context.env_id, name))
 
 
 class BehaviourCloning(ShippedPolicy):

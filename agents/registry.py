@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from space_envs.errors import unknown_name
+from space_envs.errors import ConfigurationError, unknown_name
 from space_envs.evaluation.policy import DEFAULT_CONTROL_MODE, Policy, PolicyContext, load_policy_class
 
 
@@ -13,25 +13,97 @@ class Entry:
     policy: str
     summary: str
     control_mode: str = DEFAULT_CONTROL_MODE
+    tasks: tuple[str, ...] | None = None  # ids it is made for; None is all
 
+
+SINGLE_ARM = ("SpaceCapture/SingleArm-v0",)
+DUAL_ARM = ("SpaceCapture/DualArmPlanar-v0", "SpaceCapture/DualArmSpatial-v0")
+PLANAR = DUAL_ARM[:1]
 
 POLICIES: dict[str, Entry] = {
     "random": Entry("agents.baselines:Random", "uniform actions"),
     "hold": Entry("agents.baselines:Hold", "no motion at all"),
     "minimum_jerk": Entry(
-        "agents.minimum_jerk:MinimumJerk", "quintic joint motion to a goal from inverse kinematics"
+        "agents.minimum_jerk:MinimumJerk",
+        "quintic joint motion to a goal from inverse kinematics",
+        tasks=SINGLE_ARM,
     ),
-    "gjm": Entry("agents.gjm:GeneralizedJacobian", "resolved rate with the damped generalised Jacobian"),
+    "gjm": Entry(
+        "agents.gjm:GeneralizedJacobian",
+        "resolved rate with the damped generalised Jacobian",
+        tasks=SINGLE_ARM,
+    ),
     "mpc": Entry(
-        "agents.mpc:ModelPredictive", "linear-quadratic receding horizon on the joints, as in shyam2020"
+        "agents.mpc:ModelPredictive",
+        "linear-quadratic receding horizon on the joints, as in shyam2020",
+        tasks=SINGLE_ARM,
     ),
     "promp": Entry(
-        "agents.promp_policy:ProMPPolicy", "best of 100 samples of a ProMP by eq. 20, as in shyam2020"
+        "agents.promp_policy:ProMPPolicy",
+        "best of 100 samples of a ProMP by eq. 20, as in shyam2020",
+        tasks=SINGLE_ARM,
     ),
-    "promp_mean": Entry("agents.promp_policy:ConditionalMean", "the conditional mean of the same ProMP"),
-    "bc": Entry("agents.learned_policy:BehaviourCloning", "cloned from gjm (DAgger), shipped"),
+    "promp_mean": Entry(
+        "agents.promp_policy:ConditionalMean", "the conditional mean of the same ProMP", tasks=SINGLE_ARM
+    ),
+    "reactionless": Entry(
+        "agents.reactionless_policies:ZetaZero",
+        "polynomial end-effector paths with zeta = 0, as in shah2013",
+        tasks=DUAL_ARM,
+    ),
+    "reactionless_local": Entry(
+        "agents.reactionless_policies:Local",
+        "the same paths with the least kinetic energy at each instant, as in shah2013",
+        tasks=DUAL_ARM,
+    ),
+    "reactionless_ocp": Entry(
+        "agents.reactionless_policies:OptimalControl",
+        "the same paths with the least energy over the motion, as in shah2013",
+        tasks=PLANAR,
+    ),
+    "reactionless_free": Entry(
+        "agents.reactionless_policies:FreePaths",
+        "paths free between their ends, least energy, all limits",
+        tasks=DUAL_ARM,
+    ),
+    "reactionless_rate": Entry(
+        "agents.reactionless_rate:ReactionlessRate",
+        "resolved rate of both arms with the reactionless constraint, damped",
+        tasks=DUAL_ARM,
+    ),
+    "bc": Entry("agents.learned_policy:BehaviourCloning", "cloned from an expert (DAgger), shipped"),
     "ppo": Entry("agents.learned_policy:ProximalPolicyOptimization", "the clone, improved by PPO, shipped"),
+    "bc_reactionless": Entry(
+        "agents.learned_policy:BehaviourCloning",
+        "the same in control mode reactionless",
+        "reactionless",
+        tasks=DUAL_ARM,
+    ),
+    "ppo_reactionless": Entry(
+        "agents.learned_policy:ProximalPolicyOptimization",
+        "the same in control mode reactionless",
+        "reactionless",
+        tasks=DUAL_ARM,
+    ),
 }
+
+
+def policies_for(env_id: str) -> list[str]:
+    """Names of the policies that are made for an id."""
+    return [name for name, entry in POLICIES.items() if entry.tasks is None or env_id in entry.tasks]
+
+
+def check_task(name: str, env_id: str) -> None:
+    """Refuse a registered policy on an id that it is not made for.
+
+    Raises:
+        ConfigurationError: naming both, and the policies that there are for the id.
+    """
+    if name in POLICIES and name not in (names := policies_for(env_id)):
+        raise ConfigurationError(
+            f"policy {name!r} is made for {', '.join(POLICIES[name].tasks or ())}, not for {env_id}; "
+            f"there are {', '.join(names)}"
+        )
 
 
 def policy_class(name: str) -> type[Policy]:
@@ -48,10 +120,15 @@ def policy_class(name: str) -> type[Policy]:
 
 
 def control_mode(name: str) -> str:
-    """The control mode that a policy acts in; errors as in `policy_class`."""
+    """The control mode that a policy acts in if nothing is said; errors as in `policy_class`."""
     if name in POLICIES:
         return POLICIES[name].control_mode
     return getattr(policy_class(name), "control_mode", DEFAULT_CONTROL_MODE)
+
+
+def control_modes(name: str) -> tuple[str, ...]:
+    """The control modes that a policy can act in; errors as in `policy_class`."""
+    return getattr(policy_class(name), "control_modes", (control_mode(name),))
 
 
 def make_policy(name: str, context: PolicyContext, seed: int) -> Policy:

@@ -24,11 +24,6 @@ class ResolvedPolicy:
         return lambda context: self.build(context, seed)
 
 
-def available_policies(env_id: str) -> list[str]:
-    """Names of the built-in policies for an id, learned ones among them where they ship with the project."""
-    return list(POLICIES)
-
-
 def resolve_policy(name: str, mode: str | None = None) -> ResolvedPolicy:
     """Find a policy by its registered name, as `package.module:Class`, or as the folder of a run.
 

@@ -1,4 +1,4 @@
-"""Momentum drift, trajectory error and speed of the simulation against its time step.
+"""Momentum drift, trajectory error and speed of the simulation against its time step, for every robot.
 
 Random actions are held for 0.1, 0.5, 2 or 3 s, by episode in turn; the second half of each episode uses full
 strokes only, which bring the arm to full speed and to its stops.
@@ -7,6 +7,7 @@ The error is that of the base after the same torques, against a run with a quart
 
 import argparse
 from time import perf_counter
+from typing import Any, NamedTuple
 
 import numpy as np
 from tqdm import tqdm
@@ -17,26 +18,53 @@ from space_envs.dynamics.bodies import body_motion, momentum_drift
 from space_envs.dynamics.rotations import angle_between
 from space_envs.envs import CaptureVectorEnv
 from space_envs.models.parameters import VARIANTS
-from space_envs.models.single_arm import ModelOptions, single_arm_model
+from space_envs.registration import make_task
 from space_envs.simulation import Simulation
 
+
+class Robot(NamedTuple):
+    """A robot as it is simulated: the environment's id and keywords."""
+
+    name: str
+    env_id: str
+    keywords: dict[str, Any]
+
+
+ROBOTS = (
+    *(Robot(f"single arm, {v}", "SpaceCapture/SingleArm-v0", {"variant": v}) for v in VARIANTS),
+    Robot("dual arm, planar", "SpaceCapture/DualArmPlanar-v0", {}),
+    Robot("dual arm, spatial", "SpaceCapture/DualArmSpatial-v0", {}),
+)
 STEPS = (0.005, 0.01, 0.02, 0.05)
 REFERENCE = 0.00125
 HOLDS = (1, 5, 20, 30)  # control steps that an action is held, by episode in turn
 
 
-def drift(
-    variant: str, mode: str, timestep: float, episodes: int, seed: int
-) -> tuple[float, float, np.ndarray]:
-    """Largest drift (N s or N m s), largest ratio to what a body carried, and torques (E, T, n)."""
+class Run(NamedTuple):
+    """Episodes of one control mode.
+
+    Attributes:
+        drift: largest, N s or N m s. ratio: largest, to what a body carried.
+        start: (E, n) joint angles, rad. torques: (E, T, n) N m.
+    """
+
+    drift: float
+    ratio: float
+    start: np.ndarray
+    torques: np.ndarray
+
+
+def run(robot: Robot, mode: str, timestep: float, episodes: int, seed: int) -> Run:
+    """Whole episodes under random actions."""
     env = CaptureVectorEnv(
+        robot.env_id,
         num_envs=episodes,
         autoreset_mode="disabled",
         control_mode=mode,
-        variant=variant,
         timestep=timestep,
         attitude_limit=179.9,
         hold_time=1e3,
+        **robot.keywords,
     )
     env.reset(seed=seed)
     rng = np.random.default_rng(seed)
@@ -44,27 +72,32 @@ def drift(
     simulation, states, torques = env.simulation, [], []
     action = np.zeros(env.action_space.shape)
     for step in range(env.task.horizon):
-        states.append((simulation.qpos.copy(), simulation.qvel.copy()))
+        states.append(simulation.robot_state())
         draw = rng.uniform(-1.0, 1.0, action.shape)
         action = np.where((step % hold == 0)[:, None], draw, action)
         env.step(np.sign(action) if 2 * step >= env.task.horizon else action)
         torques.append(simulation.ctrl.copy())
-    states.append((simulation.qpos.copy(), simulation.qvel.copy()))
+    states.append(simulation.robot_state())
     qpos, qvel = (np.stack(part, axis=1) for part in zip(*states, strict=True))
     absolute, ratio = momentum_drift(body_motion(env.task.robot, qpos, qvel))
-    return float(absolute.max()), float(ratio.max()), np.stack(torques, axis=1)
+    return Run(float(absolute.max()), float(ratio.max()), qpos[:, 0, 7:], np.stack(torques, axis=1))
 
 
-def replay(variant: str, timestep: float, torques: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """Base position and quaternion after 10 s of held torques, and control steps a second on all threads."""
-    simulation = Simulation(single_arm_model(ModelOptions(variant, timestep)), len(torques), threads=None)
-    simulation.reset(np.arange(len(torques)))
+def replay(robot: Robot, timestep: float, given: Run) -> tuple[np.ndarray, np.ndarray, float]:
+    """Base position and quaternion after 10 s of given torques, and control steps a second on all threads."""
+    task = make_task(robot.env_id, {**robot.keywords, "timestep": timestep})
+    episodes = len(given.torques)
+    simulation = Simulation(task.model, episodes, threads=None)
+    simulation.reset(np.arange(episodes))
+    simulation.joint_position[:] = given.start
+    steps = round(10.0 / task.control_period)
     before = perf_counter()
-    for step in range(100):
-        simulation.ctrl[:] = torques[:, step]
-        simulation.step(round(0.1 / timestep))
-    rate = 100 * len(torques) / (perf_counter() - before)
-    return simulation.qpos[:, :3].copy(), simulation.qpos[:, 3:7].copy(), rate
+    for step in range(steps):
+        simulation.ctrl[:] = given.torques[:, step]
+        simulation.step(round(task.control_period / timestep))
+    rate = steps * episodes / (perf_counter() - before)
+    qpos, _ = simulation.robot_state()
+    return qpos[:, :3], qpos[:, 3:7], rate
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -74,26 +107,32 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--seed", type=int, default=0, help="of actions and goals (default 0)")
     options = parser.parse_args(arguments)
     rows = []
-    cells = [(v, t) for v in VARIANTS for t in STEPS]
-    references: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
-    for variant, timestep in tqdm(cells, unit="cell"):
-        results = {m: drift(variant, m, timestep, options.episodes, options.seed) for m in CONTROL_MODES}
-        if variant not in references:
-            torques = results["joint_velocity"][2]
-            position, quaternion, _ = replay(variant, REFERENCE, torques)
-            references[variant] = (torques, position, quaternion)
-        torques, position, quaternion = references[variant]
-        got_position, got_quaternion, rate = replay(variant, timestep, torques)
+    references: dict[str, tuple[Run, np.ndarray, np.ndarray]] = {}
+    for robot, timestep in tqdm([(r, t) for r in ROBOTS for t in STEPS], unit="cell"):
+        results = {m: run(robot, m, timestep, options.episodes, options.seed) for m in CONTROL_MODES}
+        if robot.name not in references:
+            given = results["joint_velocity"]
+            references[robot.name] = (given, *replay(robot, REFERENCE, given)[:2])
+        given, position, quaternion = references[robot.name]
+        got_position, got_quaternion, rate = replay(robot, timestep, given)
         error = 1e3 * np.linalg.norm(got_position - position, axis=1).max()
         angle = np.rad2deg(angle_between(got_quaternion, quaternion)).max()
         rows.append(
-            [variant, f"{1e3 * timestep:g}"]
-            + [f"{results[m][1]:.1e}" for m in CONTROL_MODES]
-            + [f"{max(r[0] for r in results.values()):.1e}", f"{error:.1e}", f"{angle:.1e}", f"{rate:,.0f}"]
+            [robot.name, f"{1e3 * timestep:g}"]
+            + [f"{results[m].ratio:.1e}" for m in CONTROL_MODES]
+            + [
+                f"{max(r.drift for r in results.values()):.1e}",
+                f"{error:.1e}",
+                f"{angle:.1e}",
+                f"{rate:,.0f}",
+            ]
         )
-    print(f"\n{options.episodes} episodes of 20 s a control mode, seed {options.seed}; {machine_class()}\n")
+    print(
+        f"\n{options.episodes} whole episodes a control mode (20 s with one arm, 30 s with two), "
+        f"seed {options.seed}; {machine_class()}\n"
+    )
     header = [
-        "variant",
+        "robot",
         "step, ms",
         *CONTROL_MODES,
         "largest drift, N s or N m s",

@@ -7,8 +7,7 @@ from functools import cached_property
 from math import pi
 from typing import Any
 
-from agents.registry import POLICIES
-from agents.resolve import available_policies
+from agents.registry import POLICIES, policies_for
 from docs.reading import comments, number, summary, table
 from space_envs import control
 from space_envs.evaluation.tables import COLUMNS, NOTE
@@ -30,7 +29,7 @@ def environments() -> str:
 def policies() -> str:
     """What `--policy all` plays."""
     rows = []
-    for name in dict.fromkeys(name for env_id in ENTRIES for name in available_policies(env_id)):
+    for name in dict.fromkeys(name for env_id in ENTRIES for name in policies_for(env_id)):
         rows.append((f"`{name}`", f"`{POLICIES[name].control_mode}`", POLICIES[name].summary))
     return table(("policy", "control mode", "what it is"), rows)
 

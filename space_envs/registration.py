@@ -8,6 +8,8 @@ import gymnasium as gym
 
 from space_envs.errors import unknown_name
 from space_envs.tasks.base import CaptureTask
+from space_envs.tasks.dual_arm_planar import DualArmPlanarTask
+from space_envs.tasks.dual_arm_spatial import DualArmSpatialTask
 from space_envs.tasks.single_arm import SingleArmTask
 
 
@@ -22,6 +24,12 @@ class Entry:
 ENTRIES: dict[str, Entry] = {
     "SpaceCapture/SingleArm-v0": Entry(
         SingleArmTask, "a 7-DoF arm on a free-floating 200 kg satellite takes a static grapple pose"
+    ),
+    "SpaceCapture/DualArmPlanar-v0": Entry(
+        DualArmPlanarTask, "two planar arms on a 500 kg satellite take a tumbling object, attitude kept"
+    ),
+    "SpaceCapture/DualArmSpatial-v0": Entry(
+        DualArmSpatialTask, "two 7-DoF arms on a 500 kg satellite take a tumbling satellite, attitude kept"
     ),
 }
 

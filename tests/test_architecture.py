@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-FOLDERS = ("space_envs", "agents", "promp", "benchmarks", "docs", "tests")
+FOLDERS = ("space_envs", "agents", "promp", "reproduce", "benchmarks", "docs", "tests")
 SOURCES = sorted(path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")) + sorted(
     ROOT.glob("*.py")
 )
@@ -16,10 +16,12 @@ NAMES = [path.relative_to(ROOT).as_posix() for path in SOURCES]
 
 # Package -> packages of this project that it must not import.
 FORBIDDEN = {
-    "space_envs": ("agents", "promp", "benchmarks", "docs", "tests", "train", "evaluate"),
-    "promp": ("space_envs", "agents", "benchmarks", "docs", "tests", "train", "evaluate"),
-    "agents": ("benchmarks", "docs", "tests", "train", "evaluate"),
-    "benchmarks": ("docs", "tests", "train", "evaluate"),
+    "space_envs": ("agents", "promp", "reproduce", "benchmarks", "docs", "tests", "train", "evaluate"),
+    "promp": ("space_envs", "agents", "reproduce", "benchmarks", "docs", "tests", "train", "evaluate"),
+    "agents": ("reproduce", "benchmarks", "docs", "tests", "train", "evaluate"),
+    "reproduce": ("benchmarks", "docs", "tests", "train", "evaluate"),
+    "benchmarks": ("reproduce", "docs", "tests", "train", "evaluate"),
+    "docs": ("reproduce", "tests"),
 }
 # Third-party packages that promp may use.
 PROMP_NEEDS = {"numpy"}

@@ -11,7 +11,8 @@ import pinocchio as pin
 import pytest
 
 from space_envs.errors import ConfigurationError
-from space_envs.models.export import export, main
+from space_envs.models.dual_arm import END_EFFECTORS, KINDS, DualArmOptions, dual_arm_model
+from space_envs.models.export import _roll_pitch_yaw, export, main
 from space_envs.models.parameters import VARIANTS
 from space_envs.models.single_arm import ModelOptions, single_arm_model
 
@@ -25,17 +26,26 @@ def mass_matrix(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
 def random_state(model: mujoco.MjModel, generator: np.random.Generator) -> mujoco.MjData:
     data = mujoco.MjData(model)
     data.qpos[:] = generator.uniform(-3, 3, model.nq)
-    data.qpos[3:7] = generator.normal(size=4)
-    data.qpos[3:7] /= np.linalg.norm(data.qpos[3:7])
+    for joint in range(model.njnt):
+        if int(model.jnt_type[joint]) == int(mujoco.mjtJoint.mjJNT_FREE):
+            start = int(model.jnt_qposadr[joint]) + 3
+            quaternion = generator.normal(size=4)
+            data.qpos[start : start + 4] = quaternion / np.linalg.norm(quaternion)
     mujoco.mj_forward(model, data)
     return data
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
 @pytest.mark.parametrize("visual", [False, True])
+@pytest.mark.parametrize("variant", [*VARIANTS, *KINDS])
 def test_mjcf_reads_back_as_the_same_model(variant: str, visual: bool) -> None:
-    options = ModelOptions(variant=variant, visual=visual)
-    ours, theirs = single_arm_model(options), mujoco.MjModel.from_xml_string(export("mjcf", options))
+    if variant in VARIANTS:
+        options = ModelOptions(variant=variant, visual=visual)
+        ours = single_arm_model(options)
+    else:
+        mounts = ((0.5, 1 / 3), (-0.5, -0.1)) if variant == "planar" else None
+        options = DualArmOptions(variant, visual=visual, mounts=mounts)
+        ours = dual_arm_model(options)
+    theirs = mujoco.MjModel.from_xml_string(export("mjcf", options))
     for name in ("nq", "nv", "nu", "nmocap", "nsensordata", "ngeom", "ncam", "nlight", "nkey", "nsite"):
         assert getattr(ours, name) == getattr(theirs, name), name
     for name in ("body_mass", "body_inertia", "body_ipos", "body_iquat", "body_pos", "body_quat", "key_qpos"):
@@ -92,9 +102,81 @@ def test_urdf_agrees_with_mujoco_in_pinocchio(variant: str) -> None:
         np.testing.assert_allclose(pose.rotation, site.xmat.reshape(3, 3), rtol=0, atol=1e-10)
 
 
+def in_pinocchio(kind: str, options: DualArmOptions) -> pin.Model:
+    floating = pin.JointModelPlanar() if kind == "planar" else pin.JointModelFreeFlyer()
+    return pin.buildModelFromXML(export("urdf", options), floating)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_urdf_of_two_arms_agrees_with_mujoco_in_pinocchio(kind: str) -> None:
+    options = DualArmOptions(kind, mounts=((0.4, 1 / 3), (-0.5, -0.1)) if kind == "planar" else None)
+    model = dual_arm_model(options)
+    robot = in_pinocchio(kind, options)
+    first = 3 if kind == "planar" else 6  # of the joints, among MuJoCo's and Pinocchio's velocities
+    size = first + model.nu
+    names = [f"arm{arm}_joint{number}" for arm in (1, 2) for number in range(1, model.nu // 2 + 1)]
+    assert list(robot.names)[2:] == names == [model.actuator(i).name for i in range(model.nu)]
+    limits = model.jnt_range[[model.joint(name).id for name in names]]
+    np.testing.assert_allclose(robot.lowerPositionLimit[-model.nu :], limits[:, 0], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(robot.upperPositionLimit[-model.nu :], limits[:, 1], rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(robot.upperEffortLimit[first:], np.full(model.nu, 60.0))
+    np.testing.assert_array_equal(robot.upperVelocityLimit[first:], np.full(model.nu, 0.3))
+    numbers = robot.createData()
+    generator = np.random.default_rng(2)
+    for _ in range(30):
+        data = random_state(model, generator)
+        data.qvel[:] = generator.normal(size=model.nv)
+        mujoco.mj_forward(model, data)
+        mujoco.mj_subtreeVel(model, data)
+        turn = data.body("satellite").xmat.reshape(3, 3)
+        # Pinocchio's base velocity is in body axes, MuJoCo's linear one in world axes.
+        axes = np.eye(size)
+        axes[: first - 3, : first - 3] = turn.T[: first - 3, : first - 3]
+        if kind == "planar":
+            axes[:2, :2] = turn.T[:2, :2]
+            q = np.array([*data.qpos[:2], np.cos(data.qpos[2]), np.sin(data.qpos[2]), *data.qpos[3:9]])
+        else:
+            w, x, y, z = data.qpos[3:7]
+            q = np.array([*data.qpos[:3], x, y, z, w, *data.qpos[7:21]])
+        upper = np.triu(pin.crba(robot, numbers, q))
+        mass = upper + np.triu(upper, 1).T
+        expected = (mass_matrix(model, data) - np.diag(model.dof_armature))[:size, :size]
+        np.testing.assert_allclose(axes.T @ mass @ axes, expected, rtol=1e-12, atol=1e-10)
+        pin.computeCentroidalMomentum(robot, numbers, q, axes @ data.qvel[:size])
+        satellite = model.body("satellite").id
+        momentum = [
+            model.body_subtreemass[satellite] * data.subtree_linvel[satellite],
+            data.subtree_angmom[satellite],
+        ]
+        np.testing.assert_allclose(numbers.hg.vector, np.concatenate(momentum), rtol=0, atol=1e-10)
+        pin.framesForwardKinematics(robot, numbers, q)
+        for name in END_EFFECTORS:
+            pose, site = numbers.oMf[robot.getFrameId(name)], data.site(name)
+            np.testing.assert_allclose(pose.translation, site.xpos, rtol=0, atol=1e-10)
+            np.testing.assert_allclose(pose.rotation, site.xmat.reshape(3, 3), rtol=0, atol=1e-10)
+
+
+def test_roll_pitch_yaw_where_two_of_them_turn_about_one_axis() -> None:
+    generator = np.random.default_rng(3)
+    for pitch in (*generator.uniform(-1.5, 1.5, 20), np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-7):
+        roll, yaw = generator.uniform(-3.0, 3.0, 2)
+        wanted = pin.rpy.rpyToMatrix(roll, pitch, yaw)
+        x, y, z, w = pin.Quaternion(wanted).coeffs()
+        found = pin.rpy.rpyToMatrix(*_roll_pitch_yaw(np.array([w, x, y, z])))
+        np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-14)
+
+
 def test_command_prints_without_a_file(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--format", "urdf", "--variant", "physical"]) == 0
     assert ET.fromstring(capsys.readouterr().out).attrib["name"] == "single_arm_physical"
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_command_exports_every_robot(kind: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--robot", f"dual_arm_{kind}", "--format", "urdf"]) == 0
+    assert ET.fromstring(capsys.readouterr().out).attrib["name"] == f"dual_arm_{kind}"
+    assert main(["--robot", f"dual_arm_{kind}", "--visual"]) == 0
+    assert mujoco.MjModel.from_xml_string(capsys.readouterr().out).ngeom > 100
 
 
 def test_command_writes_a_file(tmp_path: Path) -> None:
@@ -110,6 +192,9 @@ def test_command_writes_a_file(tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         (["--format", "urfd"], "unknown model format 'urfd'; valid are 'mjcf', 'urdf'. Did you mean 'urdf'?"),
+        (["--robot", "dual_arm"], "unknown robot 'dual_arm'; valid are 'single_arm', 'dual_arm_planar',"),
+        (["--robot", "dual_arm_planar", "--variant", "paper"], "dual_arm_planar has no variants"),
+        (["--robot", "dual_arm_spatial", "--format", "urdf", "--visual"], "URDF is exported without"),
         (["--variant", "x"], "unknown model variant 'x'; valid are 'paper', 'physical'."),
         (["--format", "urdf", "--visual"], "URDF is exported without geometry"),
         (["-o", "/dev/null/arm.xml"], "/dev/null"),

@@ -1,12 +1,14 @@
 """The compiled model against the paper's tables, written out here from the paper's text."""
 
 import json
+from functools import partial
 from math import pi
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
+from drawn_models import assert_only_drawn, geoms
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -187,48 +189,11 @@ def test_home_pose_and_matrices_of_the_case() -> None:
 def test_drawing_changes_nothing_that_is_simulated(variant: str) -> None:
     plain = single_arm_model(ModelOptions(variant=variant))
     drawn = single_arm_model(ModelOptions(variant=variant, visual=True))
-    assert plain.ngeom == plain.ncam == plain.nlight == plain.ntex == 0
-    assert drawn.ngeom > 100
-    for name in (
-        "nq",
-        "nv",
-        "nu",
-        "na",
-        "nmocap",
-        "nsensordata",
-        "nbody",
-        "nsite",
-        "nkey",
-        "neq",
-        "nuserdata",
-    ):
-        assert getattr(plain, name) == getattr(drawn, name), name
-    for name in (
-        "body_mass",
-        "body_inertia",
-        "body_ipos",
-        "body_iquat",
-        "body_pos",
-        "body_quat",
-        "sensor_adr",
-    ):
-        np.testing.assert_array_equal(getattr(plain, name), getattr(drawn, name))
-    for name in ("dof_armature", "jnt_range", "actuator_forcerange", "sensor_objid", "key_qpos", "site_pos"):
-        np.testing.assert_array_equal(getattr(plain, name), getattr(drawn, name))
-    assert not drawn.geom_contype.any()
-    assert not drawn.geom_conaffinity.any()
 
-    states = []
-    for model in (plain, drawn):
-        data = mujoco.MjData(model)
-        mujoco.mj_resetDataKeyframe(model, data, 0)
+    def disturb(data: mujoco.MjData) -> None:
         data.ctrl[:] = [9, -20, 15, 5, -8, 3, 30]
-        for _ in range(100):
-            mujoco.mj_step(model, data)
-        state = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_INTEGRATION))
-        mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
-        states.append(state)
-    np.testing.assert_array_equal(states[0], states[1])
+
+    assert_only_drawn(plain, drawn, disturb)
 
 
 def test_what_is_drawn_stands_where_the_frames_say() -> None:
@@ -240,32 +205,24 @@ def test_what_is_drawn_stands_where_the_frames_say() -> None:
     mujoco.mju_mat2Quat(data.mocap_quat[0], data.site("end_effector").xmat)
     mujoco.mj_kinematics(model, data)
 
-    def geoms(body: str, material: str = "") -> list[int]:
-        body_id = model.body(body).id
-        return [
-            geom
-            for geom in range(model.ngeom)
-            if model.geom_bodyid[geom] == body_id
-            and model.mat(int(model.geom_matid[geom])).name.startswith(material)
-        ]
-
     def distance(first: list[int], second: list[int]) -> float:
         pairs = [(a, b) for a in first for b in second]
         return min(mujoco.mj_geomDistance(model, data, a, b, 5.0, None) for a, b in pairs)
 
     # At capture the bar is between the pads without touching them, and the hand is clear of the debris.
-    bar, pads = geoms("target", "warning"), [g for g in geoms("link7", "warning") if model.geom_type[g] == 6]
+    own = partial(geoms, model)
+    bar, pads = own("target", "warning"), [g for g in own("link7", "warning") if model.geom_type[g] == 6]
     assert len(bar) == 1
     assert len(pads) == 2
     np.testing.assert_allclose(data.geom_xpos[bar[0]], data.site("end_effector").xpos, atol=1e-12)
     for pad in pads:
         assert 0 < distance([pad], bar) < 0.03
-    assert distance(geoms("link7"), geoms("target", "silver") + geoms("target", "white")) > 0.05
+    assert distance(own("link7"), own("target", "silver") + own("target", "white")) > 0.05
     # The wings are well below the arm at home, and each link is drawn from its own frame to the next.
-    arm = [geom for number in range(3, 8) for geom in geoms(f"link{number}")]
-    assert distance(geoms("satellite", "solar"), arm) > 0.3
+    arm = [geom for number in range(3, 8) for geom in own(f"link{number}")]
+    assert distance(own("satellite", "solar"), arm) > 0.3
     for number in (3, 4, 5, 6):
-        boom = next(g for g in geoms(f"link{number}", "white") if model.geom_type[g] == 5)
+        boom = next(g for g in own(f"link{number}", "white") if model.geom_type[g] == 5)
         middle = (data.body(f"link{number}").xpos + data.body(f"link{number + 1}").xpos) / 2
         np.testing.assert_allclose(data.geom_xpos[boom], middle, atol=1e-12)
 

@@ -19,7 +19,7 @@ def both(name: str) -> tuple[SymbolicRobot, FloatingRobot, mujoco.MjModel]:
     return SymbolicRobot(robot), robot, model
 
 
-@pytest.fixture(params=ROBOTS)
+@pytest.fixture(params=[*ROBOTS, "arm with rotors"])
 def name(request: pytest.FixtureRequest) -> str:
     return request.param
 

@@ -10,7 +10,8 @@ from time import perf_counter
 import numpy as np
 from rich.console import Console
 
-from agents.resolve import ResolvedPolicy, available_policies, resolve_policy
+from agents.registry import POLICIES, check_task, policies_for
+from agents.resolve import ResolvedPolicy, resolve_policy
 from space_envs.control import CONTROL_MODES
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError, SpaceEnvsError, unknown_name
@@ -54,7 +55,7 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("--split", default="test", help=f"{', '.join(SPLITS)} (default test)")
     out.add_argument("--difficulty", default="medium", help=f"{', '.join(DIFFICULTIES)} (default medium)")
     out.add_argument(
-        "--variant", default="paper", help=f"inertias of the model: {', '.join(VARIANTS)} (default paper)"
+        "--variant", help=f"inertias of the single arm's model: {', '.join(VARIANTS)} (default paper)"
     )
     out.add_argument(
         "--control-mode",
@@ -98,7 +99,9 @@ def run(options: argparse.Namespace, arguments: list[str]) -> None:
         raise unknown_name("environment id", options.env, ENTRIES)
     if options.seed < 0:
         raise ConfigurationError(f"seed must not be negative, got {options.seed}")
-    keywords = {"difficulty": options.difficulty, "split": options.split, "variant": options.variant}
+    keywords = {"difficulty": options.difficulty, "split": options.split}
+    if options.variant is not None:
+        keywords["variant"] = options.variant
     task = make_task(options.env, keywords)
     indices = split_indices(task, options.split, options.episodes, options.seed)
     policies = _policies(options)
@@ -153,22 +156,22 @@ def run(options: argparse.Namespace, arguments: list[str]) -> None:
 def _policies(options: argparse.Namespace) -> list[ResolvedPolicy]:
     names: list[str] = []
     for name in options.policy:
-        names += available_policies(options.env) if name == "all" else [name]
+        names += policies_for(options.env) if name == "all" else [name]
     repeated = sorted({name for name in names if names.count(name) > 1})
     if repeated:
         raise ConfigurationError(f"policies named twice: {', '.join(repeated)}")
+    for name in names:
+        check_task(name, options.env)
     if options.control_mode is not None and options.control_mode not in CONTROL_MODES:
         raise unknown_name("control mode", options.control_mode, CONTROL_MODES)
     return [resolve_policy(name, options.control_mode) for name in names]
 
 
 def _list() -> None:
-    from agents.registry import POLICIES
-
     for title, table in (("Environments", ENTRIES), ("Policies", POLICIES)):
         print(f"{title}:")
         for name, entry in table.items():
-            print(f"  {name:30}{entry.summary}")
+            print(f"  {name:32}{entry.summary}")
 
 
 if __name__ == "__main__":

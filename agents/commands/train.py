@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from agents.hyperparameters import ALGORITHMS, BC, PPO, TABLES, AnyHyperparameters, hyperparameters
-from agents.registry import control_mode, policy_class
+from agents.registry import check_task, control_modes, policy_class
 from agents.training.runs import RunFolder, Settings, command_line
 from agents.training.validation import EPISODES
 from space_envs.control import CONTROL_MODES
@@ -83,7 +83,9 @@ def _parser() -> argparse.ArgumentParser:
     add("--algo", metavar="NAME", help=f"{', '.join(ALGORITHMS)}; default ppo")
     add("--env", metavar="ID", help=f"environment id; default {DEFAULT_ENV}")
     add("--init", metavar="RUN", help="ppo: run folder or policy file to start from, or none")
-    add("--expert", metavar="NAME", help="bc, and ppo without --init: policy to clone; default gjm")
+    add(
+        "--expert", metavar="NAME", help="bc, and ppo without --init: policy to clone; default from the table"
+    )
     add(
         "--steps",
         type=int,
@@ -192,10 +194,12 @@ def _check(settings: Settings, parameters: AnyHyperparameters, parsed: argparse.
     _check_device(settings.device)
     if isinstance(parameters, PPO | BC) and parameters.expert is not None:
         policy_class(parameters.expert)
-        mode = control_mode(parameters.expert)
-        if mode != settings.control_mode:
+        check_task(parameters.expert, settings.env_id)
+        modes = control_modes(parameters.expert)
+        if settings.control_mode not in modes:
             raise ConfigurationError(
-                f"expert {parameters.expert!r} acts in control mode {mode!r}, not {settings.control_mode!r}; "
+                f"expert {parameters.expert!r} acts in control mode {' or '.join(map(repr, modes))}, not "
+                f"{settings.control_mode!r}; "
                 "name another --expert, or for ppo --init none"
             )
     if isinstance(parameters, PPO) and settings.init is not None:

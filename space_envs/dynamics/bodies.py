@@ -16,7 +16,7 @@ class BodyMotion:
         linear: (..., n + 1, 3) linear momentum of each body, inertial axes, N s.
         angular: (..., n + 1, 3) angular momentum of each body about the inertial origin, N m s.
         base_spin: (..., 3) angular momentum of the base about its own centre of mass, inertial axes, N m s.
-        kinetic_energy: (...,) of the whole robot, J.
+        kinetic_energy: (...,) of the whole robot with its rotors, J.
     """
 
     linear: Array
@@ -60,6 +60,7 @@ def body_motion(
     own = scale * (inertia @ omega[..., None])[..., 0]
     linear = scale * robot.mass[:, None] * speed
     energy = 0.5 * (linear * speed).sum(axis=(-1, -2)) + 0.5 * (own * omega).sum(axis=(-1, -2))
+    energy = energy + 0.5 * (robot.rotor_inertia * rates**2).sum(axis=-1)
     turn = to_matrix(quaternion)[..., None, :, :]
     inertial_com = position[..., None, :] + (turn @ com[..., None])[..., 0]
     inertial_linear = (turn @ linear[..., None])[..., 0]

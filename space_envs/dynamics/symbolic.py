@@ -97,7 +97,7 @@ class SymbolicRobot:
 
     @cached_property
     def kinetic_energy(self) -> ca.Function:
-        """q, qdot, twist -> energy, J."""
+        """q, qdot, twist -> energy, J, with that of the rotors."""
         inputs = ["q", "qdot", "twist"]
         return self._function("kinetic_energy", inputs, ["energy"], [self._energy(self._twist)])
 
@@ -173,7 +173,8 @@ class SymbolicRobot:
         return ca.vertcat(*sums[0])
 
     def _energy(self, twist: ca.SX) -> ca.SX:
-        energy = ca.SX(0)
+        # A rotor counts with the rate of its own joint alone, as in MuJoCo, and has no momentum.
+        energy = 0.5 * ca.dot(ca.DM(self.robot.rotor_inertia), self._qdot**2)
         for body, (linear, angular) in enumerate(self._velocities(twist)):
             p, turning = self._body_momentum(body, linear, angular)
             energy += 0.5 * (ca.dot(linear, p) + ca.dot(angular, turning))

@@ -100,15 +100,28 @@ class PolicyContext:
             c=task.c,
         )
 
-    def require_mode(self, mode: str) -> None:
-        """Refuse to be used in another control mode than `mode`.
+    def require_mode(self, *modes: str) -> None:
+        """Refuse to be used in another control mode than those.
 
         Raises:
             PolicyError: naming both modes.
         """
-        if self.control_mode != mode:
+        if self.control_mode not in modes:
             raise PolicyError(
-                f"this policy acts in control mode {mode!r}, the environment is in {self.control_mode!r}"
+                f"this policy acts in control mode {' or '.join(map(repr, modes))}, "
+                f"the environment is in {self.control_mode!r}"
+            )
+
+    def require_fields(self, *names: str) -> None:
+        """Refuse to be used on a task whose observations lack one of these fields.
+
+        Raises:
+            PolicyError: naming the task and what it lacks.
+        """
+        missing = [name for name in names if name not in self.layout.slices]
+        if missing:
+            raise PolicyError(
+                f"this policy needs {' and '.join(missing)} in the observation, which {self.env_id} lacks"
             )
 
     def check_observation(self, observation: NDArray) -> Array:

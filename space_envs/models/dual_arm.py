@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from space_envs.errors import ConfigurationError, unknown_name
+from space_envs.models.dual_appearance import draw_planar, draw_spatial
 from space_envs.models.parameters import (
     DUAL_ARM_PLANAR,
     DUAL_ARM_SPATIAL,
@@ -50,9 +51,15 @@ class DualArmOptions:
         if self.mounts is not None:
             if self.kind != "planar":
                 raise ConfigurationError("mounts can be chosen for the planar robot only")
-            if np.shape(self.mounts) != (2, 2) or not np.isfinite(self.mounts).all():
-                raise ConfigurationError(f"mounts must be two finite points (x, y) in m, got {self.mounts!r}")
-            object.__setattr__(self, "mounts", tuple((float(x), float(y)) for x, y in self.mounts))
+            try:
+                points = np.asarray(self.mounts, dtype=np.float64)
+            except (TypeError, ValueError):
+                points = np.zeros((0, 0))
+            if points.shape != (2, 2) or not np.isfinite(points).all() or (np.abs(points) > 5.0).any():
+                raise ConfigurationError(
+                    f"mounts must be two points (x, y) within 5 m of the satellite, got {self.mounts!r}"
+                )
+            object.__setattr__(self, "mounts", tuple((float(x), float(y)) for x, y in points))
 
 
 def dual_arm_spec(options: DualArmOptions = DualArmOptions()) -> mujoco.MjSpec:
@@ -70,9 +77,14 @@ def dual_arm_spec(options: DualArmOptions = DualArmOptions()) -> mujoco.MjSpec:
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
     spec.option.timestep = options.timestep
     if options.kind == "planar":
-        _build_planar(spec, DUAL_ARM_PLANAR, options.mounts or DUAL_ARM_PLANAR.mounts)
+        mounts = options.mounts or DUAL_ARM_PLANAR.mounts
+        _build_planar(spec, DUAL_ARM_PLANAR, mounts)
+        if options.visual:
+            draw_planar(spec, DUAL_ARM_PLANAR, mounts)
     else:
         _build_spatial(spec, DUAL_ARM_SPATIAL)
+        if options.visual:
+            draw_spatial(spec, DUAL_ARM_SPATIAL)
     _add_sensors(spec, options.kind)
     return spec
 
@@ -102,12 +114,12 @@ def _build_planar(
             parent, position = body, [link.length, 0.0, 0.0]
         parent.add_site(name=f"end_effector{arm}", pos=position, size=[0.01, 0.01, 0.01], group=4)
 
-    target = _target(spec, parameters.target, [2.0, 1.0, 0.0])
+    target = _target(spec, parameters.target)
     _move_in_plane(target, TARGET)
     half = parameters.target.half_width
     for name, side in zip(GRAPPLES, (-half, half), strict=True):
         target.add_site(name=name, pos=[0.0, side, 0.0], size=[0.01, 0.01, 0.01], group=4)
-    spec.add_key(name="home", qpos=[0.0, 0.0, 0.0, *parameters.home, 0.0, 0.0, 0.0])
+    spec.add_key(name="home", qpos=[0.0, 0.0, 0.0, *parameters.home, 2.0, 1.0, 0.0])
 
 
 def _build_spatial(spec: mujoco.MjSpec, parameters: DualArmSpatialParameters) -> None:
@@ -116,7 +128,7 @@ def _build_spatial(spec: mujoco.MjSpec, parameters: DualArmSpatialParameters) ->
     satellite.add_freejoint(name=SATELLITE)
     for arm, sign in zip(ARMS, (1.0, -1.0), strict=True):
         # Frame 0 of the arm: z out of the face, x along z of the satellite, so that both are mirrored in y.
-        parent, position = satellite, [sign * side / 2, 0.0, 0.0]
+        parent, position = satellite, [sign * side / 2, parameters.forward, 0.0]
         orientation = [float(np.cos(pi / 4)), 0.0, float(np.sin(sign * pi / 4)), 0.0]
         rows = zip(parameters.alpha, parameters.a, parameters.d, parameters.mass, strict=True)
         for number, (alpha, a, d, mass) in enumerate(rows, start=1):
@@ -131,17 +143,20 @@ def _build_spatial(spec: mujoco.MjSpec, parameters: DualArmSpatialParameters) ->
             name, reach = f"arm{arm}_joint{number}", parameters.joint_reach
             _add_joint(spec, body, name, reach, parameters.torque_limit, parameters.rotor_inertia)
             parent, position, orientation = body, [a, 0.0, d], quaternion_x(alpha)
-        # Its z axis is the way in: along the last link, not along z of DH frame 7.
-        parent.add_site(name=f"end_effector{arm}", pos=position, size=[0.01, 0.01, 0.01], group=4)
+        # DH frame 7, whose z axis is the way in. It is square to joint 7: a tool that points along that
+        # joint's axis would leave the joint without use, and the other six with one constraint too many.
+        parent.add_site(
+            name=f"end_effector{arm}", pos=position, quat=orientation, size=[0.01, 0.01, 0.01], group=4
+        )
 
-    target = _target(spec, parameters.target, [0.0, 1.45, 0.0])
+    target = _target(spec, parameters.target)
     target.add_freejoint(name=TARGET)
     half = parameters.target.half_width
     for name, sign in zip(GRAPPLES, (1.0, -1.0), strict=True):
         # z of the fixture is the way in: an end-effector's z axis has to point along it.
         into = [float(np.cos(pi / 4)), 0.0, float(np.sin(-sign * pi / 4)), 0.0]
         target.add_site(name=name, pos=[sign * half, 0.0, 0.0], quat=into, size=[0.01, 0.01, 0.01], group=4)
-    at = [0.0, 1.45, 0.0, 1.0, 0.0, 0.0, 0.0]
+    at = [0.0, 1.6, 0.0, 1.0, 0.0, 0.0, 0.0]
     spec.add_key(name="home", qpos=[0, 0, 0, 1, 0, 0, 0, *parameters.home, *at])
 
 
@@ -152,7 +167,7 @@ def _base(spec: mujoco.MjSpec, mass: float, inertia: tuple[float, float, float])
     return satellite
 
 
-def _target(spec: mujoco.MjSpec, parameters: TargetParameters, position: list[float]) -> mujoco.MjsBody:
+def _target(spec: mujoco.MjSpec, parameters: TargetParameters) -> mujoco.MjsBody:
     """The object: free like the satellite, at its place through the keyframe alone."""
     target = spec.worldbody.add_body(name=TARGET, explicitinertial=True)
     target.mass, target.ipos, target.inertia = parameters.mass, [0.0, 0.0, 0.0], parameters.inertia

@@ -1,7 +1,8 @@
-"""The robot's model for other tools: `python -m space_envs.models.export --format urdf -o arm.urdf`.
+"""The robots' models for other tools: `python -m space_envs.models.export --format urdf -o arm.urdf`.
 
 MJCF is the whole model (robot, target, sensors, home pose). URDF holds the robot alone; its root link is
-the satellite, with the origin at the satellite's centre of mass, and floats in whatever loads it.
+the satellite, with the origin at the satellite's centre of mass, and floats in whatever loads it: freely or,
+for the planar robot, in the plane z = 0.
 """
 
 import argparse
@@ -15,15 +16,22 @@ import numpy as np
 
 from space_envs.errors import ConfigurationError, SpaceEnvsError, unknown_name
 from space_envs.files import atomic_write_text
-from space_envs.models.parameters import SINGLE_ARM, VARIANTS, SingleArmParameters
+from space_envs.models.dual_arm import END_EFFECTORS, DualArmOptions, dual_arm_spec
+from space_envs.models.parameters import DUAL_ARM_PLANAR, DUAL_ARM_SPATIAL, SINGLE_ARM, VARIANTS
 from space_envs.models.single_arm import END_EFFECTOR, SATELLITE, ModelOptions, single_arm_spec
 
 FORMATS = ("mjcf", "urdf")
+ROBOTS = ("single_arm", "dual_arm_planar", "dual_arm_spatial")
+Options = ModelOptions | DualArmOptions
 
 
-def mjcf(options: ModelOptions = ModelOptions()) -> str:
+def _spec(options: Options) -> mujoco.MjSpec:
+    return single_arm_spec(options) if isinstance(options, ModelOptions) else dual_arm_spec(options)
+
+
+def mjcf(options: Options = ModelOptions()) -> str:
     """The model as MJCF text that holds all it needs, with what matters to the dynamics to full precision."""
-    spec = single_arm_spec(options)
+    spec = _spec(options)
     model = spec.compile()
     root = ET.fromstring(spec.to_xml())
     _restore_digits(root, model)
@@ -55,40 +63,49 @@ def _restore_digits(root: ET.Element, model: mujoco.MjModel) -> None:
         key.attrib["qpos"] = _text(model.key(key.attrib["name"]).qpos)
 
 
-def urdf(options: ModelOptions = ModelOptions(), parameters: SingleArmParameters = SINGLE_ARM) -> str:
-    """The robot as URDF text: the satellite, links with inertia, hinges with limits, the end-effector frame.
+def urdf(options: Options = ModelOptions()) -> str:
+    """The robot as URDF text: the satellite, links with inertia, hinges with limits, the end-effector frames.
 
-    Link `link{i}` has the frame of the MuJoCo body of that name: DH frame i - 1 turned by joint i, so every
-    joint turns about z. `end_effector` is DH frame 7. URDF has no rotor inertia: the `physical` variant's is
-    left out.
+    Links have the frames of the MuJoCo bodies of their names: the DH frame at the joint, turned by it, so
+    every joint turns about z. URDF has no rotor inertia: what the model has of it is left out.
 
     Raises:
         ConfigurationError: if drawn geometry is asked for, which URDF could only refer to as files.
     """
     if options.visual:
         raise ConfigurationError("URDF is exported without geometry; ask for mjcf, or leave out --visual")
-    model = single_arm_spec(options, parameters).compile()
-    robot = ET.Element("robot", name=f"single_arm_{options.variant}")
-    _add_link(robot, model, SATELLITE)
-    parent = SATELLITE
-    for number in range(1, len(parameters.links) + 1):
-        name = f"link{number}"
-        _add_link(robot, model, name)
-        body, joint = model.body(name), model.joint(f"joint{number}")
-        element = _add_joint(robot, f"joint{number}", "revolute", parent, name, body.pos, body.quat)
+    spec = _spec(options)
+    model = spec.compile()
+    rate_limit, end_effectors = SINGLE_ARM.rate_limit, (END_EFFECTOR,)
+    if isinstance(options, DualArmOptions):
+        parameters = DUAL_ARM_PLANAR if options.kind == "planar" else DUAL_ARM_SPATIAL
+        rate_limit, end_effectors = parameters.rate_limit, END_EFFECTORS
+    robot = ET.Element("robot", name=spec.modelname)
+    root = model.body(SATELLITE).id
+    for number in range(model.nbody):  # MuJoCo numbers parents before their children
+        if int(model.body_rootid[number]) != root:
+            continue
+        body = model.body(number)
+        _add_link(robot, model, body.name)
+        if number == root:
+            continue
+        joint = model.joint(int(body.jntadr[0]))
+        parent = model.body(int(body.parentid[0])).name
+        element = _add_joint(robot, joint.name, "revolute", parent, body.name, body.pos, body.quat)
         ET.SubElement(element, "axis", xyz=_text(joint.axis))
         ET.SubElement(
             element,
             "limit",
             lower=_text(joint.range[0]),
             upper=_text(joint.range[1]),
-            velocity=_text(parameters.rate_limit),
-            effort=_text(parameters.torque_limit),
+            velocity=_text(rate_limit),
+            effort=_text(model.actuator(joint.name).forcerange[1]),
         )
-        parent = name
-    ET.SubElement(robot, "link", name=END_EFFECTOR)
-    site = model.site(END_EFFECTOR)
-    _add_joint(robot, f"{END_EFFECTOR}_mount", "fixed", parent, END_EFFECTOR, site.pos, site.quat)
+    for name in end_effectors:
+        site = model.site(name)
+        parent = model.body(int(site.bodyid[0])).name
+        ET.SubElement(robot, "link", name=name)
+        _add_joint(robot, f"{name}_mount", "fixed", parent, name, site.pos, site.quat)
     ET.indent(robot)
     return f'<?xml version="1.0"?>\n{ET.tostring(robot, encoding="unicode")}\n'
 
@@ -130,15 +147,19 @@ def _add_joint(
 
 def _roll_pitch_yaw(quaternion: np.ndarray) -> tuple[float, float, float]:
     """Fixed-axis angles (rad) of a quaternion (w, x, y, z), as URDF's rpy: Rz(yaw) Ry(pitch) Rx(roll)."""
-    w, x, y, z = map(float, quaternion)
-    roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))
-    yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    return float(roll), float(pitch), float(yaw)
+    axes = np.zeros(9)
+    mujoco.mju_quat2Mat(axes, quaternion)
+    r = axes.reshape(3, 3)
+    level = np.hypot(r[0, 0], r[1, 0])
+    pitch = np.arctan2(-r[2, 0], level)
+    # Where x points straight up or down, roll and yaw turn about the same axis and any yaw will do.
+    yaw = np.arctan2(r[1, 0], r[0, 0]) if level > 1e-12 else 0.0
+    across = np.cos(yaw) * r[1] - np.sin(yaw) * r[0]  # y axis of the frame that roll starts from
+    return float(np.arctan2(-across[2], across[1])), float(pitch), float(yaw)
 
 
-def export(file_format: str, options: ModelOptions = ModelOptions()) -> str:
-    """The model as text in one of FORMATS.
+def export(file_format: str, options: Options = ModelOptions()) -> str:
+    """A model as text in one of FORMATS; the options say which robot's.
 
     Raises:
         ConfigurationError: for an unknown format, or one that cannot hold what the options ask for.
@@ -151,14 +172,19 @@ def export(file_format: str, options: ModelOptions = ModelOptions()) -> str:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m space_envs.models.export",
-        description="Write the single-arm robot's model for other tools.",
+        description="Write a robot's model for other tools.",
         epilog="Lengths in m, masses in kg, angles in rad. See docs/physics.md for frames and variants.",
     )
     parser.add_argument(
+        "--robot",
+        default="single_arm",
+        metavar="|".join(ROBOTS),
+        help="whose model (default: %(default)s)",
+    )
+    parser.add_argument(
         "--variant",
-        default="paper",
         metavar="|".join(VARIANTS),
-        help="inertias of Table II as printed, or of solid rods and a cube (default: %(default)s)",
+        help="single_arm: inertias of Table II as printed, or of solid rods and a cube (default: paper)",
     )
     parser.add_argument(
         "--format",
@@ -175,11 +201,21 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _options(robot: str, variant: str | None, visual: bool) -> Options:
+    if robot not in ROBOTS:
+        raise unknown_name("robot", robot, ROBOTS)
+    if robot == "single_arm":
+        return ModelOptions(variant=variant or "paper", visual=visual)
+    if variant is not None:
+        raise ConfigurationError(f"{robot} has no variants; leave out --variant")
+    return DualArmOptions(robot.removeprefix("dual_arm_"), visual=visual)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit status, 2 after an error that is the user's to mend."""
     options = _parser().parse_args(arguments)
     try:
-        text = export(options.format, ModelOptions(variant=options.variant, visual=options.visual))
+        text = export(options.format, _options(options.robot, options.variant, options.visual))
         if options.output is None:
             sys.stdout.write(text)
         else:

@@ -1,4 +1,4 @@
-"""Colours, foils and skies that the models are drawn with, all procedural so that MJCF can hold them."""
+"""Colours, foils, skies and sunlight of the drawings, all procedural so that MJCF can hold them."""
 
 from math import cos, sin
 
@@ -21,6 +21,24 @@ PLAIN = {
 }
 
 
+def add_space(
+    spec: mujoco.MjSpec,
+    earth: tuple[float, float, float],
+    sun: tuple[float, float, float] = (-0.50, 0.45, -0.74),
+) -> None:
+    """Add materials, stars, a planet, sunlight, and how it is all rendered.
+
+    Args:
+        spec: to add to.
+        earth: centre of the planet, inertial frame, m.
+        sun: the way that its light travels, inertial frame.
+    """
+    add_materials(spec)
+    add_sky(spec)
+    add_earth(spec, earth, radius=305.0)
+    add_sunlight(spec, sun)
+
+
 def _textured(spec: mujoco.MjSpec, name: str, texture: str, repeat: tuple[float, float], **rest) -> None:
     material = spec.add_material(name=name, texrepeat=repeat, **rest)
     material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = texture
@@ -40,6 +58,29 @@ def add_materials(spec: mujoco.MjSpec) -> None:
     _textured(spec, "solar_cells", "cell", (4, 5), specular=0.9, shininess=0.8)
     _textured(spec, "dead_cells", "dead_cell", (3, 4), specular=0.5, shininess=0.5)
     _textured(spec, "radiator", "mirror", (5, 5), specular=1.0, shininess=0.9)
+
+
+def add_sunlight(spec: mujoco.MjSpec, way: tuple[float, float, float]) -> None:
+    """Add the sun whose light travels that way, what is scattered of it, and the quality of shadows."""
+    spec.worldbody.add_light(
+        name="sun",
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+        pos=[-8 * part for part in way],
+        dir=way,
+        ambient=[0.0, 0.0, 0.0],
+        diffuse=[0.95, 0.93, 0.88],
+        specular=[0.6, 0.58, 0.5],
+        castshadow=True,
+    )
+    spec.visual.headlight.ambient = [0.10, 0.11, 0.13]
+    spec.visual.headlight.diffuse = [0.10, 0.10, 0.12]
+    spec.visual.headlight.specular = [0.0, 0.0, 0.0]
+    spec.visual.quality.shadowsize = 2048
+    spec.visual.quality.numslices = 20
+    spec.visual.quality.numstacks = 10
+    spec.visual.map.shadowclip = 1.0
+    spec.visual.map.znear = 0.01
+    spec.visual.map.zfar = 100.0  # times the extent: beyond the limb of the planet
 
 
 def add_sky(spec: mujoco.MjSpec) -> None:

@@ -109,7 +109,7 @@ class DualArmPlanarParameters:
     satellite_side: float = 1.0  # m, Table I
     arm: tuple[PlanarLink, ...] = (PlanarLink(1.0, 10.0, 1.05),) * 3  # of both arms, Table I
     mounts: tuple[tuple[float, float], ...] = ((0.5, 0.0), (-0.5, 0.0))  # m, the lost Fig. 1; our reading
-    home: tuple[float, ...] = (0.0, 1.8, -1.5, 0.9, -0.6, 1.0)  # rad, our choice; not symmetric
+    home: tuple[float, ...] = (-0.9, 1.4, 0.6, 1.4, -0.5, -0.6)  # rad, our choice; open, not symmetric
     first_reach: float = 3.1  # rad, largest angle of the joint at the mount; our choice
     joint_reach: float = 2.7  # rad, largest angle of the others; our choice
     rate_limit: float = 0.3  # rad/s, our choice
@@ -127,19 +127,20 @@ class DualArmSpatialParameters:
     """Two 7-DoF arms on a bus, the extension that shah2013 announces; parameters are our choice.
 
     Each arm has the Denavit-Hartenberg lengths of shyam2020's Table I at half scale, with solid rods as
-    links. Arm 1 stands on the face at +x, arm 2 on the one at -x; both reach towards +y.
+    links. Arm 1 stands on the face at +x, arm 2 on the one at -x, near its front; both reach towards +y.
     """
 
     satellite_mass: float = 500.0  # kg, as in shah2013
     satellite_side: float = 1.0  # m; a homogeneous cube
+    forward: float = 0.35  # m, of the mounts from the middle of their faces towards +y
     alpha: tuple[float, ...] = tuple(link.alpha for link in SINGLE_ARM.links)  # rad, shyam2020, Table I
     a: tuple[float, ...] = tuple(link.a / 2 for link in SINGLE_ARM.links)  # m, half of Table I
     d: tuple[float, ...] = tuple(link.d / 2 for link in SINGLE_ARM.links)  # m, half of Table I
     mass: tuple[float, ...] = tuple(link.mass / 2 for link in SINGLE_ARM.links)  # kg, half of Table II
     # rad; elbows out, hands before the bus, not symmetric
     home: tuple[float, ...] = (
-        *(-0.87, -1.41, 0.28, 1.95, 0.94, -0.35, 0.0),
-        *(-1.30, -1.60, 0.10, 1.90, 0.27, -0.37, 0.0),
+        *(-1.17, -1.86, -1.23, 2.10, 0.21, -0.22, 0.17),
+        *(-1.85, -1.80, -1.49, 1.12, 0.10, 0.81, 0.41),
     )
     joint_reach: float = 2.9  # rad to either side of zero
     rate_limit: float = 0.3  # rad/s

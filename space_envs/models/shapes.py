@@ -1,7 +1,8 @@
 """Small drawing tools on MjSpec: every geom made here has no mass and never collides."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import mujoco
 import numpy as np
@@ -33,16 +34,42 @@ def look_at(eye: Vector, at: Vector, up: Vector = (0.0, 0.0, 1.0)) -> list[float
 
 @dataclass(frozen=True)
 class Brush:
-    """Draws geoms on one body, in that body's frame; lengths in m."""
+    """Draws geoms on one body, in a frame that is fixed to the body; lengths in m.
+
+    Attributes:
+        body: that the geoms move with.
+        origin, turn: pose of the brush's frame in that of the body, the turn as a quaternion (w, x, y, z).
+        scale: what all lengths are multiplied by, but for those of meshes, which have their own.
+    """
 
     body: mujoco.MjsBody
+    origin: Vector = (0.0, 0.0, 0.0)
+    turn: Vector = (1.0, 0.0, 0.0, 0.0)
+    scale: float = 1.0
 
-    def _geom(self, kind: mujoco.mjtGeom, material: str, pos: Vector, size: Vector, **rest) -> None:
+    def at(self, pos: Vector, quat: Vector = (1.0, 0.0, 0.0, 0.0), scale: float = 1.0) -> Self:
+        """A brush whose frame has this pose in that of this one, and lengths so much larger still."""
+        return replace(self, origin=self._place(pos), turn=self._turned(quat), scale=self.scale * scale)
+
+    def _place(self, pos: Vector) -> list[float]:
+        place = np.zeros(3)
+        mujoco.mju_rotVecQuat(place, self.scale * np.asarray(pos, dtype=float), np.asarray(self.turn, float))
+        return (place + self.origin).tolist()
+
+    def _turned(self, quat: Vector) -> list[float]:
+        turned = np.zeros(4)
+        mujoco.mju_mulQuat(turned, np.asarray(self.turn, dtype=float), np.asarray(quat, dtype=float))
+        return turned.tolist()
+
+    def _geom(
+        self, kind: mujoco.mjtGeom, material: str, pos: Vector, size: Vector, quat: Vector, **rest
+    ) -> None:
         self.body.add_geom(
             type=kind,
             material=material,
-            pos=pos,
-            size=size,
+            pos=self._place(pos),
+            quat=self._turned(quat),
+            size=[self.scale * length for length in size],
             mass=0,
             contype=0,
             conaffinity=0,
@@ -50,9 +77,14 @@ class Brush:
             **rest,
         )
 
+    def camera(self, name: str, eye: Vector, at: Vector, up: Vector, fovy: float) -> None:
+        """Camera at `eye` that looks at a point; `up` is up in the picture, the field of view in degrees."""
+        pos, quat = self._place(eye), self._turned(look_at(eye, at, up))
+        self.body.add_camera(name=name, pos=pos, quat=quat, fovy=fovy)
+
     def box(self, material: str, pos: Vector, size: Vector, quat: Vector = (1, 0, 0, 0)) -> None:
         """Box around `pos` with edge lengths `size`."""
-        self._geom(mujoco.mjtGeom.mjGEOM_BOX, material, pos, [edge / 2 for edge in size], quat=quat)
+        self._geom(mujoco.mjtGeom.mjGEOM_BOX, material, pos, [edge / 2 for edge in size], quat)
 
     def rod(self, material: str, start: Vector, end: Vector, radius: float, round_ends: bool = False) -> None:
         """Cylinder, or capsule, whose axis runs from `start` to `end`."""
@@ -60,15 +92,15 @@ class Brush:
         middle = (np.add(start, end) / 2).tolist()
         kind = mujoco.mjtGeom.mjGEOM_CAPSULE if round_ends else mujoco.mjtGeom.mjGEOM_CYLINDER
         size = [radius, float(np.linalg.norm(axis)) / 2, 0]
-        self._geom(kind, material, middle, size, quat=rotation_to(axis.tolist()))
+        self._geom(kind, material, middle, size, rotation_to(axis.tolist()))
 
     def ball(self, material: str, pos: Vector, radii: Vector) -> None:
         """Ellipsoid with the given semi-axes."""
-        self._geom(mujoco.mjtGeom.mjGEOM_ELLIPSOID, material, pos, radii)
+        self._geom(mujoco.mjtGeom.mjGEOM_ELLIPSOID, material, pos, radii, (1, 0, 0, 0))
 
     def mesh(self, material: str, mesh: str, pos: Vector = (0, 0, 0), quat: Vector = (1, 0, 0, 0)) -> None:
         """A mesh of this module, by name."""
-        self._geom(mujoco.mjtGeom.mjGEOM_MESH, material, pos, [0, 0, 0], meshname=mesh, quat=quat)
+        self._geom(mujoco.mjtGeom.mjGEOM_MESH, material, pos, [0, 0, 0], quat, meshname=mesh)
 
 
 def _add_mesh(spec: mujoco.MjSpec, name: str, corners: np.ndarray) -> None:

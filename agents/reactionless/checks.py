@@ -1,0 +1,103 @@
+"""What a plan along given paths really does, measured between its nodes by code that no planner uses."""
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from agents.reactionless.free_check import check
+from agents.reactionless.paths import PolynomialPath
+from agents.reactionless.problem import Capture, Cause, Failure, Limits, Plan
+from space_envs.dynamics import FloatingRobot
+from space_envs.dynamics.reactionless import com, tips
+from space_envs.dynamics.rotations import Array
+
+DENSER = 4  # times as many points as the plan has nodes
+TOLERANCES = {  # beyond which a plan counts as inaccurate
+    "end_position": 1e-6,  # m
+    "end_velocity": 1e-6,  # m/s
+    "base_rate": 1e-8,  # rad/s
+    "path": 1e-6,  # m
+    "energy": 1e-5,  # relative
+}
+
+
+def checked_plan(
+    method: str,
+    robot: FloatingRobot,
+    capture: Capture,
+    limits: Limits,
+    path: PolynomialPath,
+    time: Array,
+    position: Array,
+    rate: Array,
+    energy: float,
+    notes: str = "",
+) -> Plan | Failure:
+    """The plan with what was measured, or why it is none.
+
+    Args:
+        path: that the end-effectors shall follow, with respect to the system's centre of mass.
+        time (K,), position (K, n), rate (K, n): of the plan. energy: C as the planner has it, J s.
+    """
+    acceleration = make_interp_spline(time, rate, k=5, axis=0).derivative()(time)
+    zeta = null_velocities(robot, position, rate) if robot.n_joints == 6 else None
+    bare = Plan(method, time, position, rate, acceleration, energy, zeta, notes=notes)
+    inner = np.arange(DENSER) / DENSER
+    dense = np.append((time[:-1, None] + np.diff(time)[:, None] * inner).ravel(), time[-1])
+    q, qdot, _ = bare.sample(dense)
+    measured = check(robot, capture, limits, bare)
+    violation = measured.violation | {
+        "path": path_error(robot, path, dense, q),
+        "energy": abs(measured.energy - energy) / max(energy, 1e-12),
+    }
+    for name, most in TOLERANCES.items():
+        if not violation[name] <= most:
+            return Failure(
+                method,
+                Cause.INACCURATE,
+                f"{name} is off by {violation[name]:.2e}, at most {most:.0e} may pass",
+            )
+    failure = _beyond_limits(method, limits, dense, q, qdot)
+    if failure is not None:
+        return failure
+    return Plan(method, time, position, rate, acceleration, energy, zeta, violation, notes)
+
+
+def path_error(robot: FloatingRobot, path: PolynomialPath, time: Array, q: Array) -> float:
+    """Largest deviation of the end-effectors from their path at q (T, n), m."""
+    kinematics = robot.kinematics(q)
+    places = tips(robot, q, kinematics).position - com(robot, kinematics)[:, None]
+    flat = places[..., : path.start.size // 2].reshape(len(time), -1)
+    return float(np.abs(flat - path.position(time)).max())
+
+
+def null_velocities(robot: FloatingRobot, q: Array, qdot: Array) -> Array:
+    """Share (K, 2) of the dependent angular velocities that lies in the null space of eq. 9, rad/s: the
+    projector times zeta, which is all of zeta that moves anything. Of the planar robot."""
+    hands = tips(robot, q)
+    rows = np.concatenate([hands.linear[..., :2, :].reshape(len(q), 4, -1), hands.turning[:, 2:]], axis=1)
+    null = np.linalg.svd(rows)[2][:, -1]  # of five rows on six joints
+    way = (hands.angular[..., 2, :] @ null[..., None])[..., 0]
+    way = way / np.maximum(np.sqrt((way * way).sum(axis=1, keepdims=True)), 1e-12)
+    spins = (hands.angular[..., 2, :] @ qdot[..., None])[..., 0]
+    return way * (way * spins).sum(axis=1, keepdims=True)
+
+
+def _beyond_limits(method: str, limits: Limits, time: Array, q: Array, qdot: Array) -> Failure | None:
+    if limits.position is not None:
+        excess = np.maximum(limits.position[:, 0] - q, q - limits.position[:, 1])
+        if excess.max() > 1e-6:
+            row, joint = np.unravel_index(excess.argmax(), excess.shape)
+            return Failure(
+                method,
+                Cause.JOINT_LIMIT,
+                f"joint {joint + 1} passes its limit by {excess.max():.3f} rad at t = {time[row]:.2f} s",
+            )
+    if limits.rate is not None and np.abs(qdot).max() > limits.rate * (1.0 + 1e-6):
+        row, joint = np.unravel_index(np.abs(qdot).argmax(), qdot.shape)
+        return Failure(
+            method,
+            Cause.INFEASIBLE,
+            f"joint {joint + 1} would have to turn at {np.abs(qdot).max():.3f} rad/s at t = {time[row]:.2f} s, "
+            f"the limit is {limits.rate:.3f} rad/s",
+        )
+    return None

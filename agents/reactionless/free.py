@@ -1,0 +1,231 @@
+"""Reactionless motion with free paths (method d): only the ends are given, the energy is least in between.
+
+Beyond shah2013, whose end-effector paths are fixed polynomials. Splines through the joint angles are collocated
+for the reactionless constraint of eq. 4 and the least integral of eq. 15, from several starts, first without
+regard to obstacles; where the best motion meets one, it is solved again with a cost on nearness. A roll-out
+then makes the motion exact.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from agents.reactionless.clearance import Gaps, Surroundings, gaps
+from agents.reactionless.free_clearance import POSE, parameters
+from agents.reactionless.free_goals import end_configurations, spread
+from agents.reactionless.free_solver import ANGLE_ROOM, METHOD, Solution, Solver, Unsolved
+from agents.reactionless.problem import Capture, Cause, Failure, Limits, Plan
+from space_envs.dynamics import FloatingRobot
+from space_envs.dynamics.rotations import Array
+
+STARTS = 4
+ROOM = 0.995  # share of the limits on rates and accelerations that the splines may use
+ATTEMPTS = 4  # with less room each
+EXTRA = 0.015  # m, of gap beyond the margin below which nearness costs
+WEIGHTS = (3e4, 3e5)  # of the squares of what is missing to that gap, in turn
+LEAST_SPAN = 0.01  # of the duration, that nearness at a node counts for at least
+NEAR_BEST = 1.05  # a clear motion that costs less than this times the least possible is not improved
+EQUAL = 1e-4  # relative difference of energies below which two solutions count as one
+TOLERANCES = {
+    "base_rate": 1e-9,  # rad/s
+    "start": 1e-9,  # rad and rad/s
+    "end_position": 1e-6,  # m
+    "end_velocity": 1e-6,  # m/s
+    "end_axis": 1e-6,  # rad
+    **dict.fromkeys(("position", "rate", "acceleration", "torque"), 1e-9),
+}
+
+
+def plan_free(
+    robot: FloatingRobot,
+    capture: Capture,
+    limits: Limits = Limits(),
+    around: Surroundings | None = None,
+    starts: int = STARTS,
+) -> Plan | Failure:
+    """Motion of least energy from rest to a capture, reactionless all along, within limits and clear.
+
+    Args:
+        limits: `control` does not apply. Torques are kept by lower accelerations where they would pass.
+        around: what the arms keep away from; None is nothing.
+        starts: number of different end configurations that are started from.
+
+    Raises:
+        ConfigurationError: for a malformed capture.
+    """
+    return _Search(robot, capture.checked(robot), limits, around, starts).plan()
+
+
+class _Search:
+    """For the best motion of one capture."""
+
+    def __init__(
+        self,
+        robot: FloatingRobot,
+        capture: Capture,
+        limits: Limits,
+        around: Surroundings | None,
+        starts: int,
+    ) -> None:
+        self._robot, self._capture, self._limits, self._around = robot, capture, limits, around
+        self._starts = starts
+        self._solver = Solver(robot, capture, limits)
+        self._rate, self._acceleration = (
+            None if limit is None else ROOM * limit for limit in (limits.rate, limits.acceleration)
+        )
+        self._poses: tuple[Array, Array] | None = None  # of the target at the solver's times
+        if around is not None and around.motion is not None:
+            self._poses = around.motion(self._solver.times)
+        self._required = 0.0  # m, least gap
+
+    def plan(self) -> Plan | Failure:
+        failure = self._unfit_start()
+        if failure is not None:
+            return failure
+        model = self._solver.programs.model
+        ends = end_configurations(self._robot, model, self._capture, self._limits, METHOD, ANGLE_ROOM)
+        if isinstance(ends, Failure):
+            return ends
+        excess: dict[str, float] = {}
+        for _ in range(ATTEMPTS):
+            found = self._best(ends)
+            if isinstance(found, Failure):
+                return found
+            excess = {name: v for name, v in found.violation.items() if v > TOLERANCES[name]}
+            if not excess:
+                return found
+            if not excess.keys() <= {"rate", "acceleration", "torque"}:
+                break
+            self._take_room(found, excess)
+        name = max(excess, key=lambda key: excess[key] / TOLERANCES[key])
+        cause = Cause.INFEASIBLE if name == "torque" else Cause.INACCURATE
+        return Failure(METHOD, cause, f"the motion passes what is allowed in {name} by {excess[name]:.2e}")
+
+    def _take_room(self, plan: Plan, excess: dict[str, float]) -> None:
+        """Tighten the splines' limits: the roll-out goes beyond them by little; torques follow accelerations."""
+        limits = self._limits
+        if "rate" in excess and self._rate is not None and limits.rate is not None:
+            self._rate -= 2.0 * excess["rate"]
+        if "acceleration" in excess and self._acceleration is not None:
+            self._acceleration -= 2.0 * excess["acceleration"]
+        if "torque" in excess and limits.torque is not None:
+            share = 0.95 * limits.torque / (limits.torque + excess["torque"])
+            self._acceleration = share * float(np.abs(plan.acceleration).max())
+
+    def _unfit_start(self) -> Failure | None:
+        start, limits = self._capture.start, self._limits
+        if limits.position is not None:
+            beyond = np.maximum(limits.position[:, 0] - start, start - limits.position[:, 1])
+            if beyond.max() > 0.0:
+                joint = int(beyond.argmax()) + 1
+                reason = f"joint {joint} starts {beyond.max():.3f} rad beyond its limit"
+                return Failure(METHOD, Cause.JOINT_LIMIT, reason)
+        if self._around is not None:
+            first = self._gaps(self._around, start[None])
+            if first.least < 0.0:
+                return self._collision("the start is in a collision", first)
+            self._required = min(self._around.margin, first.least)
+        return None
+
+    def _best(self, ends: Array) -> Plan | Failure:
+        """The motion of least energy that is clear; limits may be passed by little."""
+        solved = [self._solve(self._solver.straight(end)) for end in spread(ends, self._starts)]
+        found: list[Solution] = []
+        for solution in sorted((s for s in solved if isinstance(s, Solution)), key=lambda s: s.cost):
+            if not found or solution.cost > (1.0 + EQUAL) * found[-1].cost:
+                found.append(solution)
+        if not found:
+            return self._unsolved([s for s in solved if isinstance(s, Unsolved)])
+        note = f"{len(found)} local optima from {len(solved)} starts"
+        if self._around is None:
+            return replace(self._solver.motion(found[0]), notes=note)
+        return self._clear(self._around, ends, found, note)
+
+    def _clear(
+        self, around: Surroundings, ends: Array, found: list[Solution], note: str
+    ) -> Plan | Failure:
+        """The cheapest of the optima if it is clear; else the best that comes of leading them around, or of
+        starting from ends that are clear."""
+        best: tuple[float, Plan] | None = None
+        nearest: Gaps | None = None
+        blocked: list[Solution] = []
+        for solution in found:
+            plan = self._solver.motion(solution)
+            now = self._gaps(around, plan.position)
+            if now.least >= self._required:
+                best = solution.cost, replace(plan, notes=note)
+                break
+            blocked.append(solution)
+            nearest = now if nearest is None or now.least > nearest.least else nearest
+        begins = [solution.coefficients for solution in blocked]
+        if best is None:
+            clear = self._clear_ends(around, ends)
+            if not len(clear):
+                return self._collision(
+                    f"none of {len(ends)} end configurations is clear; the best", self._end_gaps(around, ends)
+                )
+            begins += [self._solver.straight(end) for end in spread(clear, self._starts)]
+        seen: list[float] = []
+        for begin in begins:
+            if best is not None and best[0] <= NEAR_BEST * found[0].cost:
+                break
+            for weight in WEIGHTS:
+                solution = self._solve(begin, self._nearness(around, weight))
+                if isinstance(solution, Unsolved) or (best is not None and solution.cost >= best[0]):
+                    break
+                if any(abs(solution.cost - other) < EQUAL * other for other in seen):
+                    break
+                seen.append(solution.cost)
+                begin, plan = solution.coefficients, self._solver.motion(solution)
+                now = self._gaps(around, plan.position)
+                if now.least >= self._required:
+                    best = solution.cost, replace(plan, notes=f"{note}, led around obstacles")
+                    break
+                nearest = now if nearest is None or now.least > nearest.least else nearest
+        if best is not None:
+            return best[1]
+        if nearest is None:
+            raise AssertionError("a motion that is not clear has been measured")
+        return self._collision("no clear motion was found; the nearest to one", nearest)
+
+    def _clear_ends(self, around: Surroundings, ends: Array) -> Array:
+        """Those end configurations (E, n) that are clear of everything."""
+        return ends[self._end_gaps(around, ends).each >= self._required]
+
+    def _end_gaps(self, around: Surroundings, ends: Array) -> Gaps:
+        return self._gaps(around, ends, np.full(len(ends), self._solver.end))
+
+    def _solve(self, begin: Array, nearness: Array | None = None) -> Solution | Unsolved:
+        return self._solver.solve(begin, self._rate, self._acceleration, nearness)
+
+    def _nearness(self, around: Surroundings, weight: float) -> Array:
+        """Parameters of nearness (K, 23) at the nodes of the program."""
+        mesh, at = self._solver.programs.mesh, self._solver.nodes
+        # Nodes stand close at the ends, where little time would make what is missing cheap.
+        weights = weight * np.maximum(LEAST_SPAN / mesh.weights, 1.0)
+        start, duration = self._capture.start, self._capture.duration
+        times = self._solver.times[at]
+        return parameters(self._robot, around, start, times, duration, self._pose(at), EXTRA, weights)
+
+    def _gaps(self, around: Surroundings, q: Array, at: NDArray[np.int64]) -> Gaps:
+        """Gaps of configurations (K, n) at some of the solver's times."""
+        times, start, duration = self._solver.times[at], self._capture.start, self._capture.duration
+        return gaps(self._robot, around, times, q, duration, start, self._pose(at))
+
+    def _pose(self, at: NDArray[np.int64]) -> tuple[Array, Array] | None:
+        return None if self._poses is None else (self._poses[0][at], self._poses[1][at])
+
+    def _collision(self, when: str, gap: Gaps) -> Failure:
+        """The best of ends, or the worst of a motion."""
+        what, place = gap.worst()
+        return Failure(METHOD, Cause.COLLISION, f"{when}: {what} come to {gap.least:.3f} m{place}")
+
+    def _unsolved(self, statuses: list[Unsolved]) -> Failure:
+        least = min(statuses, key=lambda status: status.left)
+        infeasible = any("Infeasible" in status.status for status in statuses)
+        return Failure(
+            METHOD,
+            Cause.INFEASIBLE if infeasible else Cause.SOLVER,
+            f"Ipopt found no motion from {len(statuses)} starts: {least.status}, constraints left at "
+            f"{least.left:.2e}",
+        )

@@ -1,0 +1,200 @@
+"""A cost on motions that come too near to something, for the planner with free paths.
+
+The nearest points of each pair of bodies are found first and then taken as fixed to their links: the distance
+between them has the same first derivative as the least distance. The planner has the squares of what is missing
+to the wanted distances as a cost; what it leaves is measured by `clearance.py`.
+"""
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from agents.reactionless.clearance import Links, Surroundings
+from agents.reactionless.free_model import Smooth, compiled
+from space_envs.dynamics import FloatingRobot
+from space_envs.dynamics.reactionless import com
+from space_envs.dynamics.rotations import Array, rotate
+from space_envs.dynamics.symbolic import SymbolicRobot
+
+_BISECTIONS = 12  # of a link's length, for its point nearest to a box
+_SOFT = 1e-6  # m, keeps distances differentiable where they vanish
+_FAR = 1e3  # m, where bodies are that do not count
+POSE = 3 + 9 + 1  # numbers at each time: centre from the system's centre of mass, rotation, counted share
+SHARED = 3 + 3 + 3  # half sides of target and satellite; wanted distances: arms, satellite, target
+EACH = POSE + SHARED + 1  # with the weight of what is missing
+
+
+@dataclass(frozen=True, eq=False)
+class Nearness:
+    """Functions of q (n), pose (13) and shared (9), compiled.
+
+    Attributes:
+        missing: -> (P,) m, what is missing to the wanted distance of each pair, 0 where nothing is.
+        slope: -> that and its derivative by q (P, n).
+    """
+
+    missing: ca.Function
+    slope: ca.Function
+
+    @classmethod
+    def of(cls, robot: FloatingRobot, planar: bool) -> "Nearness":
+        """Of all pairs of links of different arms, links and target and, in space, links and satellite."""
+        symbolic, links, n = SymbolicRobot(robot), Links.of(robot), robot.n_joints
+        q, pose, shared = ca.SX.sym("q", n), ca.SX.sym("pose", POSE), ca.SX.sym("shared", SHARED)
+        rotation, position, _, places = symbolic.kinematics(q)
+        centre = places @ ca.DM(robot.mass[1:]) / float(robot.mass.sum())
+        begin = [position[:, int(link) - 1] for link in links.link]
+        end = [
+            begin[s] + rotation[:, 3 * (int(link) - 1) : 3 * int(link)] @ ca.DM(links.end[s])
+            for s, link in enumerate(links.link)
+        ]
+        turn = ca.reshape(pose[3:12], 3, 3)
+        away = pose[:3] + centre  # of the target in the base frame
+        distances, wanted, found, symbols = [], [], [], []
+        for one in np.flatnonzero(links.arm == 0):
+            for other in np.flatnonzero(links.arm == 1):
+                at = ca.SX.sym("at", 3)
+                gap = begin[one] + at[0] * (end[one] - begin[one])
+                gap -= begin[other] + at[1] * (end[other] - begin[other])
+                distances.append(at[2] * ca.sqrt(ca.dot(gap, gap) + _SOFT**2))
+                wanted.append(shared[6])
+                found.append(_nearest(begin[one], end[one], begin[other], end[other], planar))
+                symbols.append(at)
+        for s in range(len(links.link)):
+            boxes = [(turn.T @ (begin[s] - away), turn.T @ (end[s] - away), shared[:3], shared[8])]
+            if links.last[s]:
+                a, b, *rest = boxes[0]
+                boxes[0] = (a, a + pose[12] * (b - a), *rest)
+            if not planar:
+                boxes.append((begin[s], end[s], shared[3:6], shared[7]))
+            for number, (a, b, half, distance) in enumerate(boxes):
+                if number == 0 or links.order[s] >= Surroundings.standing:
+                    at = ca.SX.sym("at")
+                    distances.append(_depth(a + at * (b - a), half))
+                    wanted.append(distance)
+                    found.append(_deepest(a, b, half))
+                    symbols.append(at)
+        missing = ca.fmax(ca.vertcat(*wanted) - ca.vertcat(*distances), 0.0)
+        at = ca.vertcat(*symbols)
+        held = ca.Function("held", [q, at, pose, shared], [missing, ca.densify(ca.jacobian(missing, q))])
+        values = held(q, ca.vertcat(*found), pose, shared)
+        inputs = [q, pose, shared]
+        functions = {
+            "missing": ca.Function("missing", inputs, ca.cse([values[0]])),
+            "slope": ca.Function("missing_slope", inputs, ca.cse(list(values))),
+        }
+        return cls(**compiled(functions))
+
+    def added_to(self, energy: Smooth, n: int) -> Smooth:
+        """energy + weight |missing|^2, a function of q, qdot and [pose; shared; weight], with the
+        Gauss-Newton approximation of the second derivative."""
+        y = [ca.MX.sym("q", n), ca.MX.sym("qdot", n)]
+        p, factor = ca.MX.sym("p", EACH), ca.MX.sym("factor")
+        pose, shared, weight = p[:POSE], p[POSE:-1], p[-1]
+        missing = self.missing(y[0], pose, shared)
+        left, slope = self.slope(y[0], pose, shared)
+        gradient = ca.horzcat(2.0 * weight * (left.T @ slope), ca.MX.zeros(1, n))
+        bend = ca.diagcat(2.0 * weight * factor * (slope.T @ slope), ca.MX.zeros(n, n))
+        return Smooth(
+            ca.Function("clear_value", [*y, p], [energy.value(*y) + weight * ca.dot(missing, missing)]),
+            ca.Function("clear_slope", [*y, p], [energy.slope(*y) + gradient]),
+            ca.Function("clear_bend", [*y, p, factor], [energy.bend(*y, factor) + ca.densify(bend)]),
+        )
+
+
+def parameters(
+    robot: FloatingRobot,
+    around: Surroundings,
+    start: Array,
+    times: Array,
+    duration: float,
+    poses: tuple[Array, Array] | None,
+    extra: float,
+    weight: Array | float,
+) -> Array:
+    """[pose; shared; weight] (K, 23) of `Nearness.added_to` at times (K,) s of a plan.
+
+    Args:
+        poses: centre (K, 3) m and quaternion (K, 4) of the target then. extra: m, of gap beyond the margin.
+        weight: (K,) or one for all.
+    """
+    wanted = around.margin + extra + around.radius
+    p = np.zeros((len(times), EACH))
+    p[:, :3], p[:, 3:12:4], p[:, 12] = _FAR, 1.0, 1.0
+    target, bus = np.ones(3), np.full(3, -_FAR)
+    if around.target is not None and poses is not None:
+        target = around.target
+        centre, quaternion = poses
+        p[:, :3] = centre - com(robot, robot.kinematics(start))
+        columns = [rotate(quaternion, np.broadcast_to(unit, (len(times), 3))) for unit in np.eye(3)]
+        p[:, 3:12] = np.concatenate(columns, axis=1)
+        length = np.linalg.norm(robot.tip_offset[:1], axis=1)
+        p[:, 12] = around.counted(length, times, duration)[:, 0]
+    if around.bus is not None:
+        bus = around.bus
+    arms = wanted + around.radius if around.arms else -_FAR
+    p[:, POSE:-1] = [*target, *bus, arms, wanted, wanted]
+    p[:, -1] = weight
+    return p
+
+
+def _clamp(value: ca.SX) -> ca.SX:
+    return ca.fmin(ca.fmax(value, 0.0), 1.0)
+
+
+def _nearest(a: ca.SX, b: ca.SX, c: ca.SX, d: ca.SX, planar: bool) -> ca.SX:
+    """Shares of the ways from a to b and from c to d where the segments are nearest, and the distance's sign.
+
+    In the plane segments can cross: the sign is then -1 and the points are those that are parted with the
+    least movement, an end of one and the nearest point of the other.
+    """
+    u, v, w = b - a, d - c, a - c
+    uu, uv, vv, uw, vw = (ca.dot(x, y) for x, y in ((u, u), (u, v), (v, v), (u, w), (v, w)))
+    s = _clamp((uv * vw - uw * vv) / ca.fmax(uu * vv - uv * uv, 1e-12))
+    t = _clamp((uv * s + vw) / vv)
+    s = _clamp((uv * t - uw) / uu)
+    if not planar:
+        return ca.vertcat(s, t, 1.0)
+
+    def side(x: ca.SX, y: ca.SX, z: ca.SX) -> ca.SX:
+        return (y[0] - x[0]) * (z[1] - x[1]) - (y[1] - x[1]) * (z[0] - x[0])
+
+    crossed = ca.logic_and(side(a, b, c) * side(a, b, d) < 0.0, side(c, d, a) * side(c, d, b) < 0.0)
+    best = ca.vertcat(s, t, 1.0)
+    least = ca.SX(np.inf)
+    for ends in ((0.0, None), (1.0, None), (None, 0.0), (None, 1.0)):
+        if ends[0] is None:
+            one, other = _clamp((uv * ends[1] - uw) / uu), ca.SX(ends[1])
+        else:
+            one, other = ca.SX(ends[0]), _clamp((uv * ends[0] + vw) / vv)
+        gap = w + one * u - other * v
+        square = ca.dot(gap, gap)
+        better = ca.logic_and(crossed, square < least)
+        best = ca.if_else(better, ca.vertcat(one, other, -1.0), best)
+        least = ca.if_else(better, square, least)
+    return best
+
+
+def _depth(point: ca.SX, half: ca.SX) -> ca.SX:
+    """Signed distance of a point from a box, m."""
+    beyond = ca.fabs(point) - half
+    outside = ca.fmax(beyond, 0.0)
+    within = ca.fmin(ca.fmax(ca.fmax(beyond[0], beyond[1]), beyond[2]), 0.0)
+    return ca.sqrt(ca.dot(outside, outside) + _SOFT**2) + within
+
+
+def _deepest(a: ca.SX, b: ca.SX, half: ca.SX) -> ca.SX:
+    """Share of the way from a to b where the segment is nearest to a box or deepest in it."""
+    way = b - a
+    low, high = ca.SX(0.0), ca.SX(1.0)
+    for _ in range(_BISECTIONS):
+        share = 0.5 * (low + high)
+        point = a + share * way
+        beyond = ca.fabs(point) - half
+        outside = ca.fmax(beyond, 0.0)
+        most = ca.fmax(ca.fmax(beyond[0], beyond[1]), beyond[2])
+        weight = ca.if_else(most > 0.0, outside, beyond >= most)
+        rising = ca.dot(weight * ca.sign(point), way) > 0.0
+        low, high = ca.if_else(rising, low, share), ca.if_else(rising, share, high)
+    return 0.5 * (low + high)

@@ -1,0 +1,216 @@
+"""The reactionless planners as policies: plan where an episode starts, follow, then stay with the target."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from joblib import Parallel, delayed
+from numpy.typing import NDArray
+
+from agents.dual_arm import Reader
+from agents.reactionless.clearance import Surroundings, turning_target
+from agents.reactionless.fixed_path import plan_local, plan_zeta_zero
+from agents.reactionless.free import plan_free
+from agents.reactionless.ocp import plan_ocp
+from agents.reactionless.problem import Capture, Failure, Limits, Plan
+from agents.reactionless_rate import track_rates
+from agents.tracking import merged, rows_to_plan
+from space_envs.dynamics import FloatingRobot
+from space_envs.dynamics.reactionless import keep_attitude
+from space_envs.dynamics.rotations import Array, conjugate, logarithm, multiply, rotate
+from space_envs.evaluation.policy import PolicyContext
+from space_envs.models.parameters import DUAL_ARM_PLANAR, DUAL_ARM_SPATIAL
+
+MEETING = 20.0  # s after the start of the episode, when every plan ends
+TRACKING_GAIN = 1.0  # 1/s, of the joint error while a plan is followed
+ATTITUDE_GAIN = 0.3  # 1/s, of the attitude that is left
+PARALLEL_FROM = 8  # plans; fewer are made in this process
+
+
+@dataclass(frozen=True, eq=False)
+class Following:
+    """The plans of N episodes; unchanged from step to step.
+
+    Attributes:
+        position, rate: (N, T + 1, n) rad and rad/s, one sample a control period.
+        start: (N,) s, time in the episode at which each plan begins.
+        failures: (N,) None, or why there is no plan.
+    """
+
+    position: Array
+    rate: Array
+    start: Array
+    failures: NDArray[np.object_]
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What one call of a planner is given, in the frame of the satellite at its start.
+
+    Attributes:
+        capture: boundary conditions. limits: of the joints.
+        centre (3,) m, attitude (4,), spin (3,) rad/s: of the target at the start, which then turns freely.
+        half_width: m, of the target.
+    """
+
+    robot: FloatingRobot
+    capture: Capture
+    limits: Limits
+    centre: Array
+    attitude: Array
+    spin: Array
+    half_width: float
+
+    @property
+    def surroundings(self) -> Surroundings:
+        """What the arms keep away from."""
+        planar = self.capture.axis is None
+        parameters = DUAL_ARM_PLANAR if planar else DUAL_ARM_SPATIAL
+        target, side = parameters.target, 0.5 * parameters.satellite_side
+        return Surroundings(
+            radius=parameters.link_radius,
+            bus=None if planar else np.full(3, side),
+            target=np.array(target.body) * self.half_width / target.half_width,
+            motion=turning_target(self.centre, self.attitude, self.spin, np.array(target.inertia)),
+        )
+
+
+class ReactionlessPlanner:
+    """Plans with one of the methods of `agents.reactionless`; where there is no plan, the arms rest.
+
+    The plan ends `MEETING` seconds after the start of the episode, with both end-effectors as fast as their
+    grapple points; from then on the resolved rate of `agents.reactionless_rate` stays with them.
+    """
+
+    control_mode = "joint_velocity"
+    control_modes = ("joint_velocity", "reactionless")
+
+    def __init__(self, context: PolicyContext, seed: int = 0) -> None:
+        context.require_mode(*self.control_modes)
+        self.context = context
+        self.reader = Reader(context)
+        self._samples = round(MEETING / context.control_period)
+
+    @staticmethod
+    def plan(task: Task) -> Plan | Failure:
+        """The plan of one episode."""
+        raise NotImplementedError
+
+    def tasks(self, observation: Array) -> list[Task]:
+        """What is asked in each row, from observations (k, size)."""
+        reader, context = self.reader, self.context
+        ahead = MEETING - reader.field(observation, "time")[:, 0]
+        attitude = reader.quaternion(observation, "base")
+        back, origin = conjugate(attitude), reader.vector(observation, "base_position")
+        centre = rotate(back, reader.vector(observation, "target_position") - origin)
+        start = reader.field(observation, "joint_position")
+        points = reader.vectors(observation, "goal_position") - reader.vector(
+            observation, "target_position"
+        ).reshape(-1, 1, 3)
+        width = np.sqrt((points * points).sum(axis=-1)).mean(axis=-1)
+        limits = Limits(
+            position=context.joint_limits,
+            rate=context.rate_limit,
+            acceleration=context.acceleration_limit,
+            torque=float(context.model.actuator_forcerange[0, 1]),
+        )
+        target = multiply(back, reader.quaternion(observation, "target"))
+        spin = rotate(back, reader.vector(observation, "target_angular_velocity"))
+        found = []
+        for row, turn in enumerate(back):
+            motion = reader.grapples(observation[row : row + 1], ahead[row : row + 1])
+            capture = Capture(
+                start=start[row],
+                duration=float(ahead[row]),
+                position=rotate(turn, motion.position[0, -1] - origin[row]),
+                velocity=rotate(turn, motion.velocity[0, -1]),
+                axis=None if motion.axis is None else rotate(turn, motion.axis[0, -1]),
+            )
+            around = centre[row], target[row], spin[row], float(width[row])
+            found.append(Task(context.arm, capture, limits, *around))
+        return found
+
+    def _plans(self, observation: Array) -> Following:
+        tasks = self.tasks(observation)
+        if len(tasks) < PARALLEL_FROM:
+            plans: list[Any] = [self.plan(task) for task in tasks]
+        else:
+            plans = list(Parallel(n_jobs=-1)(delayed(self.plan)(task) for task in tasks))
+        times = np.arange(self._samples + 1) * self.context.control_period
+        n = self.context.arm.n_joints
+        position, rate = np.empty((2, len(tasks), len(times), n))
+        failures = np.full(len(tasks), None, dtype=object)
+        for row, (task, plan) in enumerate(zip(tasks, plans, strict=True)):
+            if isinstance(plan, Failure):
+                failures[row] = f"{plan.cause}: {plan.reason}"
+                position[row], rate[row] = task.capture.start, 0.0
+            else:
+                position[row], rate[row], _ = plan.sample(np.minimum(times, plan.time[-1]))
+        return Following(position, rate, self.reader.field(observation, "time")[:, 0], failures)
+
+    def predict(
+        self,
+        observation: Array,
+        state: Following | None = None,
+        episode_start: NDArray[np.bool_] | None = None,
+        deterministic: bool = True,
+    ) -> tuple[Array, Following]:
+        """Actions (N, n) and the plans that they follow."""
+        context, reader = self.context, self.reader
+        observation = context.check_observation(observation)
+        rows = rows_to_plan(state, episode_start, len(observation))
+        if state is None or rows.size:
+            new = self._plans(observation[rows])
+            state = new if state is None or rows.size == len(observation) else merged(state, new, rows)
+        time = reader.field(observation, "time")[:, 0]
+        step = np.rint((time - state.start) / context.control_period).astype(np.int64)
+        last = self._samples
+        every = np.arange(len(observation))
+        now, then = np.minimum(step, last), np.minimum(step + 1, last)
+        # The drives reach a rate at the end of the period: the plan's rate there is what to ask for.
+        error = state.position[every, now] - reader.field(observation, "joint_position")
+        rate = state.rate[every, then] + TRACKING_GAIN * error
+        turning = context.arm.base_map(state.position[every, then])[:, 3:]
+        attitude = logarithm(reader.quaternion(observation, "base"))
+        rate = keep_attitude(turning, rate, -ATTITUDE_GAIN * attitude)
+        over = np.flatnonzero(step >= last)
+        if over.size:
+            planned = np.array([failure is None for failure in state.failures[over]])
+            rate[over] = track_rates(reader, observation[over]) * planned[:, None]
+        return np.clip(rate / context.action_scale, -1.0, 1.0), state
+
+
+class ZetaZero(ReactionlessPlanner):
+    """Polynomial end-effector paths with zeta = 0."""
+
+    @staticmethod
+    def plan(task: Task) -> Plan | Failure:
+        """Method (a)."""
+        return plan_zeta_zero(task.robot, task.capture, task.limits)
+
+
+class Local(ReactionlessPlanner):
+    """Polynomial end-effector paths with the least kinetic energy at each instant."""
+
+    @staticmethod
+    def plan(task: Task) -> Plan | Failure:
+        """Method (b)."""
+        return plan_local(task.robot, task.capture, task.limits)
+
+
+class OptimalControl(ReactionlessPlanner):
+    """Polynomial end-effector paths with the least energy over the motion, from rest."""
+
+    @staticmethod
+    def plan(task: Task) -> Plan | Failure:
+        """Method (c)."""
+        return plan_ocp(task.robot, task.capture, task.limits, from_rest=True)
+
+
+class FreePaths(ReactionlessPlanner):
+    """Paths free between their ends, clear of everything, with the least energy over the motion."""
+
+    @staticmethod
+    def plan(task: Task) -> Plan | Failure:
+        """Method (d)."""
+        return plan_free(task.robot, task.capture, task.limits, task.surroundings)

@@ -1,0 +1,95 @@
+"""`python -m reproduce PAPER`: a paper's figures, energies and claims from our own runs, as one page."""
+
+import argparse
+import importlib
+import os
+import shlex
+import sys
+from pathlib import Path
+from time import perf_counter
+
+from rich.console import Console
+
+from reproduce.page import write_docs, write_page
+from reproduce.study import STUDIES, Options
+from space_envs.errors import ConfigurationError, SpaceEnvsError, unknown_name
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    out = argparse.ArgumentParser(
+        prog="python -m reproduce",
+        description="Reproduce a paper: its figures, its tables and its claims, each tested on the paper's "
+        "own case and on random ones. Writes one self-contained HTML page, the same as Markdown, the figures "
+        "and the numbers. A run that was stopped goes on where it was.",
+        epilog="Example: python -m reproduce shah2013 --quick",
+    )
+    out.add_argument("paper", help=", ".join(STUDIES))
+    out.add_argument("--quick", action="store_true", help="few random cases; the page says so")
+    out.add_argument("--output", type=Path, metavar="DIR", help="folder (default results/PAPER)")
+    every = ", ".join(f"{study.name} {study.cases}, quick {study.quick}" for study in STUDIES.values())
+    out.add_argument("--cases", type=int, metavar="N", help=f"number of random cases (default: {every})")
+    out.add_argument("--seed", type=int, default=0, metavar="S", help="of the random cases (default 0)")
+    out.add_argument(
+        "--jobs", type=int, default=os.cpu_count() or 1, metavar="J", help="processes (default: all cores)"
+    )
+    out.add_argument(
+        "--docs", type=Path, metavar="DIR", help="also write the lasting part as DIR/PAPER.md with DIR/images"
+    )
+    return out
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command; returns the exit status."""
+    options = parser().parse_args(arguments)
+    words = sys.argv[1:] if arguments is None else arguments
+    try:
+        run(options, words)
+    except SpaceEnvsError as error:
+        print(f"python -m reproduce: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print(
+            "python -m reproduce: stopped; finished cases are kept, the same command goes on", file=sys.stderr
+        )
+        return 130
+    return 0
+
+
+def run(options: argparse.Namespace, words: list[str]) -> None:
+    """Reproduce as the options say.
+
+    Raises:
+        SpaceEnvsError: for options that are not valid, before anything is worked out.
+    """
+    if options.paper not in STUDIES:
+        raise unknown_name("paper", options.paper, STUDIES)
+    study = STUDIES[options.paper]
+    cases = options.cases if options.cases is not None else study.quick if options.quick else study.cases
+    for name, value, least in (("cases", cases, 1), ("seed", options.seed, 0), ("jobs", options.jobs, 1)):
+        if value < least:
+            raise ConfigurationError(f"{name} must be at least {least}, got {value}")
+    if options.docs is not None and not options.docs.is_dir():
+        raise ConfigurationError(f"--docs must name a folder that is there, got {options.docs}")
+    output = options.output or Path("results") / study.name
+    started = perf_counter()
+    asked = Options(
+        output=output,
+        cases=cases,
+        seed=options.seed,
+        jobs=options.jobs,
+        quick=options.quick,
+        command=shlex.join(["python", "-m", "reproduce", *words]),
+    )
+    page = importlib.import_module(f"reproduce.{study.name}").reproduce(asked)
+    paths = write_page(page, output)
+    if options.docs is not None:
+        paths["Documentation"] = write_docs(page, options.docs)
+    console = Console()
+    console.print(f"{study.name}: {perf_counter() - started:.0f} s", highlight=False)
+    for label, path in paths.items():
+        console.print(f"{label + ':':15}{path}", highlight=False, soft_wrap=True, markup=False)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,100 @@
+"""A paper's claims put to the test: on the paper's own case, and over random ones.
+
+One rule is applied to every record alike. It answers yes, no, or None where a case lacks what the claim is
+about (a method that found no plan); such cases are not in the denominator, and their number is shown.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from space_envs.evaluation.statistics import CONFIDENCE, wilson_interval
+
+Record = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Rule:
+    """A claim before it is tested.
+
+    Attributes:
+        key: short name. where: section and figure of the paper.
+        says: what the paper says, near to its words. counted: what has to be so for the claim to hold.
+        measured: the figures of a record that decide, as a sentence.
+        test: whether the claim holds in a record; None where it cannot be asked. A rule without a test is
+            reported and not counted.
+        remark: what a reader has to know to read the result rightly.
+    """
+
+    key: str
+    where: str
+    says: str
+    counted: str
+    measured: Callable[[Record], str]
+    test: Callable[[Record], bool | None] | None = None
+    remark: str = ""
+
+
+@dataclass(frozen=True)
+class Share:
+    """In how many of the cases something holds; `left_out` of the cases could not be asked."""
+
+    holds: int
+    of: int
+    left_out: int = 0
+
+    @property
+    def rate(self) -> float:
+        """0 to 1; NaN where there is nothing to count."""
+        return self.holds / self.of if self.of else float("nan")
+
+    @property
+    def interval(self) -> str:
+        """The ends of the Wilson interval, in percent."""
+        if not self.of:
+            return ""
+        found = wilson_interval(self.holds, self.of)
+        return f"{100 * found.low:.0f} to {100 * found.high:.0f} %"
+
+    def __str__(self) -> str:
+        if not self.of:
+            return "no case"
+        return f"{self.holds} of {self.of} ({100 * self.rate:.0f} %, {self.interval})"
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A rule with its results: on the paper's case, and over random cases where it is counted."""
+
+    rule: Rule
+    measured: str
+    holds: bool | None
+    share: Share | None
+
+    @property
+    def verdict(self) -> str:
+        """On the paper's case, in a word."""
+        return {True: "holds", False: "does not hold", None: "not decided"}[self.holds]
+
+
+SHARE_NOTE = f"Ranges of shares are {100 * CONFIDENCE:.0f} % Wilson intervals."
+
+
+def count(test: Callable[[Record], bool | None], records: Iterable[Record]) -> Share:
+    """How often `test` says yes among the records in which it can be asked."""
+    answers = [test(record) for record in records]
+    asked = [answer for answer in answers if answer is not None]
+    return Share(sum(asked), len(asked), len(answers) - len(asked))
+
+
+def settle(rules: Sequence[Rule], own: Record, cases: Sequence[Record]) -> list[Claim]:
+    """Apply every rule to the paper's own case and to the random ones."""
+    return [
+        Claim(
+            rule,
+            rule.measured(own),
+            None if rule.test is None else rule.test(own),
+            None if rule.test is None else count(rule.test, cases),
+        )
+        for rule in rules
+    ]

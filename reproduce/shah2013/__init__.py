@@ -1,0 +1,32 @@
+"""shah2013: energy optimum reactionless path planning with a dual-arm robot, from our own runs."""
+
+from functools import partial
+
+from tqdm import tqdm
+
+from reproduce.cases import run_cases
+from reproduce.page import Page
+from reproduce.shah2013.cases import CANONICAL, Sampler
+from reproduce.shah2013.runs import case_record, recipe_key, work_out
+from reproduce.shah2013.text import build
+from reproduce.study import Options
+
+
+def reproduce(options: Options) -> Page:
+    """Work out the canonical case and the random ones, and make the page of them.
+
+    Raises:
+        SpaceEnvsError: if the output cannot be written.
+    """
+    sampler = Sampler()
+    with tqdm(total=1, desc="canonical", unit="case", disable=not options.progress) as bar:
+        worked = work_out(CANONICAL)
+        bar.update()
+    records = run_cases(
+        partial(case_record, seed=options.seed, sampler=sampler),
+        options.cases,
+        options.output / "cases" / f"{recipe_key(options.seed, sampler)}.jsonl",
+        jobs=options.jobs,
+        progress=options.progress,
+    )
+    return build(options, sampler, worked, records)

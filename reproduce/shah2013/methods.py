@@ -1,0 +1,89 @@
+"""The methods that are compared: the paper's three, and the one with free paths."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from agents.reactionless.fixed_path import plan_local, plan_zeta_zero
+from agents.reactionless.free import plan_free
+from agents.reactionless.ocp import plan_ocp
+from agents.reactionless.problem import Failure, Limits, Plan
+from reproduce.shah2013.cases import JOINT_LIMITS, Case, planar_robot
+from space_envs.evaluation.figures import BLUE, GREEN, ORANGE, PURPLE, VERMILION
+from space_envs.models.parameters import DUAL_ARM_PLANAR
+
+ACCELERATION = 0.1  # rad/s^2, of the methods that start from rest by an optimisation
+
+
+@dataclass(frozen=True)
+class Method:
+    """A method: `letter` and `name` on the page, what it is, how it plans."""
+
+    key: str
+    letter: str
+    name: str
+    what: str
+    colour: str
+    plan: Callable[[Case], Plan | Failure]
+
+    @property
+    def title(self) -> str:
+        """Letter and name."""
+        return f"({self.letter}) {self.name}"
+
+
+# The paper bounds joint angles and controls and names no figures; these are the joints' own limits.
+_PATHS = Limits(position=JOINT_LIMITS)
+_REST = Limits(position=JOINT_LIMITS, acceleration=ACCELERATION)
+_DRIVES = Limits(
+    position=JOINT_LIMITS,
+    rate=DUAL_ARM_PLANAR.rate_limit,
+    acceleration=ACCELERATION,
+    torque=DUAL_ARM_PLANAR.torque_limit,
+)
+
+
+METHODS = {
+    method.key: method
+    for method in (
+        Method(
+            "zeta_zero",
+            "a",
+            "ζ = 0",
+            "end-effector paths by eq. 10, joint rates by eq. 9 with ζ = 0",
+            BLUE,
+            lambda case: plan_zeta_zero(planar_robot(), case.capture, _PATHS),
+        ),
+        Method(
+            "local",
+            "b",
+            "local optimisation",
+            "the same paths, least kinetic energy at each instant (eq. 13)",
+            VERMILION,
+            lambda case: plan_local(planar_robot(), case.capture, _PATHS),
+        ),
+        Method(
+            "ocp",
+            "c",
+            "optimal control",
+            "the same paths, least energy over the whole time (eq. 16); joint rates may jump at t = 0",
+            GREEN,
+            lambda case: plan_ocp(planar_robot(), case.capture, _PATHS),
+        ),
+        Method(
+            "ocp_rest",
+            "c′",
+            "optimal control from rest",
+            f"the same, starting at rest with joint accelerations up to {ACCELERATION} rad/s²",
+            ORANGE,
+            lambda case: plan_ocp(planar_robot(), case.capture, _REST, from_rest=True),
+        ),
+        Method(
+            "free",
+            "d",
+            "free paths",
+            "only start, grapple points and end velocities given; from rest, within the limits of the drives",
+            PURPLE,
+            lambda case: plan_free(planar_robot(), case.capture, _DRIVES),
+        ),
+    )
+}

@@ -1,0 +1,111 @@
+"""What is worked out about a case: all plans, their figures, and their simulation at torque level."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+import space_envs
+from agents.reactionless import problem
+from agents.reactionless.problem import Failure, Plan
+from agents.reactionless.tracking import FINE, Tracked, Tracking, track
+from reproduce.cases import Record, config_key, source_digest
+from reproduce.shah2013.cases import Case, Sampler
+from reproduce.shah2013.measures import SAMPLES, Curves, curves, record
+from reproduce.shah2013.methods import ACCELERATION, METHODS
+
+COARSE = Tracking()  # the suite's own step and control period
+BEFORE = 2.0  # s before the fastest change of zeta, at which (a) and (b) are compared
+
+
+@dataclass(frozen=True, eq=False)
+class Worked:
+    """A case with everything that figures need; dictionaries are by method, of those that found a plan."""
+
+    case: Case
+    plans: Mapping[str, Plan]
+    curves: Mapping[str, Curves]
+    coarse: Mapping[str, Tracked]
+    fine: Mapping[str, Tracked]
+    record: Record
+
+
+def work_out(case: Case) -> Worked:
+    """Plan with every method, measure, and simulate at torque level.
+
+    The record is a plain JSON object: `index`, `case`, `methods` with the figures of
+    `reproduce.shah2013.measures.record` and the peak base rates at torque level, or cause and reason of a
+    failure, and `timing`, s, which alone depends on the clock.
+    """
+    plans: dict[str, Plan] = {}
+    figures: dict[str, Any] = {}
+    timing: dict[str, float] = {}
+    courses: dict[str, Curves] = {}
+    coarse: dict[str, Tracked] = {}
+    fine: dict[str, Tracked] = {}
+    for key, method in METHODS.items():
+        started = perf_counter()
+        found = method.plan(case)
+        timing[key] = perf_counter() - started
+        if isinstance(found, Failure):
+            figures[key] = {"cause": str(found.cause), "reason": found.reason}
+            continue
+        plans[key], courses[key] = found, curves(found)
+        coarse[key], fine[key] = track(found, how=COARSE), track(found, how=FINE)
+        figures[key] = record(found, courses[key], case) | {
+            "tracked_base_rate": coarse[key].peak_base_rate,
+            "tracked_base_rate_fine": fine[key].peak_base_rate,
+            "tracked_momentum_fine": float(fine[key].momentum.max()),
+        }
+    if "zeta_zero" in courses and "local" in courses:
+        figures["local"]["lead"] = _lead(courses["local"], courses["zeta_zero"], figures["local"])
+    return Worked(
+        case,
+        plans,
+        courses,
+        coarse,
+        fine,
+        {"index": case.index, "case": case.to_dict(), "methods": figures, "timing": timing},
+    )
+
+
+def case_record(index: int, seed: int, sampler: Sampler) -> Record:
+    """The record of a random case."""
+    return work_out(sampler.draw(seed, index)).record
+
+
+def recipe(seed: int, sampler: Sampler) -> dict[str, Any]:
+    """All that decides the records of random cases."""
+    suite, own = Path(space_envs.__file__).parent, Path(__file__).parent
+    sources = [
+        Path(problem.__file__).parent,
+        suite / "dynamics",
+        suite / "models",
+        *(own / f"{name}.py" for name in ("cases", "measures", "methods", "runs")),
+    ]
+    return {
+        "study": "shah2013",
+        "seed": seed,
+        "sampler": asdict(sampler),
+        "samples": SAMPLES,
+        "acceleration": ACCELERATION,
+        "coarse": asdict(COARSE),
+        "fine": asdict(FINE),
+        "sources": source_digest(sources),
+        "versions": {name: version(name) for name in ("numpy", "scipy", "casadi", "mujoco")},
+    }
+
+
+def recipe_key(seed: int, sampler: Sampler) -> str:
+    """Hash of the recipe."""
+    return config_key(recipe(seed, sampler))
+
+
+def _lead(local: Curves, zero: Curves, figures: Mapping[str, float]) -> float:
+    """Energy of (b) less that of (a), J s, shortly before zeta of (b) changes fastest."""
+    then = max(0.0, figures["zeta_jolt_time"] - BEFORE)
+    return float(np.interp(then, local.time, local.energy) - np.interp(then, zero.time, zero.energy))

@@ -1,0 +1,163 @@
+"""Motion of several end-effectors that leaves the base's attitude alone, batched.
+
+All quantities are in base axes. At zero momentum a joint motion turns the base at w0 = W thetadot, W being
+the angular half of the base map; W thetadot = 0 is the reactionless constraint, eq. 4 of shah2013.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from space_envs.dynamics.floating import FloatingRobot, Kinematics
+from space_envs.dynamics.rotations import Array, cross
+
+_TINY = 1e-12  # of W W', which in the plane has two rows of zeros
+_STEPS = 90
+_LARGEST_STEP = 0.06  # rad
+
+
+class Tips(NamedTuple):
+    """End-effectors of a robot: position (..., k, 3) m, approach axis z (..., k, 3), and their Jacobians at
+    zero momentum, linear and angular (..., k, 3, n); turning (..., 3, n) is W."""
+
+    position: Array
+    axis: Array
+    linear: Array
+    angular: Array
+    turning: Array
+
+
+def tips(robot: FloatingRobot, q: Array, kinematics: Kinematics | None = None) -> Tips:
+    """All end-effectors for joint angles q (..., n) rad, in the base frame."""
+    k = robot.kinematics(q) if kinematics is None else kinematics
+    base_map = robot.base_map(q)
+    v0, w0 = base_map[..., None, :3, :], base_map[..., 3:, :]
+    links = robot.tip_link - 1
+    rotation = k.rotation[..., links, :, :]
+    position = k.position[..., links, :] + (rotation @ robot.tip_offset[..., None])[..., 0]
+    axis = (rotation @ robot.tip_mounting)[..., 2]
+    carries = robot.carries.T[links][..., None]  # (k, n, 1)
+    axes = k.axis[..., None, :, :] * carries
+    arm = cross(axes, position[..., :, None, :] - k.position[..., None, :, :])
+    # A turn w0 of the base carries the point at p along at w0 x p.
+    carried = -cross(position[..., :, None, :], w0.swapaxes(-1, -2)[..., None, :, :])
+    linear = (arm + carried).swapaxes(-1, -2) + v0
+    angular = axes.swapaxes(-1, -2) + w0[..., None, :, :]
+    return Tips(position, axis, linear, angular, w0)
+
+
+def reactionless_rates(
+    now: Tips,
+    velocity: Array,
+    turn: Array | None = None,
+    base_rate: Array | None = None,
+    posture: Array | None = None,
+    damping: float = 0.03,
+    weight: float = 0.5,
+) -> Array:
+    """Joint rates (..., n) rad/s that come nearest to what the end-effectors shall do and turn the base at
+    `base_rate` exactly, whatever the damping: eq. 9 of shah2013 with a damped inverse.
+
+    Args:
+        now: of `tips`. velocity: (..., k, 3) m/s of the end-effectors, inertial but in base axes.
+        turn: (..., k, 3) rad/s, angular velocity across the approach axis; None leaves it free.
+        base_rate: (..., 3) rad/s of the base; None is zero.
+        posture: (..., n) rad/s that the joints shall have where nothing else is asked of them; None is rest.
+        damping: of the inverse, in m/rad. weight: m/rad, of turning against moving.
+    """
+    n = now.turning.shape[-1]
+    batch = now.turning.shape[:-2]
+    square = now.turning @ now.turning.swapaxes(-1, -2) + _TINY * np.eye(3)
+    back = now.turning.swapaxes(-1, -2) @ np.linalg.inv(square)
+    # Applied twice: the small regularisation leaves a share of _TINY / W W' of the turning, then its square.
+    null = np.eye(n) - back @ now.turning
+    null = null - back @ (now.turning @ null)
+    rows = now.linear.reshape(*batch, -1, n)
+    wanted = velocity.reshape(*batch, -1)
+    if turn is not None:
+        across = np.eye(3) - now.axis[..., :, None] * now.axis[..., None, :]
+        rows = np.concatenate([rows, weight * (across @ now.angular).reshape(*batch, -1, n)], axis=-2)
+        wanted = np.concatenate([wanted, weight * turn.reshape(*batch, -1)], axis=-1)
+    given = np.zeros((*batch, n)) if base_rate is None else (back @ base_rate[..., None])[..., 0]
+    if posture is not None:
+        given = given + (null @ posture[..., None])[..., 0]
+    rest = wanted - (rows @ given[..., None])[..., 0]
+    free = rows @ null
+    inner = free @ free.swapaxes(-1, -2) + damping**2 * np.eye(rows.shape[-2])
+    return given + (free.swapaxes(-1, -2) @ np.linalg.solve(inner, rest[..., None]))[..., 0]
+
+
+def keep_attitude(turning: Array, rate: Array, base_rate: Array | None = None) -> Array:
+    """Change joint rates (..., n) as little as possible, so that they turn the base at `base_rate` (..., 3).
+
+    Args:
+        turning: (..., 3, n) of `tips`. base_rate: rad/s, base axes; None is zero.
+    """
+    excess = (turning @ rate[..., None])[..., 0]
+    if base_rate is not None:
+        excess = excess - base_rate
+    square = turning @ turning.swapaxes(-1, -2) + _TINY * np.eye(3)
+    return rate - (turning.swapaxes(-1, -2) @ np.linalg.solve(square, excess[..., None]))[..., 0]
+
+
+def axis_turn(axis: Array, wanted: Array) -> Array:
+    """Rotation vectors (..., 3), rad, that turn unit vectors (..., 3) the short way onto others."""
+    normal = cross(axis, wanted)
+    sine = np.sqrt((normal * normal).sum(axis=-1, keepdims=True))
+    cosine = (axis * wanted).sum(axis=-1, keepdims=True)
+    opposite = (sine < 1e-9) & (cosine < 0.0)
+    if opposite.any():
+        # Any perpendicular will do.
+        least = np.eye(3)[np.abs(axis).argmin(axis=-1)]
+        other = cross(axis, least)
+        other = other / np.sqrt((other * other).sum(axis=-1, keepdims=True))
+        normal, sine = np.where(opposite, 1e-9 * other, normal), np.where(opposite, 1e-9, sine)
+    return normal * (np.arctan2(sine, cosine) / np.maximum(sine, 1e-300))
+
+
+def com(robot: FloatingRobot, kinematics: Kinematics) -> Array:
+    """Centre of mass (..., 3) of the whole robot in the base frame, m."""
+    total = robot.mass.sum()
+    return (robot.mass[1:] @ kinematics.com + robot.mass[0] * robot.com[0]) / total
+
+
+class Reached(NamedTuple):
+    """Where a roll-out ended: q (K, n) rad, and what is left: m and, of the approach axes, rad (K,)."""
+
+    q: Array
+    distance: Array
+    angle: Array
+
+
+def reach(robot: FloatingRobot, start: Array, position: Array, axis: Array | None = None) -> Reached:
+    """Roll out a reactionless motion that takes the end-effectors to points that rest.
+
+    The base keeps its attitude and starts at the origin; steps are of second order, so the motion that is
+    approximated is reactionless all along. That a goal was reached so proves that it can be.
+
+    Args:
+        start: (K, n) rad. position: (K, k, 3) m, inertial frame. axis: (K, k, 3) approach axes, or None.
+    """
+    q = np.array(start, dtype=np.float64)
+    origin = com(robot, robot.kinematics(q))
+    turn = None
+    for _ in range(_STEPS):
+        now, left, turn = _left(robot, q, origin, position, axis)
+        change = reactionless_rates(now, 0.3 * left, None if turn is None else 0.3 * turn)
+        change *= np.minimum(_LARGEST_STEP / np.maximum(np.abs(change).max(axis=-1), 1e-12), 1.0)[:, None]
+        # The step is projected at its middle.
+        q = q + keep_attitude(robot.base_map(q + 0.5 * change)[..., 3:, :], change)
+    _, left, turn = _left(robot, q, origin, position, axis)
+    distance = np.sqrt((left * left).sum(axis=-1)).max(axis=-1)
+    angle = np.zeros(len(q)) if turn is None else np.sqrt((turn * turn).sum(axis=-1)).max(axis=-1)
+    return Reached(q, distance, angle)
+
+
+def _left(
+    robot: FloatingRobot, q: Array, origin: Array, position: Array, axis: Array | None
+) -> tuple[Tips, Array, Array | None]:
+    kinematics = robot.kinematics(q)
+    now = tips(robot, q, kinematics)
+    # The common centre of mass stays, so the base moves against what it does in the base frame.
+    base = (origin - com(robot, kinematics))[:, None]
+    return now, position - (now.position + base), None if axis is None else axis_turn(now.axis, axis)

@@ -1,0 +1,383 @@
+"""What the two dual-arm tasks share: a tumbling target with a grapple point for each arm.
+
+The target turns freely in the inertial frame; its grapple points lie on opposite sides of its centre, and
+arm 1 has to be at the first and arm 2 at the second, as fast as they move, for long enough. A goal is drawn
+as the pose that the target will have after `MEETING` seconds, and is kept if a reactionless motion of the
+resting robot reaches it: every goal can be captured without turning the satellite.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from importlib.resources import files
+from typing import ClassVar
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from space_envs.dynamics import FloatingRobot
+from space_envs.dynamics.floating import Kinematics
+from space_envs.dynamics.reactionless import com, reach
+from space_envs.dynamics.rigid_body import tumble
+from space_envs.dynamics.rotations import Array, canonical, conjugate, rotate
+from space_envs.errors import GoalError
+from space_envs.models.dual_arm import END_EFFECTORS, GRAPPLES, DualArmOptions, dual_arm_model
+from space_envs.models.parameters import TargetParameters
+from space_envs.simulation import Simulation
+from space_envs.tasks.base import BLOCK, CaptureTask
+from space_envs.tasks.common import DIFFICULTIES, Goals, ObservationLayout
+
+# Largest steps of docs/momentum.md whose drift stays well inside the bound, s.
+DEFAULT_TIMESTEP = {"planar": 0.02, "spatial": 0.01}
+SPLIT_SIZE = {"train": 1024, "validation": 256, "test": 512, "ood": 512}
+MEETING = 20.0  # s after the start, when the target is where the goal was drawn
+ROUNDS = 200  # of drawing goals again that cannot be reached
+REACHED = (1e-3, np.deg2rad(0.2))  # m and rad left at the end of the motion that proves a goal reachable
+LIMIT_MARGIN = 0.25  # rad, of that motion's end from the joint limits
+CLEARANCE = 0.06  # m, between the links of different arms, at the start and at the end of that motion
+OOD_FACTOR = (1.0, 1.5)  # of the difficulty's largest spin and displacement
+OOD_MASS = (0.8, 1.2)  # factor on the satellite's mass and inertia
+
+
+@dataclass(frozen=True)
+class TargetGoals(Goals):
+    """Targets at the start of an episode.
+
+    Attributes:
+        position: (K, 3) m, centre, inertial frame, where it stays. quaternion: (K, 4), body to inertial.
+        angular_velocity: (K, 3) rad/s, inertial axes. half_width: (K,) m, grapple points from the centre.
+    """
+
+    position: Array
+    quaternion: Array
+    angular_velocity: Array
+    half_width: Array
+
+
+@dataclass(frozen=True)
+class Draws:
+    """Ranges that goals are drawn from: easy, medium, hard.
+
+    Attributes:
+        centre: (3,) m, about which the target's centre lies. displacement: m, largest, along each axis.
+        turn: rad, largest turn of the target away from its nominal attitude, at the meeting.
+        spin: rad/s, largest. start: rad, largest displacement of a joint from home.
+        half_width: m, least and largest.
+    """
+
+    centre: tuple[float, float, float]
+    displacement: tuple[float, float, float]
+    turn: tuple[float, float, float]
+    spin: tuple[float, float, float]
+    start: tuple[float, float, float]
+    half_width: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class DualArmTask(CaptureTask):
+    """The part of a dual-arm task that is the same in the plane and in space."""
+
+    kind: ClassVar[str]
+    target: ClassVar[TargetParameters]
+    draws: ClassVar[Draws]
+    way_in: ClassVar[Array | None]  # (2, 3) approach axes in the target's frame; None where any will do
+    measured: ClassVar[tuple[tuple[str, slice], ...]]  # sensors, in the order of the layout
+    outward: ClassVar[Array]  # (2, 3) unit vectors from the target's centre to its grapple points
+    seeds: ClassVar[Mapping[str, int]]
+    split_sizes = SPLIT_SIZE
+
+    @property
+    def default_timestep(self) -> float:
+        """By robot, s."""
+        return DEFAULT_TIMESTEP[self.kind]
+
+    @property
+    def options(self) -> DualArmOptions:
+        """Of the model that is simulated."""
+        return DualArmOptions(self.kind, self.step_size)
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The compiled model, shared and read-only."""
+        return dual_arm_model(self.options)
+
+    @property
+    def render_model(self) -> mujoco.MjModel:
+        """The same model with its drawn geometry."""
+        options = self.options
+        return dual_arm_model(DualArmOptions(options.kind, options.timestep, True, options.mounts))
+
+    @property
+    def robot(self) -> FloatingRobot:
+        """The robot's momentum-level mathematics, read from the model."""
+        return _robot(self.kind, self.options.mounts)
+
+    def grapples(self, half_width: Array) -> Array:
+        """Grapple points (K, 2, 3) in the target's frame, m, for half widths (K,)."""
+        return half_width[:, None, None] * self.outward
+
+    def goal_block(self, split: str, block: int) -> TargetGoals:
+        """Goals of a block."""
+        return _goal_block(type(self), self.options.mounts, self.difficulty, split, block)
+
+    def turned(self, rng: np.random.Generator, largest: float) -> Array:
+        """Draw an attitude (4,) of the target at the meeting."""
+        raise NotImplementedError
+
+    def spun(self, rng: np.random.Generator, least: float, largest: float) -> Array:
+        """Draw an angular velocity (3,) of the target at the meeting, rad/s."""
+        raise NotImplementedError
+
+    def checked_goals(
+        self,
+        position: Array,
+        quaternion: Array,
+        angular_velocity: Array,
+        half_width: Array,
+        joint_position: Array | None,
+    ) -> TargetGoals:
+        """Goals (K) from a user's numbers.
+
+        Raises:
+            GoalError: for NaN, a size that is none, a target in the satellite or a grapple point out of reach
+                of its arm at the start of the episode.
+        """
+        for name, value in (("target", position), ("spin", angular_velocity), ("size", half_width)):
+            if not np.isfinite(value).all():
+                raise GoalError(f"a goal must be finite, got a {name} with NaN or infinity")
+        if (half_width <= 0).any() or (half_width > 1.0).any():
+            raise GoalError(f"target_half_width must lie in (0, 1] m, got {half_width.tolist()}")
+        norm = np.linalg.norm(quaternion, axis=-1, keepdims=True)
+        if (abs(norm - 1.0) > 1e-3).any():
+            raise GoalError(
+                f"target_quaternion must be a unit quaternion (w, x, y, z), got norm {norm.ravel().tolist()}"
+            )
+        quaternion = canonical(quaternion / norm)
+        robot, k = self.robot, len(position)
+        start = np.broadcast_to(robot.home if joint_position is None else joint_position, (k, robot.n_joints))
+        origin = com(robot, robot.kinematics(start))
+        points = position[:, None] + rotate(quaternion[:, None], self.grapples(half_width))
+        distance = np.linalg.norm(points - origin[:, None], axis=-1)
+        for arm in range(2):
+            far, most = distance[:, arm].max(), robot.reach(arm)
+            if far > most:
+                raise GoalError(
+                    f"grapple point {arm + 1} out of reach: {far:.2f} m from the system's centre of mass, "
+                    f"the reach of its arm is {most:.2f} m"
+                )
+        if (np.abs(position).max(axis=-1) < 0.5).any():
+            raise GoalError(f"target inside the satellite: {position.tolist()} m")
+        return TargetGoals(np.ones(k), start, position, quaternion, angular_velocity, half_width)
+
+    def place(self, simulation: Simulation, rows: NDArray[np.int64], goals: TargetGoals) -> None:
+        """Put the target where the goals say, turning."""
+        simulation.place_sites(rows, GRAPPLES, self.grapples(goals.half_width))
+        n = simulation.n_joints
+        if simulation.planar:
+            angle = 2.0 * np.arctan2(goals.quaternion[:, 3], goals.quaternion[:, 0])
+            simulation.qpos[rows, 3 + n : 5 + n] = goals.position[:, :2]
+            simulation.qpos[rows, 5 + n] = angle
+            simulation.qvel[rows, 5 + n] = goals.angular_velocity[:, 2]
+        else:
+            simulation.qpos[rows, 7 + n : 10 + n] = goals.position
+            simulation.qpos[rows, 10 + n : 14 + n] = goals.quaternion
+            spin = rotate(conjugate(goals.quaternion), goals.angular_velocity)
+            simulation.qvel[rows, 9 + n : 12 + n] = spin
+
+    def dress(self, model: mujoco.MjModel, data: mujoco.MjData | None, goals: TargetGoals, row: int) -> None:
+        """Give the drawn target the goal's size."""
+        from space_envs.models.dual_appearance import scale_target  # pictures are rare
+
+        scale_target(model, float(goals.half_width[row]))
+
+    def arms(self, squares: Array) -> Array:
+        """`norms` (N, 5) from squares (N, 7): position, angle, velocity of arm 1, of arm 2; eq. 20."""
+        each = np.sqrt(squares)
+        out = np.zeros((len(each), 5))
+        np.maximum(each[:, :3], each[:, 3:6], out=out[:, :3])
+        out[:, 4] = each[:, 6]
+        return out
+
+
+def sensor_columns(model: mujoco.MjModel, measured: tuple[tuple[str, slice], ...]) -> NDArray[np.int64]:
+    """Columns of the sensor data that an observation begins with."""
+    columns: list[int] = []
+    for name, part in measured:
+        sensor = model.sensor(name)
+        start, size = int(sensor.adr[0]), int(sensor.dim[0])
+        columns += list(range(start, start + size))[part]
+    return np.array(columns)
+
+
+def squares_matrix(layout: ObservationLayout, rows: Mapping[str, int], c: float) -> Array:
+    """(size, 7) from squared observations to the squares that `DualArmTask.arms` takes.
+
+    Args:
+        rows: first of the three columns of arm 1 that a field of two vectors, one an arm, belongs to.
+        c: m/rad of eq. 20.
+    """
+    matrix = np.zeros((layout.size, 7))
+    for name, column in rows.items():
+        part = layout.slices[name]
+        half = (part.stop - part.start) // 2
+        matrix[part.start : part.start + half, column] = 1.0
+        matrix[part.start + half : part.stop, 3 + column] = 1.0
+    matrix[layout.slices["base_linear_velocity"], 6] = 1.0
+    matrix[layout.slices["base_angular_velocity"], 6] = c**2
+    return matrix
+
+
+@lru_cache(maxsize=16)
+def _robot(kind: str, mounts: tuple[tuple[float, float], ...] | None) -> FloatingRobot:
+    model = dual_arm_model(DualArmOptions(kind, mounts=mounts))
+    return FloatingRobot.from_model(model, end_effectors=END_EFFECTORS)
+
+
+@lru_cache(maxsize=512)
+def _goal_block(
+    kind: type[DualArmTask],
+    mounts: tuple[tuple[float, float], ...] | None,
+    difficulty: str,
+    split: str,
+    block: int,
+) -> TargetGoals:
+    """Goals block * BLOCK ... of a split, from seeds alone."""
+    rows = slice(block * BLOCK, (block + 1) * BLOCK)
+    if mounts is None:
+        attempts = frozen_attempts(f"{kind.kind}_{difficulty}_{split}")[rows]
+    else:
+        attempts = find_attempts(kind, mounts, difficulty, split, block)
+    goals = _drawn(
+        kind(), _robot(kind.kind, mounts), difficulty, split, np.arange(BLOCK) + rows.start, attempts
+    )
+    # From the meeting back to the start.
+    attitude, spin = tumble(
+        goals.quaternion, goals.angular_velocity, np.array(kind.target.inertia), np.array([-MEETING])
+    )
+    return replace(goals, quaternion=canonical(attitude[:, 0]), angular_velocity=spin[:, 0])
+
+
+@lru_cache(maxsize=1)
+def _frozen() -> dict[str, NDArray[np.int64]]:
+    with np.load(str(files("space_envs") / "tasks" / "dual_arm_attempts.npz"), allow_pickle=False) as archive:
+        return {name: archive[name].astype(np.int64) for name in archive.files}
+
+
+def frozen_attempts(name: str) -> NDArray[np.int64]:
+    """Which draw of each goal of a split is the first that can be reached, as `freeze.py` found out."""
+    return _frozen()[name]
+
+
+def find_attempts(
+    kind: type[DualArmTask],
+    mounts: tuple[tuple[float, float], ...] | None,
+    difficulty: str,
+    split: str,
+    block: int,
+) -> NDArray[np.int64]:
+    """Draw the goals of a block until each can be reached; (BLOCK,) number of draws that were in vain.
+
+    Raises:
+        GoalError: if that does not come to an end.
+    """
+    task, robot = kind(), _robot(kind.kind, mounts)
+    attempts, left = np.zeros(BLOCK, dtype=np.int64), np.arange(BLOCK)
+    for _ in range(ROUNDS):
+        tried = _drawn(task, robot, difficulty, split, block * BLOCK + left, attempts[left])
+        left = left[~_reachable(task, robot, tried)]
+        if not len(left):
+            return attempts
+        attempts[left] += 1
+    raise GoalError(f"{len(left)} goals of split {split!r} could not be drawn: no candidate is reachable")
+
+
+def _drawn(
+    task: DualArmTask,
+    robot: FloatingRobot,
+    difficulty: str,
+    split: str,
+    indices: NDArray[np.int64],
+    attempts: NDArray[np.int64],
+) -> TargetGoals:
+    """Goals (k) as they are at the meeting, from seed, index and attempt."""
+    level = DIFFICULTIES.index(difficulty)
+    drawn = [
+        _draw(task, robot, level, split == "ood", np.random.default_rng([task.seeds[split], level, *pair]))
+        for pair in zip(indices.tolist(), attempts.tolist(), strict=True)
+    ]
+    return TargetGoals(*(np.stack(part) for part in zip(*drawn, strict=True)))
+
+
+def _draw(
+    task: DualArmTask, robot: FloatingRobot, level: int, ood: bool, rng: np.random.Generator
+) -> tuple[Array, ...]:
+    """Draw the fields of one goal, at the meeting, in the order of `TargetGoals`."""
+    draws = task.draws
+    scale = rng.uniform(*OOD_MASS) if ood else 1.0
+    start = robot.home + draws.start[level] * rng.uniform(-1.0, 1.0, robot.n_joints)
+    way = rng.uniform(-1.0, 1.0, 3)
+    if task.kind == "planar":
+        way[2] = 0.0
+    least = 0.0
+    if ood:
+        way *= rng.uniform(*OOD_FACTOR) / np.abs(way).max()
+        least = 1.0
+    centre = np.array(draws.centre) + draws.displacement[level] * way
+    attitude = task.turned(rng, draws.turn[level])
+    spin = task.spun(rng, least * draws.spin[level], (OOD_FACTOR[1] if ood else 1.0) * draws.spin[level])
+    return np.array(scale), start, centre, attitude, spin, np.array(rng.uniform(*draws.half_width))
+
+
+def _reachable(task: DualArmTask, robot: FloatingRobot, goals: TargetGoals) -> NDArray[np.bool_]:
+    """Whether a reactionless motion from rest ends at the goals (K), clear of everything."""
+    points = goals.position[:, None] + rotate(goals.quaternion[:, None], task.grapples(goals.half_width))
+    axes = None if task.way_in is None else rotate(goals.quaternion[:, None], task.way_in)
+    found = reach(robot, goals.joint_position, points, axes)
+    inside = (found.q > robot.range[:, 0] + LIMIT_MARGIN) & (found.q < robot.range[:, 1] - LIMIT_MARGIN)
+    ok = (found.distance < REACHED[0]) & (found.angle < REACHED[1]) & inside.all(axis=1)
+    before, _ = tumble(
+        goals.quaternion, goals.angular_velocity, np.array(task.target.inertia), np.array([-MEETING])
+    )
+    for q, attitude in ((goals.joint_position, before[:, 0]), (found.q, goals.quaternion)):
+        ok &= _clear(task, robot, q, goals, attitude)
+    return ok
+
+
+def _clear(
+    task: DualArmTask, robot: FloatingRobot, q: Array, goals: TargetGoals, attitude: Array
+) -> NDArray[np.bool_]:
+    """Whether points along the arms at q (K, n) keep away from each other, the target and the bus."""
+    kinematics = robot.kinematics(q)
+    points = _link_points(robot, kinematics)  # (K, 2, P, 3), base frame
+    gap = np.linalg.norm(points[:, 0, :, None] - points[:, 1, None, :], axis=-1).min(axis=(1, 2))
+    clear = gap > CLEARANCE + 2.0 * LINK_RADIUS
+    # The base has hardly moved at the start, and by centimetres at the end; the margin covers that.
+    body = np.array(task.target.body) * (goals.half_width / task.target.half_width)[:, None]
+    local = rotate(conjugate(attitude)[:, None, None], points - goals.position[:, None, None])
+    outside = np.abs(local) > body[:, None, None] + LINK_RADIUS
+    axes = slice(0, 2 if task.kind == "planar" else 3)
+    clear &= outside[..., axes].any(axis=-1).reshape(len(q), -1).all(axis=1)
+    if task.kind == "spatial":
+        count = points.shape[2] // (robot.n_joints // 2)
+        outer = points[:, :, 2 * count :]  # the first two links stand on the bus
+        clear &= (np.abs(outer) > 0.5 + LINK_RADIUS).any(axis=-1).reshape(len(q), -1).all(axis=1)
+    return clear
+
+
+LINK_RADIUS = 0.05  # m, of both robots' links
+_ALONG = np.array([0.0, 0.25, 0.5, 0.75])  # where on a link points lie; its end belongs to the next one
+
+
+def _link_points(robot: FloatingRobot, kinematics: Kinematics) -> Array:
+    """Points (K, 2, P, 3) along the links of both arms, base frame, without the end-effectors themselves."""
+    n = robot.n_joints // 2
+    arms = []
+    for arm in range(2):
+        joints = kinematics.position[:, arm * n : (arm + 1) * n]
+        link = int(robot.tip_link[arm]) - 1
+        tip = kinematics.position[:, link] + kinematics.rotation[:, link] @ robot.tip_offset[arm]
+        ends = np.concatenate([joints[:, 1:], tip[:, None]], axis=1)
+        points = joints[:, :, None] + _ALONG[:, None] * (ends - joints)[:, :, None]
+        arms.append(points.reshape(len(points), -1, 3))
+    return np.stack(arms, axis=1)
