@@ -181,20 +181,23 @@ def _dual_arm(features: tuple[Feature, ...], rounds: int) -> dict[str, AnyHyperp
         weight=0.02,
         noise=0.05,
     )
+    # Gentle: the clone captures nearly everything already, and must not be unlearned while the critic is bad.
     ppo = PPO(
         num_envs=128,
         steps=1_000_000,
-        learning_rate=1e-4,
+        learning_rate=5e-5,
         batch_size=2048,
         hidden=bc.hidden,
         activation=bc.activation,
         interval=100_000,
         features=features,
         n_steps=64,
-        n_epochs=5,
-        critic_warm_up=100_000,
-        deviation=0.05,
-        minutes=8.0,
+        n_epochs=4,
+        clip_range=0.1,
+        target_kl=0.01,
+        critic_warm_up=150_000,
+        deviation=0.03,
+        minutes=7.0,
         expert=bc.expert,
     )
     return {

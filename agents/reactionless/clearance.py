@@ -170,6 +170,10 @@ class Gaps:
         """Of all, m."""
         return float(self.each.min())
 
+    def row(self, place: int) -> "Gaps":
+        """Of one place in the motion."""
+        return Gaps(*(gap[place : place + 1] for gap in (self.arms, self.bus, self.target)))
+
     def worst(self) -> tuple[str, int]:
         """What is nearest, in words, and the place in the motion."""
         names = {"arm 1 and arm 2": self.arms, "an arm and the satellite": self.bus}

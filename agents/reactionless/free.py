@@ -9,6 +9,7 @@ then makes the motion exact.
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agents.reactionless.clearance import Gaps, Surroundings, gaps
 from agents.reactionless.free_clearance import POSE, parameters
@@ -121,9 +122,10 @@ class _Search:
                 reason = f"joint {joint} starts {beyond.max():.3f} rad beyond its limit"
                 return Failure(METHOD, Cause.JOINT_LIMIT, reason)
         if self._around is not None:
-            first = self._gaps(self._around, start[None])
+            at = self._solver.dense[:1]
+            first = self._gaps(self._around, start[None], at)
             if first.least < 0.0:
-                return self._collision("the start is in a collision", first)
+                return self._collision("the start is in a collision", first, at)
             self._required = min(self._around.margin, first.least)
         return None
 
@@ -144,27 +146,27 @@ class _Search:
     def _clear(
         self, around: Surroundings, ends: Array, found: list[Solution], note: str
     ) -> Plan | Failure:
-        """The cheapest of the optima if it is clear; else the best that comes of leading them around, or of
-        starting from ends that are clear."""
+        """The cheapest of the optima if it is clear; else the best that comes of leading those around that
+        are not, or of starting from clear ends."""
         best: tuple[float, Plan] | None = None
-        nearest: Gaps | None = None
-        blocked: list[Solution] = []
+        tried: list[Gaps] = []
+        begins: list[Array] = []
         for solution in found:
-            plan = self._solver.motion(solution)
-            now = self._gaps(around, plan.position)
-            if now.least >= self._required:
+            plan, gap = self._measured(around, solution)
+            if gap.least >= self._required:
                 best = solution.cost, replace(plan, notes=note)
                 break
-            blocked.append(solution)
-            nearest = now if nearest is None or now.least > nearest.least else nearest
-        begins = [solution.coefficients for solution in blocked]
+            tried.append(gap)
+            begins.append(solution.coefficients)
         if best is None:
-            clear = self._clear_ends(around, ends)
-            if not len(clear):
-                return self._collision(
-                    f"none of {len(ends)} end configurations is clear; the best", self._end_gaps(around, ends)
-                )
-            begins += [self._solver.straight(end) for end in spread(clear, self._starts)]
+            at = np.full(len(ends), self._solver.end)
+            last = self._gaps(around, ends, at)
+            clear = last.each >= self._required
+            if not clear.any():
+                nearest = last.row(int(last.each.argmax()))
+                when = f"none of {len(ends)} configurations at the end is clear; in the best"
+                return self._collision(when, nearest, at)
+            begins += [self._solver.straight(end) for end in spread(ends[clear], self._starts)]
         seen: list[float] = []
         for begin in begins:
             if best is not None and best[0] <= NEAR_BEST * found[0].cost:
@@ -176,24 +178,20 @@ class _Search:
                 if any(abs(solution.cost - other) < EQUAL * other for other in seen):
                     break
                 seen.append(solution.cost)
-                begin, plan = solution.coefficients, self._solver.motion(solution)
-                now = self._gaps(around, plan.position)
-                if now.least >= self._required:
+                begin = solution.coefficients
+                plan, gap = self._measured(around, solution)
+                if gap.least >= self._required:
                     best = solution.cost, replace(plan, notes=f"{note}, led around obstacles")
                     break
-                nearest = now if nearest is None or now.least > nearest.least else nearest
+                tried.append(gap)
         if best is not None:
             return best[1]
-        if nearest is None:
-            raise AssertionError("a motion that is not clear has been measured")
-        return self._collision("no clear motion was found; the nearest to one", nearest)
+        nearest = max(tried, key=lambda gap: gap.least)
+        return self._collision("no motion was found that is clear; in the best", nearest, self._solver.dense)
 
-    def _clear_ends(self, around: Surroundings, ends: Array) -> Array:
-        """Those end configurations (E, n) that are clear of everything."""
-        return ends[self._end_gaps(around, ends).each >= self._required]
-
-    def _end_gaps(self, around: Surroundings, ends: Array) -> Gaps:
-        return self._gaps(around, ends, np.full(len(ends), self._solver.end))
+    def _measured(self, around: Surroundings, solution: Solution) -> tuple[Plan, Gaps]:
+        plan = self._solver.motion(solution)
+        return plan, self._gaps(around, plan.position, self._solver.dense)
 
     def _solve(self, begin: Array, nearness: Array | None = None) -> Solution | Unsolved:
         return self._solver.solve(begin, self._rate, self._acceleration, nearness)
@@ -215,10 +213,11 @@ class _Search:
     def _pose(self, at: NDArray[np.int64]) -> tuple[Array, Array] | None:
         return None if self._poses is None else (self._poses[0][at], self._poses[1][at])
 
-    def _collision(self, when: str, gap: Gaps) -> Failure:
-        """The best of ends, or the worst of a motion."""
+    def _collision(self, when: str, gap: Gaps, at: NDArray[np.int64]) -> Failure:
         what, place = gap.worst()
-        return Failure(METHOD, Cause.COLLISION, f"{when}: {what} come to {gap.least:.3f} m{place}")
+        time, margin = self._solver.times[at[place]], self._required
+        reason = f"{when} {what} come to {gap.least:.3f} m at t = {time:.2f} s, {margin:.3f} m are kept"
+        return Failure(METHOD, Cause.COLLISION, reason)
 
     def _unsolved(self, statuses: list[Unsolved]) -> Failure:
         least = min(statuses, key=lambda status: status.left)

@@ -93,7 +93,7 @@ class Solver:
     """The programs of one capture.
 
     Attributes:
-        times: s, of the programs' nodes, of the end and of the roll-out; nodes, end, dense: slices of these.
+        times: s, of the programs' nodes, of the end and of the roll-out; nodes, end, dense: their places.
     """
 
     def __init__(self, robot: FloatingRobot, capture: Capture, limits: Limits) -> None:
@@ -106,7 +106,8 @@ class Solver:
         )
         self.times = np.concatenate([mesh.nodes, [1.0], self.programs.rollout.s]) * duration
         count = len(mesh.nodes)
-        self.nodes, self.end, self.dense = slice(count), slice(count, count + 1), slice(count + 1, None)
+        self.nodes, self.end = np.arange(count), count
+        self.dense = np.arange(count + 1, len(self.times))
 
     def straight(self, end: Array) -> Array:
         """Coefficients (size, n) of the straight way to an end configuration (n,)."""
