@@ -146,7 +146,7 @@ def _scene(scene: Scene, clock: _Clock) -> list[str]:
         points = " ".join(f"{_number(x, 3)},{_number(y, 3)}" for x, y in trail)
         parts.append(
             f'<polyline points="{points}" stroke="{chain.colour}" stroke-width="0.035" '
-            'stroke-dasharray="0.001 0.08"/>'
+            'stroke-dasharray="0.02 0.08"/>'
         )
     x, y = scene.target
     parts.append(f'<g transform="translate({_number(x, 3)} {_number(y, 3)})"><g>')

@@ -1,31 +1,21 @@
 """Pages of the papers: random cases that resume, claims, what is measured, and the page itself."""
 
-import base64
-import hashlib
-import json
 import re
 import subprocess
 import sys
 from functools import partial
-from html.parser import HTMLParser
-from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from page_reader import check_self_contained
 
-from agents.reactionless.fixed_path import plan_local, plan_zeta_zero
-from agents.reactionless.problem import Cause, Failure, Plan
 from reproduce.__main__ import main
 from reproduce.animation import Chain, Scene, animate
 from reproduce.cases import config_key, read_cases, run_cases, source_digest
 from reproduce.claims import Rule, count, settle
 from reproduce.figures import Sketch, figure, standalone
 from reproduce.page import Claims, Page, Section, Table, Text, table_csv, to_html, to_markdown, write_docs
-from reproduce.shah2013.cases import CANONICAL, JOINT_LIMITS, Sampler, planar_robot, reach_used
-from reproduce.shah2013.claims import BEYOND, CLAIMS, nonsingular, ratio
-from reproduce.shah2013.measures import curves, free_direction, polynomial, record, task_rows
-from reproduce.shah2013.methods import METHODS
 from space_envs.errors import ConfigurationError
 
 HOSTILE = '<script>alert(1)</script> & $x_1$ | `a` [b](http://c) "q"'
@@ -103,35 +93,6 @@ def test_keys_change_with_settings_and_sources(tmp_path):
     assert source_digest([tmp_path]) != before
 
 
-def test_drawn_cases_are_seeded_distinct_and_in_reach():
-    sampler, robot = Sampler(), planar_robot()
-    drawn = [sampler.draw(3, index) for index in range(60)]
-    assert drawn == [sampler.draw(3, index) for index in range(60)]
-    assert sampler.draw(4, 0) != drawn[0]
-    assert len({case.start for case in drawn}) == len({case.spin for case in drawn}) == 60
-    starts = np.array([case.start for case in drawn])
-    assert (np.abs(starts - CANONICAL.start) <= sampler.joint).all()
-    assert np.abs(starts - CANONICAL.start).max() > 0.9 * sampler.joint
-    assert (starts >= JOINT_LIMITS[:, 0]).all() and (starts <= JOINT_LIMITS[:, 1]).all()
-    assert max(reach_used(robot, case).max() for case in drawn) <= sampler.reach
-    assert min(case.spin for case in drawn) < -0.05 and max(case.spin for case in drawn) > 0.05
-
-
-def test_canonical_case_meets_the_papers_ends():
-    capture = CANONICAL.capture
-    np.testing.assert_allclose(capture.position, [[2.0, 0.7, 0.0], [2.0, 1.3, 0.0]], atol=1e-15)
-    np.testing.assert_allclose(capture.velocity, [[-0.01, 0.0, 0.0], [0.01, 0.0, 0.0]], atol=1e-15)
-
-
-def test_grapple_points_move_with_the_target():
-    case, step = Sampler().draw(1, 5), 1e-6
-    before, after = (
-        type(case)(**(case.to_dict() | {"angle": case.angle + sign * step * case.spin})).capture.position
-        for sign in (-1, 1)
-    )
-    np.testing.assert_allclose(case.capture.velocity, (after - before) / (2 * step), atol=1e-9)
-
-
 # Claims
 
 
@@ -157,115 +118,177 @@ def test_claims_are_settled_by_one_rule_for_all():
     assert claims[1].share is None
 
 
-def figures(**changes: float) -> dict:
-    names = (
-        "energy energy_check start_energy work peak_power base_rate path end_position end_velocity spin_left "
-        "jolt jolt_time jolt_ratio zeta_jolt zeta_jolt_time zeta_jolt_ratio gradient least_singular "
-        "tracked_base_rate tracked_base_rate_fine tracked_momentum_fine lead"
-    ).split()
-    return dict.fromkeys(names, 1e-12) | {"energy": 1.0, "peak_power": 1.0, "jolt": 1.0} | changes
+# Figures and animation
 
 
-def made(**methods: dict) -> dict:
-    found = {key: figures() for key in METHODS} | methods
-    return {"case": {"duration": 20.0}, "methods": found}
-
-
-FAILED = {"cause": "singular", "reason": "singular at t = 3 s"}
-
-
-def answers(rules: tuple[Rule, ...], record: dict) -> dict[str, bool | None]:
-    return {each.key: None if each.test is None else each.test(record) for each in rules}
-
-
-def test_claims_about_energy_and_power_by_hand():
-    found = answers(
-        CLAIMS,
-        made(
-            zeta_zero=figures(energy=2.0, peak_power=3.0, gradient=0.4),
-            local=figures(energy=2.5, peak_power=2.9, lead=-0.1, zeta_jolt_ratio=4.5, zeta_jolt_time=15.1),
-            ocp=figures(energy=1.9, peak_power=2.5, jolt=1.1),
-            free=figures(energy=1.0),
-        ),
+def test_a_figure_is_panels_and_a_file():
+    made = figure(
+        "fig",
+        "title",
+        "caption",
+        [Sketch(lambda axes: axes.plot([0, 1], [0, 1]), f"p{k}.") for k in range(4)],
     )
-    assert found["local_energy"] is True and found["local_power"] is False
-    assert found["zero_not_optimal"] is True and found["not_total"] is True
-    assert found["ocp_energy"] is False  # 5 % is not much
-    assert found["ocp_power"] is True
-    assert found["jump"] is True and found["jump_cost"] is True
-    assert found["smooth"] is False
-    assert found["minimum"] is False
-    assert found["global"] is None
+    assert len(made.panels) == 4 and made.alt == "p0. p1. p2. p3."
+    root = ElementTree.fromstring(made.file.encode())
+    assert root.tag == "{http://www.w3.org/2000/svg}svg"
+    assert "prefers-color-scheme: dark" in made.file
+    again = figure(
+        "fig",
+        "title",
+        "caption",
+        [Sketch(lambda axes: axes.plot([0, 1], [0, 1]), f"p{k}.") for k in range(4)],
+    )
+    assert again == made
+    with pytest.raises(ValueError, match="not an svg"):
+        standalone("<p></p>")
 
 
-def test_claims_about_a_jump_by_hand():
-    def jump(**changes: float) -> dict:
-        values = {"energy": 2.0, "zeta_jolt_ratio": 9.0, "zeta_jolt_time": 18.0} | changes
-        return answers(CLAIMS, made(local=figures(**values)))
-
-    assert jump()["jump"] is True
-    assert jump(zeta_jolt_time=14.9)["jump"] is False
-    assert jump(zeta_jolt_ratio=3.9)["jump"] is False
-    assert jump(lead=0.1)["jump_cost"] is False
-    assert jump(energy=0.9)["jump_cost"] is None
-
-
-def test_methods_without_a_plan_are_left_out():
-    record = made(zeta_zero=FAILED, local=FAILED, ocp=FAILED)
-    found = answers(CLAIMS + BEYOND, record)
-    assert found.pop("independent") is False and found.pop("reaches") is True and found.pop("torque") is True
-    assert set(found.values()) == {None}
-    assert not nonsingular(record) and ratio(record, "free", ("ocp",)) is None
-    for each in CLAIMS + BEYOND:
-        assert each.measured(record)
-    assert answers(BEYOND, made(free=FAILED))["free"] is False  # a capture that (c) found and (d) did not
+def transforms(element: ElementTree.Element, frame: int) -> np.ndarray:
+    """The element's transform at a frame, as a 3 by 3 matrix."""
+    matrix = np.eye(3)
+    for kind, numbers in re.findall(r"(\w+)\(([^)]*)\)", element.get("transform", "")):
+        matrix = matrix @ transform(kind, [float(word) for word in numbers.split()])
+    for child in element:
+        if child.tag.endswith("animateTransform"):
+            values = child.get("values", "").split(";")[frame]
+            matrix = matrix @ transform(child.get("type", ""), [float(word) for word in values.split()])
+    return matrix
 
 
-# Measures
+def transform(kind: str, numbers: list[float]) -> np.ndarray:
+    matrix = np.eye(3)
+    if kind == "translate":
+        matrix[:2, 2] = numbers
+    elif kind == "scale":
+        matrix[0, 0], matrix[1, 1] = numbers
+    else:
+        c, s = np.cos(np.deg2rad(numbers[0])), np.sin(np.deg2rad(numbers[0]))
+        matrix[:2, :2] = [[c, -s], [s, c]]
+    return matrix
+
+
+def tip_places(element: ElementTree.Element, frame: int, within: np.ndarray, radius: str) -> list[np.ndarray]:
+    within = within @ transforms(element, frame)
+    found = [within[:2, 2]] if element.tag.endswith("circle") and element.get("r") == radius else []
+    for child in element:
+        found += tip_places(child, frame, within, radius)
+    return found
+
+
+def test_the_animation_moves_the_arms_as_planned():
+    rng = np.random.default_rng(1)
+    angles, base = rng.uniform(-2, 2, (2, 4, 3)), rng.uniform(-0.2, 0.2, (4, 2))
+    turn, mounts, lengths = rng.uniform(-1, 1, 4), rng.uniform(-0.5, 0.5, (2, 2)), (1.0, 0.7, 0.5)
+    expected = np.zeros((4, 2, 2))
+    for arm in range(2):
+        heading = turn[:, None] + np.cumsum(angles[arm], axis=1)
+        along = np.stack([np.cos(heading), np.sin(heading)], axis=-1) * np.array(lengths)[:, None]
+        c, s = np.cos(turn), np.sin(turn)
+        mount = np.stack(
+            [c * mounts[arm, 0] - s * mounts[arm, 1], s * mounts[arm, 0] + c * mounts[arm, 1]], 1
+        )
+        expected[:, arm] = base + mount + along.sum(axis=1)
+    scene = Scene(
+        HOSTILE, base, turn, [Chain(mounts[arm], lengths, angles[arm], "#123456") for arm in range(2)],
+        np.zeros(2), np.zeros(4), np.array([[0.0, -0.3], [0.0, 0.3]]), [expected[:, arm] for arm in range(2)],
+        np.linspace(0, 1, 4), 2.0, HOSTILE,
+    )  # fmt: skip
+    svg, seconds = animate([scene], duration=3.0, box=(-1.0, -2.0, 3.0, 2.0))
+    root = ElementTree.fromstring(svg)
+    assert "<script" not in svg
+    scale = next(e for e in root.iter() if "scale" in e.get("transform", ""))
+    metres = np.linalg.inv(transforms(root[0], 0) @ transforms(scale, 0))
+    for frame in (0, 2, 3):
+        found = [(metres @ [*place, 1.0])[:2] for place in tip_places(root, frame, np.eye(3), "0.05")]
+        np.testing.assert_allclose(found, expected[frame], atol=2e-3)
+    for each in root.iter():
+        if each.get("keyTimes"):
+            times = [float(word) for word in each.get("keyTimes", "").split(";")]
+            assert times[0] == 0 and times[-1] == 1 and times == sorted(times)
+            assert len(times) == len(each.get("values", "").split(";")) == 5
+            assert each.get("dur") == f"{seconds:g}s"
+
+
+# The page
 
 
 @pytest.fixture(scope="module")
-def plans() -> dict[str, Plan]:
-    found = {
-        key: plan(planar_robot(), CANONICAL.capture)
-        for key, plan in (("zeta_zero", plan_zeta_zero), ("local", plan_local))
-    }
-    return {key: plan for key, plan in found.items() if isinstance(plan, Plan)}
+def page() -> Page:
+    claim = Rule("key", HOSTILE, HOSTILE, HOSTILE, lambda record: HOSTILE, lambda record: True, HOSTILE)
+    drawn = figure("one", HOSTILE, HOSTILE, [Sketch(lambda axes: axes.plot([0, 1], [0, 1]), HOSTILE)])
+    return Page(
+        name="paper",
+        title=HOSTILE,
+        lead=(HOSTILE,),
+        notice=HOSTILE,
+        chips=((HOSTILE, HOSTILE),),
+        tiles=((HOSTILE,) * 4,),
+        sections=(
+            Section("First", (Text((HOSTILE,), (HOSTILE,)), drawn)),
+            Section("Second", (Table(HOSTILE, ("a", HOSTILE), ((HOSTILE, "1"),), HOSTILE),)),
+            Section("Third", (Claims(tuple(settle([claim], {}, [{}])), HOSTILE, HOSTILE),), docs=False),
+        ),
+        command="python -m reproduce paper",
+        provenance={"versions": {"numpy": HOSTILE}, "list": [1, 2]},
+        files={"numbers.csv": ("Numbers", "a,b\n")},
+    )
 
 
-def test_curves_agree_with_each_other(plans):
-    for plan in plans.values():
-        course = curves(plan)
-        step = course.time[1] - course.time[0]
-        # Places come from kinematics and momentum, velocities from Jacobians.
-        moved = np.gradient(course.place.reshape(-1, 4), step, axis=0)[1:-1]
-        np.testing.assert_allclose(moved, course.velocity[1:-1], atol=2e-6)
-        # The net power is the change of kinetic energy: torques come from Lagrange's equations.
-        np.testing.assert_allclose(np.gradient(0.5 * course.cost, step)[1:-1], course.net[1:-1], atol=2e-6)
-        assert (course.power >= np.abs(course.net) - 1e-15).all()
-        np.testing.assert_allclose(course.place, polynomial(CANONICAL, course.place[0], course.time), atol=1e-7)
-        assert np.abs(course.base_rate).max() < 1e-8
+def test_the_page_needs_nothing_outside_and_escapes(page):
+    reader = check_self_contained(to_html(page))
+    assert sum(HOSTILE in text for text in reader.text) >= 12
+    assert {"first", "second", "third", "provenance"} <= set(reader.ids)
 
 
-def test_energies_are_the_known_ones(plans):
-    known = {"zeta_zero": 0.770365391, "local": 0.907150386}
-    for key, plan in plans.items():
-        found = record(plan, curves(plan), CANONICAL)
-        assert found["energy_check"] == pytest.approx(known[key], rel=1e-6)
-        assert found["energy"] == pytest.approx(known[key], rel=1e-6)
+def test_markdown_escapes(page):
+    text = to_markdown(page, "figures")
+    assert "<script>" not in text and "](http:" not in text and "$x" not in text.replace("\\$", "")
+    rows = [line for line in text.splitlines() if line.startswith("| ")]
+    assert {len(re.findall(r"(?<!\\)\|", row)) for row in rows if "counted" not in row} <= {3, 7}
+    assert "](figures/one.svg)" in text
 
 
-def test_records_tell_the_methods_apart(plans):
-    zero, local = (record(plans[key], curves(plans[key]), CANONICAL) for key in ("zeta_zero", "local"))
-    assert np.abs(curves(plans["zeta_zero"]).zeta).max() < 1e-6 < np.abs(curves(plans["local"]).zeta).max()
-    assert local["gradient"] < 1e-5 < zero["gradient"]
-    assert local["zeta_jolt_time"] > 15.0 and local["zeta_jolt_ratio"] > 4.0
-    assert max(zero["path"], zero["end_position"], zero["end_velocity"]) < 1e-6
+def test_documentation_holds_what_lasts(page, tmp_path):
+    path = write_docs(page, tmp_path)
+    text = path.read_text(encoding="utf-8")
+    assert "## Second" in text and "## Third" not in text
+    (link,) = re.findall(r"\]\((images/\S+)\)", text)
+    ElementTree.parse(tmp_path / link)
 
 
-def test_free_direction_moves_nothing():
-    robot = planar_robot()
-    q = np.random.default_rng(0).uniform(-1.0, 1.0, (5, 6))
-    free = free_direction(robot, q)
-    np.testing.assert_allclose((task_rows(robot, q) @ free[..., None])[..., 0], 0.0, atol=1e-12)
-    np.testing.assert_allclose(np.linalg.norm(free, axis=1), 1.0)
+def test_csv_keeps_all_digits_and_starts_no_formula():
+    assert table_csv(("a", "b"), [(0.1 + 0.2, "=1+1"), (None, 3)]) == "a,b\n0.30000000000000004,'=1+1\n,3\n"
+
+
+# The command
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["shah2031"], "Did you mean 'shah2013'?"),
+        (["shah2013", "--cases", "0"], "cases must be at least 1, got 0"),
+        (["shah2013", "--seed", "-1"], "seed must be at least 0"),
+        (["shah2013", "--jobs", "0"], "jobs must be at least 1"),
+        (["shah2013", "--docs", "nowhere"], "must name a folder that is there"),
+    ],
+)
+def test_options_are_checked_before_anything_runs(arguments, said, capsys):
+    assert main(arguments) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_an_interrupt_is_told_in_one_line(monkeypatch, capsys, tmp_path):
+    def stop(options: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("reproduce.shah2013.reproduce", stop)
+    assert main(["shah2013", "--output", str(tmp_path)]) == 130
+    assert "the same command goes on" in capsys.readouterr().err
+
+
+def test_help_runs_as_a_module():
+    found = subprocess.run(
+        [sys.executable, "-m", "reproduce", "--help"], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert "shah2013" in found.stdout and "--docs" in found.stdout

@@ -56,6 +56,11 @@ def checked_plan(
                 Cause.INACCURATE,
                 f"{name} is off by {violation[name]:.2e}, at most {most:.0e} may pass",
             )
+    if limits.control is not None and zeta is not None:
+        largest = float(np.linalg.norm(zeta, axis=1).max())
+        if largest > limits.control * 1.001:
+            reason = f"zeta would have to reach {largest:.3g} rad/s, the limit is {limits.control:.3g} rad/s"
+            return Failure(method, Cause.INFEASIBLE, reason)
     failure = _beyond_limits(method, limits, dense, q, qdot)
     if failure is not None:
         return failure
@@ -97,7 +102,7 @@ def _beyond_limits(method: str, limits: Limits, time: Array, q: Array, qdot: Arr
         return Failure(
             method,
             Cause.INFEASIBLE,
-            f"joint {joint + 1} would have to turn at {np.abs(qdot).max():.3f} rad/s at t = {time[row]:.2f} s, "
-            f"the limit is {limits.rate:.3f} rad/s",
+            f"joint {joint + 1} would have to turn at {np.abs(qdot).max():.3f} rad/s at "
+            f"t = {time[row]:.2f} s, the limit is {limits.rate:.3f} rad/s",
         )
     return None

@@ -35,8 +35,8 @@ class Surroundings:
             planar arms, which turn in a plane before the satellite's deck.
         standing: number of links at the root of each arm that may touch the satellite, on which they stand.
         target: (3,) m, half sides of the target's box; None leaves it out.
-        motion: times (K,) s from the start of the plan -> centre (K, 3) m and quaternion (K, 4) of the target,
-            inertial frame, the satellite's centre of mass being at the origin at time 0.
+        motion: times (K,) s from the start of the plan -> centre (K, 3) m and quaternion (K, 4) of the
+            target, inertial frame, the satellite's centre of mass being at the origin at time 0.
         gripper: m, outer part of the last link that does not count against the target when it grapples.
         contact: s before the end, when the gripper begins to open: the part that does not count grows evenly
             from nothing to `gripper` at half of that.
@@ -265,7 +265,7 @@ def box_distance(a: Array, b: Array, half: Array) -> Array:
         share = 0.5 * (low + high)
         point = a + share[..., None] * way
         beyond = np.abs(point) - half
-        # Towards the box's surface: along what is outside, or, within, along the coordinate nearest to a face.
+        # To the box's surface: along what is outside, or, within, along the coordinate nearest to a face.
         weight = np.maximum(beyond, 0.0)
         within = (beyond <= 0.0).all(axis=-1, keepdims=True)
         weight = np.where(within, beyond == beyond.max(axis=-1, keepdims=True), weight)

@@ -37,7 +37,7 @@ IPOPT = {
 }
 
 _lock = threading.Lock()
-_programmes: dict[tuple[str, int, bool, bool], "Programme"] = {}
+_programmes: dict[tuple[str, int, bool, bool, bool], "Programme"] = {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,23 +98,32 @@ class Programme:
     """The nonlinear programme of one robot, built once; what varies from case to case are its parameters.
 
     Attributes:
-        equalities: number of equality constraints, which come first.
+        points: N. joints: n.
+        rows: constraints at a point; the last is zeta where that is bounded.
+        equalities: number of constraints before those on accelerations, all equalities but for zeta.
     """
 
     solver: ca.Function
     points: int
     joints: int
+    rows: int
     equalities: int
 
     @classmethod
     def of(
-        cls, robot: FloatingRobot, model: PathModel, points: int, from_rest: bool, accelerated: bool
+        cls,
+        robot: FloatingRobot,
+        model: PathModel,
+        points: int,
+        from_rest: bool = False,
+        accelerated: bool = False,
+        controlled: bool = False,
     ) -> "Programme":
-        """The programme of a robot, kept after its first use."""
-        key = (robot.fingerprint, points, from_rest, accelerated)
+        """The programme of a robot, kept after its first use; the flags say which constraints it has."""
+        key = (robot.fingerprint, points, from_rest, accelerated, controlled)
         with _lock:
             if key not in _programmes:
-                _programmes[key] = _built(robot, model, points, from_rest, accelerated)
+                _programmes[key] = _built(robot, model, *key[1:])
             return _programmes[key]
 
     def times(self, duration: float) -> Array:
@@ -141,6 +150,8 @@ class Programme:
         bound = np.zeros(self.solver.size_in("lbg")[0])
         if len(bound) > self.equalities and limits.acceleration is not None:
             bound[self.equalities :] = share * limits.acceleration * half**2
+        if limits.control is not None:
+            bound[self.rows - 1 : self.rows * count : self.rows] = share * limits.control
         found = self.solver(
             x0=np.concatenate([guess.ravel(), np.clip(rates, -speed, speed).ravel()]),
             p=np.concatenate([capture.start, [half], path.velocity(times[1:]).ravel()]),
@@ -157,12 +168,13 @@ class Programme:
 
 
 def _built(
-    robot: FloatingRobot, model: PathModel, points: int, from_rest: bool, accelerated: bool
+    robot: FloatingRobot, model: PathModel, points: int, from_rest: bool, accelerated: bool, controlled: bool
 ) -> Programme:
-    grid, n, rows = gauss_grid(points), robot.n_joints, model.dimensions * 2 + model.turns
+    grid, n = gauss_grid(points), robot.n_joints
+    rows = model.dimensions * 2 + model.turns + int(controlled)
     # Rates are variables of their own, tied to the angles by linear equations: derivatives then only join
     # what belongs to one point, and are put together here from compiled functions of one point.
-    local = _point_functions(model, n, rows)
+    local = _point_functions(model, n, rows, controlled)
     x, rates, start, half, velocity = (
         ca.MX.sym(name, *size)
         for name, size in (
@@ -212,14 +224,23 @@ def _built(
         ),
     }
     solver = ca.nlpsol("reactionless_ocp", "ipopt", programme, options)
-    return Programme(solver, points, n, (rows + n) * points + (n if from_rest else 0))
+    return Programme(solver, points, n, rows, (rows + n) * points + (n if from_rest else 0))
 
 
-def _point_functions(model: PathModel, n: int, rows: int) -> dict[str, ca.Function]:
-    """Residual and energy at one point, their first derivatives and the weighted second ones, compiled."""
+def _point_functions(model: PathModel, n: int, rows: int, controlled: bool) -> dict[str, ca.Function]:
+    """Residual and energy at one point, their first derivatives and the weighted second ones, compiled.
+
+    With zeta among the residuals they are left to CasADi's virtual machine: a compiler takes minutes for them.
+    """
     q, qdot, v = (ca.SX.sym(name, size) for name, size in (("q", n), ("qdot", n), ("v", 4)))
-    _, task, _, mass = model.symbolic(q)
+    _, task, angular, mass = model.symbolic(q)
     residual, energy = task @ qdot - ca.vertcat(v, ca.SX(model.turns, 1)), qdot.T @ mass @ qdot
+    if controlled:
+        # zeta: the dependent angular velocities along the direction in which the null space can change them.
+        columns = [[j for j in range(n) if j != left] for left in range(n)]
+        null = ca.vertcat(*[(-1) ** left * ca.det(task[:, c]) for left, c in enumerate(columns)])
+        way = angular @ null
+        residual = ca.vertcat(residual, ca.dot(way, angular @ qdot) / ca.norm_2(way))
     y, share, weight = ca.vertcat(q, qdot), ca.SX.sym("share", rows), ca.SX.sym("weight")
     bend = ca.hessian(ca.dot(share, residual) + weight * energy, y)[0]
     outputs = {
@@ -227,12 +248,11 @@ def _point_functions(model: PathModel, n: int, rows: int) -> dict[str, ca.Functi
         "slope": ([q, qdot, v], [ca.jacobian(residual, y), ca.gradient(energy, y)]),
         "bend": ([q, qdot, v, share, weight], [bend]),
     }
-    return compiled(
-        {
-            name: ca.Function(f"point_{name}", inputs, [ca.densify(value) for value in ca.cse(values)])
-            for name, (inputs, values) in outputs.items()
-        }
-    )
+    functions = {
+        name: ca.Function(f"point_{name}", inputs, [ca.densify(value) for value in ca.cse(values)])
+        for name, (inputs, values) in outputs.items()
+    }
+    return functions if controlled else compiled(functions)
 
 
 def _first_derivatives(
@@ -252,9 +272,9 @@ def _first_derivatives(
     # Where the entries of the points' blocks, (rows, 2 n) each, lie.
     point, row, column = np.meshgrid(np.arange(points), np.arange(rows), np.arange(2 * n), indexing="ij")
     place = np.where(column < n, point * n + column, points * n + point * n + column - n)
-    order = [(0, 2, 1)]  # vec() runs down the columns of each block
-    down = [(rows * point + row).transpose(order[0]).ravel()]
-    across = [place.transpose(order[0]).ravel()]
+    # vec() runs down the columns of each block.
+    down = [(rows * point + row).transpose(0, 2, 1).ravel()]
+    across = [place.transpose(0, 2, 1).ravel()]
     values: list[ca.MX] = [ca.vec(slopes)]
     offset = rows * points
     for number, matrix in enumerate(linear):

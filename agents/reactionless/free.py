@@ -1,9 +1,9 @@
 """Reactionless motion with free paths (method d): only the ends are given, the energy is least in between.
 
-Beyond shah2013, whose end-effector paths are fixed polynomials. Splines through the joint angles are collocated
-for the reactionless constraint of eq. 4 and the least integral of eq. 15, from several starts, first without
-regard to obstacles; where the best motion meets one, it is solved again with a cost on nearness. A roll-out
-then makes the motion exact.
+Beyond shah2013, whose end-effector paths are fixed polynomials. Splines of the joint angles are collocated for
+the reactionless constraint of eq. 4 and the least integral of eq. 15, from several starts, first without regard
+to obstacles; where the best motion meets one, it is solved again with a cost on nearness. A roll-out then makes
+the motion exact.
 """
 
 from dataclasses import replace
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.reactionless.clearance import Gaps, Surroundings, gaps
-from agents.reactionless.free_clearance import POSE, parameters
+from agents.reactionless.free_clearance import parameters
 from agents.reactionless.free_goals import end_configurations, spread
 from agents.reactionless.free_solver import ANGLE_ROOM, METHOD, Solution, Solver, Unsolved
 from agents.reactionless.problem import Capture, Cause, Failure, Limits, Plan
@@ -23,7 +23,8 @@ STARTS = 4
 ROOM = 0.995  # share of the limits on rates and accelerations that the splines may use
 ATTEMPTS = 4  # with less room each
 EXTRA = 0.015  # m, of gap beyond the margin below which nearness costs
-WEIGHTS = (3e4, 3e5)  # of the squares of what is missing to that gap, in turn
+WEIGHTS = (3e4, 3e5, 3e6)  # of the squares of what is missing to that gap, in turn
+LEEWAY = 0.01  # m, between the best gap that an end allows and what is required then
 LEAST_SPAN = 0.01  # of the duration, that nearness at a node counts for at least
 NEAR_BEST = 1.05  # a clear motion that costs less than this times the least possible is not improved
 EQUAL = 1e-4  # relative difference of energies below which two solutions count as one
@@ -103,7 +104,7 @@ class _Search:
         return Failure(METHOD, cause, f"the motion passes what is allowed in {name} by {excess[name]:.2e}")
 
     def _take_room(self, plan: Plan, excess: dict[str, float]) -> None:
-        """Tighten the splines' limits: the roll-out goes beyond them by little; torques follow accelerations."""
+        """Tighten the splines' limits, which the roll-out passes by little; torques follow accelerations."""
         limits = self._limits
         if "rate" in excess and self._rate is not None and limits.rate is not None:
             self._rate -= 2.0 * excess["rate"]
@@ -150,26 +151,30 @@ class _Search:
         are not, or of starting from clear ends."""
         best: tuple[float, Plan] | None = None
         tried: list[Gaps] = []
-        begins: list[Array] = []
+        begins: list[tuple[float, Array]] = []
         for solution in found:
             plan, gap = self._measured(around, solution)
             if gap.least >= self._required:
                 best = solution.cost, replace(plan, notes=note)
                 break
             tried.append(gap)
-            begins.append(solution.coefficients)
+            begins.append((solution.cost, solution.coefficients))
         if best is None:
             at = np.full(len(ends), self._solver.end)
             last = self._gaps(around, ends, at)
+            best_gap = float(last.each.max())
+            # Where grappling itself leaves less than the margin, less is required.
+            self._required = min(self._required, max(best_gap - LEEWAY, 0.5 * best_gap))
             clear = last.each >= self._required
-            if not clear.any():
+            if best_gap < 0.0:
                 nearest = last.row(int(last.each.argmax()))
                 when = f"none of {len(ends)} configurations at the end is clear; in the best"
                 return self._collision(when, nearest, at)
-            begins += [self._solver.straight(end) for end in spread(ends[clear], self._starts)]
+            straight = [self._solver.straight(end) for end in spread(ends[clear], self._starts)]
+            begins += [(np.inf, begin) for begin in straight]
         seen: list[float] = []
-        for begin in begins:
-            if best is not None and best[0] <= NEAR_BEST * found[0].cost:
+        for least, begin in begins:
+            if best is not None and best[0] <= max(least, NEAR_BEST * found[0].cost):
                 break
             for weight in WEIGHTS:
                 solution = self._solve(begin, self._nearness(around, weight))
@@ -197,7 +202,7 @@ class _Search:
         return self._solver.solve(begin, self._rate, self._acceleration, nearness)
 
     def _nearness(self, around: Surroundings, weight: float) -> Array:
-        """Parameters of nearness (K, 23) at the nodes of the program."""
+        """Parameters of nearness (K, 24) at the nodes of the program."""
         mesh, at = self._solver.programs.mesh, self._solver.nodes
         # Nodes stand close at the ends, where little time would make what is missing cheap.
         weights = weight * np.maximum(LEAST_SPAN / mesh.weights, 1.0)

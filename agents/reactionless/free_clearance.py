@@ -1,8 +1,8 @@
 """A cost on motions that come too near to something, for the planner with free paths.
 
-The nearest points of each pair of bodies are found first and then taken as fixed to their links: the distance
-between them has the same first derivative as the least distance. The planner has the squares of what is missing
-to the wanted distances as a cost; what it leaves is measured by `clearance.py`.
+The nearest points of each pair of bodies are found first and then taken as fixed to their links: the
+distance between them has the same first derivative as the least distance. The planner has the squares of what
+is missing to the wanted distances as a cost; what it leaves is measured by `clearance.py`.
 """
 
 from dataclasses import dataclass
@@ -21,13 +21,13 @@ _BISECTIONS = 12  # of a link's length, for its point nearest to a box
 _SOFT = 1e-6  # m, keeps distances differentiable where they vanish
 _FAR = 1e3  # m, where bodies are that do not count
 POSE = 3 + 9 + 1  # numbers at each time: centre from the system's centre of mass, rotation, counted share
-SHARED = 3 + 3 + 3  # half sides of target and satellite; wanted distances: arms, satellite, target
+SHARED = 3 + 3 + 3 + 1  # half sides of target and satellite; wanted distances: arms, satellite, target; standing
 EACH = POSE + SHARED + 1  # with the weight of what is missing
 
 
 @dataclass(frozen=True, eq=False)
 class Nearness:
-    """Functions of q (n), pose (13) and shared (9), compiled.
+    """Functions of q (n), pose (13) and shared (10), compiled.
 
     Attributes:
         missing: -> (P,) m, what is missing to the wanted distance of each pair, 0 where nothing is.
@@ -62,27 +62,28 @@ class Nearness:
                 found.append(_nearest(begin[one], end[one], begin[other], end[other], planar))
                 symbols.append(at)
         for s in range(len(links.link)):
-            boxes = [(turn.T @ (begin[s] - away), turn.T @ (end[s] - away), shared[:3], shared[8])]
-            if links.last[s]:
-                a, b, *rest = boxes[0]
-                boxes[0] = (a, a + pose[12] * (b - a), *rest)
+            a, b = (turn.T @ (point - away) for point in (begin[s], end[s]))
+            boxes = [(a, a + (pose[12] if links.last[s] else 1.0) * (b - a), shared[:3], shared[8])]
             if not planar:
-                boxes.append((begin[s], end[s], shared[3:6], shared[7]))
-            for number, (a, b, half, distance) in enumerate(boxes):
-                if number == 0 or links.order[s] >= Surroundings.standing:
-                    at = ca.SX.sym("at")
-                    distances.append(_depth(a + at * (b - a), half))
-                    wanted.append(distance)
-                    found.append(_deepest(a, b, half))
-                    symbols.append(at)
+                counts = shared[9] <= float(links.order[s])
+                boxes.append((begin[s], end[s], shared[3:6], ca.if_else(counts, shared[7], -_FAR)))
+            for a, b, half, distance in boxes:
+                at = ca.SX.sym("at")
+                distances.append(_depth(a + at * (b - a), half))
+                wanted.append(distance)
+                found.append(_deepest(a, b, half))
+                symbols.append(at)
         missing = ca.fmax(ca.vertcat(*wanted) - ca.vertcat(*distances), 0.0)
-        at = ca.vertcat(*symbols)
-        held = ca.Function("held", [q, at, pose, shared], [missing, ca.densify(ca.jacobian(missing, q))])
-        values = held(q, ca.vertcat(*found), pose, shared)
-        inputs = [q, pose, shared]
+        at, inputs = ca.vertcat(*symbols), [q, pose, shared]
+        find = ca.Function("nearest_points", inputs, ca.cse([ca.vertcat(*found)]))
+        slope = ca.densify(ca.jacobian(missing, q))
+        held = ca.Function("missing_held", [q, at, pose, shared], ca.cse([missing]))
+        slope_held = ca.Function("slope_held", [q, at, pose, shared], ca.cse([missing, slope]))
+        given = [ca.MX.sym("q", n), ca.MX.sym("pose", POSE), ca.MX.sym("shared", SHARED)]
+        points = find(*given)
         functions = {
-            "missing": ca.Function("missing", inputs, ca.cse([values[0]])),
-            "slope": ca.Function("missing_slope", inputs, ca.cse(list(values))),
+            "missing": ca.Function("missing", given, [held(given[0], points, *given[1:])]),
+            "slope": ca.Function("missing_slope", given, list(slope_held(given[0], points, *given[1:]))),
         }
         return cls(**compiled(functions))
 
@@ -113,7 +114,7 @@ def parameters(
     extra: float,
     weight: Array | float,
 ) -> Array:
-    """[pose; shared; weight] (K, 23) of `Nearness.added_to` at times (K,) s of a plan.
+    """[pose; shared; weight] (K, 24) of `Nearness.added_to` at times (K,) s of a plan.
 
     Args:
         poses: centre (K, 3) m and quaternion (K, 4) of the target then. extra: m, of gap beyond the margin.
@@ -134,7 +135,7 @@ def parameters(
     if around.bus is not None:
         bus = around.bus
     arms = wanted + around.radius if around.arms else -_FAR
-    p[:, POSE:-1] = [*target, *bus, arms, wanted, wanted]
+    p[:, POSE:-1] = [*target, *bus, arms, wanted, wanted, around.standing]
     p[:, -1] = weight
     return p
 

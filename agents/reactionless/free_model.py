@@ -2,7 +2,8 @@
 
 On reactionless motion the base only translates. Places with respect to the system's centre of mass are then
 functions of the joint angles, and thetadot' M* thetadot (eq. 12 of shah2013) is twice the kinetic energy about
-the centre of mass of a robot with that base: expressions far smaller than those of a base that turns.
+the centre of mass of a robot with that base. Far smaller than the same of a base that turns, these expressions
+are sums over the arms and products of a few vectors, which their derivatives make use of.
 """
 
 import threading
@@ -14,6 +15,7 @@ import casadi as ca
 from space_envs.dynamics import FloatingRobot, NoCompiledCodeWarning
 from space_envs.dynamics.c_library import LibraryError, load_library
 from space_envs.dynamics.symbolic import SymbolicRobot
+from space_envs.errors import ConfigurationError
 
 # Second derivatives are long straight-line code: more optimisation takes minutes and wins nothing.
 _PRAGMA = '#ifdef __GNUC__\n#pragma GCC optimize("O1")\n#endif\n'
@@ -93,38 +95,53 @@ def compiled(functions: dict[str, ca.Function]) -> dict[str, ca.Function]:
 
 def _build(robot: FloatingRobot) -> HeldAttitude:
     symbolic, n = SymbolicRobot(robot), robot.n_joints
-    q, qdot, u, udot = (ca.SX.sym(name, n) for name in ("q", "qdot", "u", "udot"))
-    rest = ca.SX(6, 1)
-    total = symbolic.momentum(q, qdot, rest)
+    q, u, udot = (ca.SX.sym(name, n) for name in ("q", "u", "udot"))
+    arms = [_Arm(symbolic, joints, tip) for tip, joints in enumerate(_chains(robot))]
+    base = float(robot.mass[0]) * ca.DM(robot.com[0])
     mass = float(robot.mass.sum())
-    links = symbolic.kinematics(q)[3]
-    centre = (float(robot.mass[0]) * ca.DM(robot.com[0]) + links @ ca.DM(robot.mass[1:])) / mass
-    linear, angular = total[:3], total[3:] - ca.cross(centre, total[:3])
-    planar = bool(angular[0].is_zero() and angular[1].is_zero())
-    turning = angular[2] if planar else angular
-    energy = 2.0 * symbolic.kinetic_energy(q, qdot, rest) - ca.dot(linear, linear) / mass
-    poses = [symbolic.end_effector_pose(tip)(q) for tip in range(len(robot.tip_link))]
-    tips = ca.vertcat(*[position - centre for position, _ in poses])
-    axes = ca.vertcat(*[rotation[:, 2] for _, rotation in poses])
-    d = 2 if planar else 3
-    seen = ca.vertcat(tips[:d], tips[3 : 3 + d])
+
+    # What is nonlinear in the joints is that of one arm alone; the rest is products of a few vectors.
+    kinetic = ca.SX.sym("kinetic", 4, len(arms))  # of each arm: twice the energy, linear momentum
+    linear = ca.sum2(kinetic[1:, :])
+    energy = ca.sum2(kinetic[0, :]) - ca.dot(linear, linear) / mass
+    moving = ca.SX.sym("moving", 9, len(arms))  # linear and angular momentum, first moment
+    turning, centre, linear = _turning(moving, base, mass)
+    tips = ca.SX.sym("tips", 9, len(arms))  # place, velocity, axis
+    places = tips[:3, :] - ca.repmat(centre, 1, len(arms))
+    velocities = tips[3:6, :] - ca.repmat(linear / mass, 1, len(arms))
     across = ca.SX.sym("across", 3, 4)
-    tilt = ca.vertcat(across[:, :2].T @ axes[:3], across[:, 2:].T @ axes[3:])
-    ending = ca.vertcat(seen, ca.jtimes(seen, q, qdot), turning, *([] if planar else [tilt]))
-    matrix = ca.jacobian(turning, qdot)
+    tilt = ca.vertcat(*[across[:, 2 * arm : 2 * arm + 2].T @ tips[6:, arm] for arm in range(len(arms))])
+    angular = _turning(ca.horzcat(*[arm.moving for arm in arms]), base, mass)[0]
+    planar = bool(angular[0].is_zero() and angular[1].is_zero())
+    d = 2 if planar else 3
+    turning = turning[2] if planar else turning
+    ending = ca.vertcat(ca.vec(places[:d, :]), ca.vec(velocities[:d, :]), turning)
+    ending = ending if planar else ca.vertcat(ending, tilt)
+
+    matrix = symbolic.momentum_matrices(q)[1]  # of the whole robot, about the base's origin
+    middle = base + sum((arm.moment(q) for arm in arms), ca.SX(3, 1))
+    matrix = matrix[3:, :] - ca.skew(middle / mass) @ matrix[:3, :]
+    matrix = matrix[2, :] if planar else matrix
     reactionless = u - matrix.T @ _solve(matrix @ matrix.T, matrix @ u)
     change = ca.jtimes(reactionless, q, reactionless) + ca.jtimes(reactionless, u, udot)
+    ends = [symbolic.end_effector_pose(tip)(q) for tip in range(len(arms))]
+    seen = ca.vertcat(*[position - middle / mass for position, _ in ends])
+    axes = ca.vertcat(*[rotation[:, 2] for _, rotation in ends])
     functions = {
         "projected": ca.Function("projected", [q, u], ca.cse([reactionless])),
         "still": ca.Function("still", [q, u, udot], ca.cse([reactionless, change])),
-        "places": ca.Function("places", [q], ca.cse([tips, axes, centre])),
+        "places": ca.Function("places", [q], ca.cse([seen, axes, middle / mass])),
+        **_composed("energy", energy, [(kinetic, [arm.kinetic for arm in arms])], arms, n, []),
+        **_composed("turning", turning, [(moving, [arm.moving for arm in arms])], arms, n, []),
+        **_composed(
+            "ending",
+            ending,
+            [(moving, [arm.moving for arm in arms]), (tips, [arm.tip for arm in arms])],
+            arms,
+            n,
+            [across],
+        ),
     }
-    for name, f, parameters in (
-        ("energy", energy, []),
-        ("turning", turning, []),
-        ("ending", ending, [across]),
-    ):
-        functions |= smooth_parts(name, f, [q, qdot], parameters)
     ready = compiled(functions)
 
     def smooth(name: str) -> Smooth:
@@ -141,6 +158,106 @@ def _build(robot: FloatingRobot) -> HeldAttitude:
         still=ready["still"],
         places=ready["places"],
     )
+
+
+def _chains(robot: FloatingRobot) -> list[list[int]]:
+    """Joints of each arm, from the base to its end-effector."""
+    chains = [[j for j in range(robot.n_joints) if robot.carries[j, link - 1]] for link in robot.tip_link]
+    if [joint for chain in chains for joint in chain] != list(range(robot.n_joints)):
+        raise ConfigurationError("the robot must be made of arms on the base, numbered one after the other")
+    return chains
+
+
+class _Arm:
+    """What one arm contributes, as expressions of its own joints, the base at rest.
+
+    Attributes:
+        joints: its places among the robot's. y: [q; qdot] of these.
+        kinetic: (4,) twice the kinetic energy, linear momentum. moving: (9,) linear and angular momentum
+            about the base's origin, first moment of mass. tip: (9,) place and velocity of the end-effector,
+            its axis.
+    """
+
+    def __init__(self, symbolic: SymbolicRobot, joints: list[int], tip: int) -> None:
+        n, size = symbolic.robot.n_joints, len(joints)
+        self.joints, self._symbolic = joints, symbolic
+        self.y = ca.SX.sym("y", 2 * size)
+        q, qdot = ca.SX(n, 1), ca.SX(n, 1)
+        q[joints], qdot[joints] = self.y[:size], self.y[size:]
+        rest = ca.SX(6, 1)
+        momentum = symbolic.momentum(q, qdot, rest)
+        energy = 2.0 * symbolic.kinetic_energy(q, qdot, rest)
+        position, rotation = symbolic.end_effector_pose(tip)(q)
+        velocity = ca.jtimes(position, self.y[:size], self.y[size:])
+        self.kinetic = ca.vertcat(energy, momentum[:3])
+        self.moving = ca.vertcat(momentum, self.moment(q))
+        self.tip = ca.vertcat(position, velocity, rotation[:, 2])
+
+    def moment(self, q: ca.SX) -> ca.SX:
+        """First moment (3,) of its links about the base's origin, from all joint angles (n,)."""
+        links = self._symbolic.kinematics(q)[3]
+        return links[:, self.joints] @ ca.DM(self._symbolic.robot.mass[1:][self.joints])
+
+
+def _turning(moving: ca.SX, base: ca.DM, mass: float) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Angular momentum about the centre of mass, the centre of mass, and the linear momentum."""
+    total = ca.sum2(moving)
+    centre = (base + total[6:]) / mass
+    return total[3:6] - ca.cross(centre, total[:3]), centre, total[:3]
+
+
+def _composed(
+    name: str,
+    outer: ca.SX,
+    inner: list[tuple[ca.SX, list[ca.SX]]],
+    arms: list[_Arm],
+    n: int,
+    parameters: list[ca.SX],
+) -> dict[str, ca.Function]:
+    """The three functions of a `Smooth` by the chain rule, the inner functions being of one arm each.
+
+    Args:
+        outer: (k,) expression of the columns of the symbols in `inner` and of `parameters`.
+        inner: symbols (m, arms) and what each arm puts there.
+    """
+    q, qdot = ca.MX.sym("q", n), ca.MX.sym("qdot", n)
+    given = [ca.MX.sym("p", *parameter.shape) for parameter in parameters]
+    factor, weight = ca.SX.sym("factor", outer.numel()), ca.MX.sym("weight", outer.numel())
+    z = ca.vertcat(*[ca.vec(symbol) for symbol, _ in inner])
+    lagrangian = ca.dot(factor, outer)
+    bend, pull = ca.hessian(lagrangian, z)
+    first = ca.Function(f"{name}_outer", [z, *parameters], [outer, ca.jacobian(outer, z)])
+    second = ca.Function(f"{name}_outer_bend", [z, *parameters, factor], [bend, pull])
+    values, slopes, curves = [], [], []
+    for number, (_, expressions) in enumerate(inner):
+        rows = []
+        for arm, expression in zip(arms, expressions, strict=True):
+            part = smooth_parts(f"{name}{number}_arm{arm.joints[0]}", expression, [arm.y], [])
+            value, slope, curve = part.values()
+            y = ca.vertcat(q[arm.joints], qdot[arm.joints])
+            values.append(value(y))
+            rows.append(ca.horzsplit(slope(y), len(arm.joints)))
+            curves.append((curve, y))
+        slopes.append(ca.horzcat(*[ca.diagcat(*side) for side in zip(*rows, strict=True)]))
+    at = ca.vertcat(*values)
+    result, outer_slope = first(at, *given)
+    across, force = second(at, *given, weight)
+    slope = ca.vertcat(*slopes)
+    total, begin = slope.T @ across @ slope, 0
+    for group in range(len(inner)):
+        blocks = []
+        for curve, y in curves[group * len(arms) : (group + 1) * len(arms)]:
+            size = curve.numel_in(1)
+            half = y.numel() // 2
+            blocks.append(ca.blocksplit(curve(y, force[begin : begin + size]), half, half))
+            begin += size
+        total += ca.blockcat([[ca.diagcat(*[b[i][j] for b in blocks]) for j in (0, 1)] for i in (0, 1)])
+    inputs = [q, qdot, *given]
+    return {
+        f"{name}_value": ca.Function(f"{name}_value", inputs, [ca.densify(result)]),
+        f"{name}_slope": ca.Function(f"{name}_slope", inputs, [ca.densify(outer_slope @ slope)]),
+        f"{name}_bend": ca.Function(f"{name}_bend", [*inputs, weight], [ca.densify(total)]),
+    }
 
 
 def smooth_parts(name: str, f: ca.SX, of: list[ca.SX], parameters: list[ca.SX]) -> dict[str, ca.Function]:

@@ -1,8 +1,8 @@
 """From splines that are nearly reactionless to a motion that is, exactly, and that ends where it has to.
 
-The motion is thetadot = P(theta) u(t): u is the derivative of the splines, P removes what would turn the base.
-It is integrated in steps much shorter than the splines' intervals, and what it misses at the end is put right
-by changing the splines.
+The motion is thetadot = P(theta) u(t): u is the derivative of the splines, P removes what would turn the
+base. It is integrated in steps much shorter than the splines' intervals, and what it misses at the end is put
+right by changing the splines.
 """
 
 from dataclasses import dataclass, replace
@@ -66,8 +66,8 @@ class Rollout:
     def closed(self, coefficients: Array, parameters: Array) -> Motion:
         """The motion after corrections that make it end where the program's parameters say.
 
-        A correction fulfils the linearised constraints of the program; as the splines are all but reactionless
-        the roll-out follows it to a per cent, so that each round takes two digits of the miss away.
+        A correction fulfils the linearised constraints of the program; as the splines are all but
+        reactionless the roll-out follows it to a per cent: each round takes two digits of the miss away.
         """
         program = self._program
         n, ends = program.joints, slice(program.collocated, program.collocated + program.ending)
@@ -95,7 +95,7 @@ class Rollout:
 
 
 def _steps(model: HeldAttitude, n: int, lengths: Array) -> ca.Function:
-    """(start (n), u at begin, middle and end of each step (3 n, steps)) -> angles after each step (n, steps)."""
+    """(start (n), u at begin, middle and end of each step (3 n, steps)) -> angles after each (n, steps)."""
     q, u, h = ca.MX.sym("q", n), ca.MX.sym("u", 3 * n), ca.MX.sym("h")
     begin, middle, end = ca.vertsplit(u, n)
 

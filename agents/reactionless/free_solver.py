@@ -125,7 +125,7 @@ class Solver:
         """Solve from coefficients (size, n), within limits that are None where there are none.
 
         Args:
-            nearness: (K, 23) parameters of nearness at the nodes; None for the program without.
+            nearness: (K, 24) parameters of nearness at the nodes; None for the program without.
         """
         program = self.programs.free if nearness is None else self.programs.clear
         mesh, n, duration = program.mesh, program.joints, self._capture.duration

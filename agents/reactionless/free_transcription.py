@@ -1,8 +1,8 @@
 """The free-path problem as a sparse nonlinear program in the coefficients of cubic splines.
 
-Time is scaled to s = t / T, so that one program serves all durations: rates are multiplied by T, accelerations
-by T squared. The reactionless constraint is collocated at the middle of every interval and at the end; what it
-leaves in between (1e-5 rad of drift) the roll-out takes away.
+Time is scaled to s = t / T, so that one program serves all durations: rates are multiplied by T,
+accelerations by T squared. The reactionless constraint is collocated at the middle of every interval and at the
+end; what it leaves in between (1e-5 rad of drift) the roll-out takes away.
 """
 
 from dataclasses import dataclass
@@ -82,10 +82,10 @@ class Mesh:
 class Program:
     """The nonlinear program of one robot and mesh.
 
-    Its variables are the free coefficients (size - 3) x n, a coefficient's joints side by side; its parameters
-    [start (n), tips (2 d) m, tips' velocities times T (2 d), across (12, columns), those of the cost, node by
-    node]; its constraints, in this order: `turning` at the middles, `ending`, then linear ones on rates and
-    accelerations.
+    Its variables are the free coefficients (size - 3) x n, a coefficient's joints side by side; its
+    parameters [start (n), tips (2 d) m, tips' velocities times T (2 d), across (12, columns), those of the
+    cost, node by node]; its constraints, in this order: `turning` at the middles, `ending`, then linear ones on
+    rates and accelerations.
     """
 
     mesh: Mesh
@@ -257,7 +257,7 @@ def _bend(
 
 
 def _active(mesh: Mesh, at: Array) -> list[tuple[int, int, tuple[float, float]]]:
-    """(place in `at`, free coefficient, its basis function's value and derivative) where not both are zero."""
+    """(place in `at`, free coefficient, its function's value and derivative) where not both are zero."""
     value, rate = mesh.basis(at)[:, FIXED:], mesh.basis(at, 1)[:, FIXED:]
     return [
         (int(k), int(c), (float(value[k, c]), float(rate[k, c])))

@@ -29,7 +29,7 @@ from space_envs.errors import ConfigurationError
 METHOD = "reactionless_ocp"
 PERTURBATIONS = (0.4, -0.4)  # of further starts: (a) plus a share of itself in the null space
 RETRIES = 2  # solutions without bounds that are led into them, until one can be
-SHARES = (0.999, 0.98, 0.95)  # of the bounds, in turn: they are not imposed between the points
+SHARES = (0.999, 0.98, 0.95, 0.9)  # of the bounds, in turn: they are not imposed between the points
 COARSE = 120  # steps of the integration that makes a start
 FEEDBACK = 0.5  # 1/s, with which the accurate motion follows the collocated one
 
@@ -63,7 +63,7 @@ def plan_ocp(
     # Without bounds first, from every start: that takes milliseconds. The best are then led into the bounds.
     found: list[tuple[float, str, Solution]] = []
     reasons = []
-    free = Programme.of(robot, model, NODES, False, False)
+    free = Programme.of(robot, model, NODES)
     for name, guess in _starts(model, path, capture, first, free.times(capture.duration)):
         solution = free.solve(path, capture, Limits(), guess)
         if isinstance(solution, str):
@@ -115,7 +115,8 @@ def _led(
     share: float,
 ) -> Solution | str:
     """Lead a solution without bounds into them."""
-    programme = Programme.of(robot, model, BOUNDED_NODES, from_rest, limits.acceleration is not None)
+    bounded = limits.acceleration is not None, limits.control is not None
+    programme = Programme.of(robot, model, BOUNDED_NODES, from_rest, *bounded)
     curve, _ = solution.curves()
     return programme.solve(path, capture, limits, curve(programme.times(capture.duration)), share)
 

@@ -29,13 +29,13 @@ class Tracking:
     """
 
     timestep: float = 0.02
-    control_period: float = 0.1
+    control_period: float = 0.02
     joint_gain: float = 1.0
     attitude_gain: float = 0.0
 
 
 # docs/physics.md: the setting that reaches the order of the paper's 1e-9 rad/s.
-FINE = Tracking(timestep=0.005, control_period=0.005, joint_gain=1.0, attitude_gain=0.1)
+FINE = Tracking(timestep=0.002, control_period=0.002, attitude_gain=0.1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,154 +1,32 @@
 """The claims of shah2013, each with the rule that decides it, and what goes beyond the paper.
 
-Records are those of `reproduce.shah2013.runs.work_out`. One rule decides the canonical case and random ones.
+One rule decides the canonical case and random ones.
 """
 
-from collections.abc import Callable, Mapping
-from typing import Any
-
 from reproduce.claims import Rule
+from reproduce.shah2013.deciding import (
+    ARRIVED,
+    MUCH,
+    NONE,
+    ORDER,
+    SAME,
+    SUDDEN,
+    arrival_figures,
+    arrives,
+    below,
+    costs_later,
+    figures_of,
+    lead_figures,
+    nonsingular,
+    pair,
+    ratio,
+    reactionless,
+    reactionless_figures,
+    smooth_figures,
+    sudden,
+    sudden_figures,
+)
 from reproduce.shah2013.measures import SAMPLES
-
-Figures = Mapping[str, Any]
-Record = Mapping[str, Any]
-
-PAPER = ("zeta_zero", "local", "ocp")  # methods (a), (b), (c)
-SAME = 1e-9  # relative; energies that differ by less are equal
-MUCH = 0.9  # of another's energy or power, below which it counts as much lower
-SUDDEN = 4.0  # times its mean, from which the fastest change of zeta counts as sudden
-LATE = 0.75  # of the duration
-ORDER = 1e-8  # rad/s, below which a base rate is of the paper's order, 1e-9 rad/s
-ARRIVED = 1e-6  # m and m/s
-
-
-def figures_of(record: Record, key: str) -> Figures | None:
-    """Figures of a method; None where it found no plan."""
-    found = record["methods"][key]
-    return None if "cause" in found else found
-
-
-def nonsingular(record: Record) -> bool:
-    """Whether all three of the paper's methods found a plan."""
-    return all(figures_of(record, key) for key in PAPER)
-
-
-def ratio(record: Record, key: str, others: tuple[str, ...], name: str = "energy") -> float | None:
-    """A figure of one method over the least of the others'; None where one of them found no plan."""
-    found = [figures_of(record, each) for each in (key, *others)]
-    if not all(found):
-        return None
-    values = [each[name] for each in found if each]
-    return values[0] / min(values[1:])
-
-
-def _below(
-    key: str, others: tuple[str, ...], most: float, name: str = "energy"
-) -> Callable[[Record], bool | None]:
-    def test(record: Record) -> bool | None:
-        found = ratio(record, key, others, name)
-        return None if found is None else found <= most
-
-    return test
-
-
-def _base_rates(record: Record, name: str) -> list[float]:
-    return [found[name] for key in PAPER if (found := figures_of(record, key))]
-
-
-def _reactionless(record: Record) -> bool | None:
-    rates = _base_rates(record, "base_rate")
-    return all(rate <= ORDER for rate in rates) if rates else None
-
-
-def _reactionless_figures(record: Record) -> str:
-    texts = []
-    for name, how in (
-        ("base_rate", "re-integrated"),
-        ("tracked_base_rate", "simulated at the suite's step of 20 ms with torques held for 0.1 s"),
-        ("tracked_base_rate_fine", "simulated with step and control period of 5 ms"),
-    ):
-        rates = _base_rates(record, name)
-        texts.append(f"{', '.join(f'{rate:.1e}' for rate in rates)} rad/s {how}")
-    return f"Largest for (a), (b), (c): {'; '.join(texts)}."
-
-
-def _arrives(record: Record) -> bool | None:
-    found = [figures_of(record, key) for key in PAPER]
-    found = [each for each in found if each]
-    if not found:
-        return None
-    return all(max(each["end_position"], each["end_velocity"]) <= ARRIVED for each in found)
-
-
-def _arrival_figures(record: Record) -> str:
-    found = [each for key in PAPER if (each := figures_of(record, key))]
-    position, speed, spin = (
-        max(each[name] for each in found) for name in ("end_position", "end_velocity", "spin_left")
-    )
-    return (
-        f"Points missed by at most {position:.0e} m and velocities by at most {speed:.0e} m/s. The "
-        f"end-effectors still turn against the target, by up to {spin:.3f} rad/s."
-    )
-
-
-def _sudden(record: Record) -> bool | None:
-    found = figures_of(record, "local")
-    if not found:
-        return None
-    return found["zeta_jolt_ratio"] >= SUDDEN and found["zeta_jolt_time"] >= LATE * record["case"]["duration"]
-
-
-def _sudden_figures(record: Record) -> str:
-    found = figures_of(record, "local")
-    if not found:
-        return "Local optimisation found no plan."
-    return (
-        f"ζ changes fastest at t = {found['zeta_jolt_time']:.1f} s of {record['case']['duration']:g} s, "
-        f"{found['zeta_jolt_ratio']:.1f} times as fast as on average; the dependent velocities at "
-        f"t = {found['jolt_time']:.1f} s."
-    )
-
-
-def _costs_later(record: Record) -> bool | None:
-    more, found = ratio(record, "local", ("zeta_zero",)), figures_of(record, "local")
-    if more is None or more <= 1.0 or not found:
-        return None
-    return found["lead"] <= 0.0
-
-
-def _lead_figures(record: Record) -> str:
-    found, other = figures_of(record, "local"), figures_of(record, "zeta_zero")
-    if not found or not other:
-        return "One of the two found no plan."
-    behind = found["energy"] - other["energy"]
-    return (
-        f"2 s before ζ changes fastest, (b) has used {found['lead']:+.4f} J s against (a); at the end "
-        f"{behind:+.4f} J s."
-    )
-
-
-def _smooth_figures(record: Record) -> str:
-    found = {key: figures_of(record, key) for key in PAPER}
-    texts = [f"{each['jolt']:.4f}" if each else "-" for each in found.values()]
-    return f"Fastest change of the dependent velocities of (a), (b), (c): {', '.join(texts)} rad/s²."
-
-
-def _pair(name: str, unit: str, scale: float, key: str, *others: str) -> Callable[[Record], str]:
-    """A sentence with a figure of one method and of others, and the change in percent."""
-
-    def text(record: Record) -> str:
-        values = {each: figures_of(record, each) for each in (key, *others)}
-        letters = {"zeta_zero": "(a)", "local": "(b)", "ocp": "(c)", "ocp_rest": "(c′)", "free": "(d)"}
-        shown = ", ".join(
-            f"{letters[each]} {scale * found[name]:.5g}" if found else f"{letters[each]} none"
-            for each, found in values.items()
-        )
-        change = ratio(record, key, others, name)
-        last = "" if change is None else f" {100 * (change - 1.0):+.1f} %."
-        return f"{shown} {unit}.{last}"
-
-    return text
-
 
 CLAIMS = (
     Rule(
@@ -161,7 +39,7 @@ CLAIMS = (
         lambda record: (
             f"Least singular value of the five rows along the path of (a): {found['least_singular']:.3f}."
             if (found := figures_of(record, "zeta_zero"))
-            else "No plan."
+            else NONE
         ),
         lambda record: figures_of(record, "zeta_zero") is not None,
         "The count is over all drawn cases: paths through singularities are where it fails.",
@@ -172,8 +50,8 @@ CLAIMS = (
         "Both arms start from rest and intercept the grapple points with the desired linear velocities.",
         f"End-effectors of all of (a), (b), (c) that found a plan miss points by at most {ARRIVED:.0e} m and "
         f"velocities by at most {ARRIVED:.0e} m/s.",
-        _arrival_figures,
-        _arrives,
+        arrival_figures,
+        arrives,
         "Angular velocities are not matched, as the paper chooses. The optimum of (c) starts with a jump of "
         "the joint rates; (c′) starts from rest.",
     ),
@@ -184,8 +62,8 @@ CLAIMS = (
         "manipulation.",
         "Re-integrated between the plans' nodes, the base rate of all of (a), (b), (c) that found a plan "
         f"stays below {ORDER:.0e} rad/s.",
-        _reactionless_figures,
-        _reactionless,
+        reactionless_figures,
+        reactionless,
         "Re-integrating a motion that was made from the constraint shows that it was put in and integrated "
         "accurately, not that a robot would rest. That is what the simulation with held torques on a "
         "floating base shows; (c) starts there with its jump of the rates.",
@@ -195,8 +73,8 @@ CLAIMS = (
         "III",
         "Energy and power with ζ = 0 are not the optimal ones.",
         "Energy of (c) is below that of (a).",
-        _pair("energy", "J s", 1.0, "ocp", "zeta_zero"),
-        _below("ocp", ("zeta_zero",), 1.0 - 1e-6),
+        pair("energy", "J s", 1.0, "ocp", "zeta_zero"),
+        below("ocp", ("zeta_zero",), 1.0 - 1e-6),
     ),
     Rule(
         "instant",
@@ -208,7 +86,7 @@ CLAIMS = (
             f"Largest cosine: (b) {found['gradient']:.0e}"
             + (f", (a) {other['gradient']:.2f}." if (other := figures_of(record, "zeta_zero")) else ".")
             if (found := figures_of(record, "local"))
-            else "No plan."
+            else NONE
         ),
         lambda record: found["gradient"] < 1e-5 if (found := figures_of(record, "local")) else None,
         "True by construction: (b) is solved in closed form.",
@@ -218,7 +96,7 @@ CLAIMS = (
         "IV-A, Fig. 4(d)",
         "Local optimisation needs more energy than ζ = 0.",
         "Energy of (b) is above that of (a).",
-        _pair("energy", "J s", 1.0, "local", "zeta_zero"),
+        pair("energy", "J s", 1.0, "local", "zeta_zero"),
         lambda record: None if (r := ratio(record, "local", ("zeta_zero",))) is None else r > 1.0 + SAME,
         "A property of the case, not of the method: mostly it is the other way round.",
     ),
@@ -227,7 +105,7 @@ CLAIMS = (
         "IV-A, Fig. 4(e)",
         "Local optimisation needs more power than ζ = 0.",
         "Peak power (sum of |torque × rate|) of (b) is above that of (a).",
-        _pair("peak_power", "mW", 1000.0, "local", "zeta_zero"),
+        pair("peak_power", "mW", 1000.0, "local", "zeta_zero"),
         lambda record: (
             None if (r := ratio(record, "local", ("zeta_zero",), "peak_power")) is None else r > 1.0
         ),
@@ -238,8 +116,8 @@ CLAIMS = (
         "At t = 18 s there is a sudden change in the optimal ζ.",
         f"ζ of (b) changes at its fastest at least {SUDDEN:g} times as fast as on average, and does so in "
         "the last quarter of the motion.",
-        _sudden_figures,
-        _sudden,
+        sudden_figures,
+        sudden,
         "The duration of the paper's motion is lost, so the time itself cannot be compared.",
     ),
     Rule(
@@ -248,24 +126,24 @@ CLAIMS = (
         "The sudden change makes the dependent velocities change, which needs the additional energy.",
         "Asked where (b) needs more than (a): 2 s before ζ changes fastest, (b) has not yet used more than "
         "(a).",
-        _lead_figures,
-        _costs_later,
+        lead_figures,
+        costs_later,
     ),
     Rule(
         "not_total",
         "IV-A",
         "Local optimisation does not minimise the total energy.",
         "Energy of (c) is below that of (b).",
-        _pair("energy", "J s", 1.0, "ocp", "local"),
-        _below("ocp", ("local",), 1.0 - 1e-6),
+        pair("energy", "J s", 1.0, "ocp", "local"),
+        below("ocp", ("local",), 1.0 - 1e-6),
     ),
     Rule(
         "ocp_energy",
         "IV-B, Fig. 5(d), V",
         "Optimal control needs much less energy than both others.",
         f"Energy of (c) is below {MUCH:g} times the lower one of (a) and (b).",
-        _pair("energy", "J s", 1.0, "ocp", "zeta_zero", "local"),
-        _below("ocp", ("zeta_zero", "local"), MUCH),
+        pair("energy", "J s", 1.0, "ocp", "zeta_zero", "local"),
+        below("ocp", ("zeta_zero", "local"), MUCH),
         "The change is against the better of the two.",
     ),
     Rule(
@@ -273,8 +151,8 @@ CLAIMS = (
         "IV-B, Fig. 5(e), V",
         "Optimal control needs much less power than both others.",
         f"Peak power of (c) is below {MUCH:g} times the lower one of (a) and (b).",
-        _pair("peak_power", "mW", 1000.0, "ocp", "zeta_zero", "local"),
-        _below("ocp", ("zeta_zero", "local"), MUCH, "peak_power"),
+        pair("peak_power", "mW", 1000.0, "ocp", "zeta_zero", "local"),
+        below("ocp", ("zeta_zero", "local"), MUCH, "peak_power"),
         "Power is not what is minimised.",
     ),
     Rule(
@@ -282,8 +160,8 @@ CLAIMS = (
         "IV-B, Fig. 5(a), 5(b)",
         "Optimal control gives a smooth transition of the dependent angular velocities.",
         "The dependent velocities of (c) never change as fast as those of (b) do.",
-        _smooth_figures,
-        _below("ocp", ("local",), 1.0, "jolt"),
+        smooth_figures,
+        below("ocp", ("local",), 1.0, "jolt"),
     ),
     Rule(
         "collocation",
@@ -294,7 +172,7 @@ CLAIMS = (
             f"Path off by {found['path']:.0e} m, base rate {found['base_rate']:.0e} rad/s, at {SAMPLES} "
             "times."
             if (found := figures_of(record, "ocp"))
-            else "No plan."
+            else NONE
         ),
         lambda record: (
             found["path"] <= 1e-6 and found["base_rate"] <= 1e-8
@@ -315,7 +193,7 @@ CLAIMS = (
         "V",
         "The method ensures reactionless manipulation with minimum energy consumption.",
         "No reactionless motion between the same ends with less energy is known: (d) does not go below (c).",
-        _pair("energy", "J s", 1.0, "free", "ocp"),
+        pair("energy", "J s", 1.0, "free", "ocp"),
         lambda record: None if (r := ratio(record, "free", ("ocp",))) is None else r >= 1.0 - SAME,
         "Minimum holds along the given end-effector paths; the paths themselves are not optimal.",
     ),
@@ -328,15 +206,15 @@ BEYOND = (
         "From several starts, optimal control is never worse than either of the others.",
         "Cases in which all of (a), (b), (c) found a plan: energy of (c) is at most the lower one of the "
         "others.",
-        _pair("energy", "J s", 1.0, "ocp", "zeta_zero", "local"),
-        _below("ocp", ("zeta_zero", "local"), 1.0 + SAME),
+        pair("energy", "J s", 1.0, "ocp", "zeta_zero", "local"),
+        below("ocp", ("zeta_zero", "local"), 1.0 + SAME),
     ),
     Rule(
         "free",
         "(d) against (c)",
         "With free paths the same capture costs less.",
         "Energy of (d) is at most that of (c); where (c) found a plan and (d) none, it counts as not so.",
-        _pair("energy", "J s", 1.0, "free", "ocp"),
+        pair("energy", "J s", 1.0, "free", "ocp"),
         lambda record: (
             None
             if not figures_of(record, "ocp")
@@ -347,18 +225,26 @@ BEYOND = (
     Rule(
         "reaches",
         "(d)",
-        "Free paths go round singularities.",
-        "Method (d) finds a plan; over all drawn cases.",
-        lambda record: "A plan." if figures_of(record, "free") else record["methods"]["free"]["reason"],
-        lambda record: figures_of(record, "free") is not None,
+        "Free paths go where the polynomial ones do not.",
+        "Asked where one of (a), (b), (c) found no plan: (d) finds one.",
+        lambda record: (
+            "All of (a), (b), (c) found a plan."
+            if nonsingular(record)
+            else "A plan."
+            if figures_of(record, "free")
+            else record["methods"]["free"]["reason"]
+        ),
+        lambda record: None if nonsingular(record) else figures_of(record, "free") is not None,
+        "Where it finds none, mostly no posture within the joint limits has both end-effectors at their "
+        "points.",
     ),
     Rule(
         "rest",
         "(c′) against (c)",
         "Starting from rest costs next to nothing.",
         "Energy of (c′) is at most 1.001 times that of (c).",
-        _pair("energy", "J s", 1.0, "ocp_rest", "ocp"),
-        _below("ocp_rest", ("ocp",), 1.001),
+        pair("energy", "J s", 1.0, "ocp_rest", "ocp"),
+        below("ocp_rest", ("ocp",), 1.001),
     ),
     Rule(
         "torque",

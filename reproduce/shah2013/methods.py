@@ -16,7 +16,10 @@ ACCELERATION = 0.1  # rad/s^2, of the methods that start from rest by an optimis
 
 @dataclass(frozen=True)
 class Method:
-    """A method: `letter` and `name` on the page, what it is, how it plans."""
+    """A method: `letter` and `name` on the page, what it is, how it plans.
+
+    `within` names a method that may do all that this one may: where that finds no plan, this is not tried.
+    """
 
     key: str
     letter: str
@@ -24,6 +27,7 @@ class Method:
     what: str
     colour: str
     plan: Callable[[Case], Plan | Failure]
+    within: str | None = None
 
     @property
     def title(self) -> str:
@@ -76,6 +80,7 @@ METHODS = {
             f"the same, starting at rest with joint accelerations up to {ACCELERATION} rad/s²",
             ORANGE,
             lambda case: plan_ocp(planar_robot(), case.capture, _REST, from_rest=True),
+            within="ocp",
         ),
         Method(
             "free",

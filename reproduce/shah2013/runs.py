@@ -49,6 +49,14 @@ def work_out(case: Case) -> Worked:
     fine: dict[str, Tracked] = {}
     for key, method in METHODS.items():
         started = perf_counter()
+        wider = figures[method.within] if method.within else {}
+        if "cause" in wider:
+            figures[key] = {
+                "cause": wider["cause"],
+                "reason": f"no plan with the wider bounds of {method.within}",
+            }
+            timing[key] = 0.0
+            continue
         found = method.plan(case)
         timing[key] = perf_counter() - started
         if isinstance(found, Failure):

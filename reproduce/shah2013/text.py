@@ -13,7 +13,8 @@ from reproduce.cases import Record
 from reproduce.claims import Claim, Share, settle
 from reproduce.page import Block, Claims, Page, Section, Table, Text, table_csv
 from reproduce.shah2013.cases import Sampler
-from reproduce.shah2013.claims import BEYOND, CLAIMS, figures_of, nonsingular, ratio
+from reproduce.shah2013.claims import BEYOND, CLAIMS
+from reproduce.shah2013.deciding import figures_of, nonsingular, ratio
 from reproduce.shah2013.figures import comparison, independent_velocities, method_figure, movie, ratios
 from reproduce.shah2013.methods import METHODS
 from reproduce.shah2013.runs import Worked
@@ -37,7 +38,6 @@ def build(options: Options, sampler: Sampler, worked: Worked, records: Sequence[
     claims, beyond = settle(CLAIMS, worked.record, records), settle(BEYOND, worked.record, records)
     count = len(records)
     clear = sum(nonsingular(record) for record in records)
-    random = f"of {count} random cases"
     paper: list[Block] = [independent_velocities(worked)]
     paper += [f for key in ("zeta_zero", "local", "ocp") if (f := method_figure(worked, METHODS[key]))]
     extra: list[Block] = [Claims(tuple(beyond), OWN, "random cases")]
@@ -64,8 +64,8 @@ def build(options: Options, sampler: Sampler, worked: Worked, records: Sequence[
                     Text(
                         (
                             "Every claim of the paper that can be tested, with what was measured on the "
-                            f"canonical case and how often it holds {random}. A claim about methods that "
-                            "found no plan in a case is not counted there.",
+                            f"canonical case and how often it holds over {count} random cases. A claim about "
+                            "methods that found no plan in a case is not counted there.",
                         )
                     ),
                     Claims(tuple(claims), OWN, "random cases"),

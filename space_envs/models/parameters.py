@@ -116,7 +116,7 @@ class DualArmPlanarParameters:
     acceleration_limit: float = 0.25  # rad/s^2, our choice
     torque_limit: float = 60.0  # N m, our choice
     link_radius: float = 0.05  # m, for clearances and what is drawn; our choice
-    target: TargetParameters = TargetParameters(100.0, (10.0, 10.0, 10.0), 0.3, (0.18, 0.22, 0.2))
+    target: TargetParameters = TargetParameters(100.0, (10.0, 10.0, 10.0), 0.3, (0.16, 0.18, 0.16))
 
 
 DUAL_ARM_PLANAR = DualArmPlanarParameters()
@@ -148,7 +148,7 @@ class DualArmSpatialParameters:
     torque_limit: float = 60.0  # N m
     rotor_inertia: float = 0.5  # kg m^2 behind the gear
     link_radius: float = 0.05  # m, of the rods
-    target: TargetParameters = TargetParameters(120.0, (12.0, 16.0, 20.0), 0.3, (0.2, 0.25, 0.25))
+    target: TargetParameters = TargetParameters(120.0, (12.0, 16.0, 20.0), 0.3, (0.18, 0.24, 0.22))
 
 
 DUAL_ARM_SPATIAL = DualArmSpatialParameters()

@@ -23,7 +23,7 @@ from space_envs.dynamics.rigid_body import tumble
 from space_envs.dynamics.rotations import Array, canonical, conjugate, rotate
 from space_envs.errors import GoalError
 from space_envs.models.dual_arm import END_EFFECTORS, GRAPPLES, DualArmOptions, dual_arm_model
-from space_envs.models.parameters import TargetParameters
+from space_envs.models.parameters import DUAL_ARM_SPATIAL, TargetParameters
 from space_envs.simulation import Simulation
 from space_envs.tasks.base import BLOCK, CaptureTask
 from space_envs.tasks.common import DIFFICULTIES, Goals, ObservationLayout
@@ -32,10 +32,11 @@ from space_envs.tasks.common import DIFFICULTIES, Goals, ObservationLayout
 DEFAULT_TIMESTEP = {"planar": 0.02, "spatial": 0.01}
 SPLIT_SIZE = {"train": 1024, "validation": 256, "test": 512, "ood": 512}
 MEETING = 20.0  # s after the start, when the target is where the goal was drawn
-ROUNDS = 200  # of drawing goals again that cannot be reached
+ATTEMPTS = 2000  # to draw a goal that can be reached
 REACHED = (1e-3, np.deg2rad(0.2))  # m and rad left at the end of the motion that proves a goal reachable
 LIMIT_MARGIN = 0.25  # rad, of that motion's end from the joint limits
-CLEARANCE = 0.06  # m, between the links of different arms, at the start and at the end of that motion
+CLEARANCE = 0.04  # m, of links from what they must not touch, at the start and at the end of that motion
+GRIPPER = 0.15  # m, outer part of an arm that may be at the target
 OOD_FACTOR = (1.0, 1.5)  # of the difficulty's largest spin and displacement
 OOD_MASS = (0.8, 1.2)  # factor on the satellite's mass and inertia
 
@@ -83,6 +84,7 @@ class DualArmTask(CaptureTask):
     draws: ClassVar[Draws]
     way_in: ClassVar[Array | None]  # (2, 3) approach axes in the target's frame; None where any will do
     measured: ClassVar[tuple[tuple[str, slice], ...]]  # sensors, in the order of the layout
+    link_radius: ClassVar[float]  # m
     outward: ClassVar[Array]  # (2, 3) unit vectors from the target's centre to its grapple points
     seeds: ClassVar[Mapping[str, int]]
     split_sizes = SPLIT_SIZE
@@ -283,13 +285,18 @@ def find_attempts(
     """
     task, robot = kind(), _robot(kind.kind, mounts)
     attempts, left = np.zeros(BLOCK, dtype=np.int64), np.arange(BLOCK)
-    for _ in range(ROUNDS):
-        tried = _drawn(task, robot, difficulty, split, block * BLOCK + left, attempts[left])
-        left = left[~_reachable(task, robot, tried)]
-        if not len(left):
-            return attempts
-        attempts[left] += 1
-    raise GoalError(f"{len(left)} goals of split {split!r} could not be drawn: no candidate is reachable")
+    while len(left) and attempts.max() < ATTEMPTS:
+        # Several attempts at a time where few goals are left: small batches take as long as large ones.
+        ahead = np.arange(max(BLOCK // len(left), 1))
+        index, attempt = np.repeat(left, len(ahead)), (attempts[left][:, None] + ahead).ravel()
+        tried = _drawn(task, robot, difficulty, split, block * BLOCK + index, attempt)
+        ok = _reachable(task, robot, tried).reshape(len(left), len(ahead))
+        found = ok.any(axis=1)
+        attempts[left] += np.where(found, ok.argmax(axis=1), len(ahead))
+        left = left[~found]
+    if len(left):
+        raise GoalError(f"{len(left)} goals of split {split!r} could not be drawn: no candidate is reachable")
+    return attempts
 
 
 def _drawn(
@@ -349,30 +356,32 @@ def _clear(
 ) -> NDArray[np.bool_]:
     """Whether points along the arms at q (K, n) keep away from each other, the target and the bus."""
     kinematics = robot.kinematics(q)
-    points = _link_points(robot, kinematics)  # (K, 2, P, 3), base frame
+    points, outer = _link_points(robot, kinematics)  # (K, 2, P, 3), base frame
+    away = task.link_radius + CLEARANCE
     gap = np.linalg.norm(points[:, 0, :, None] - points[:, 1, None, :], axis=-1).min(axis=(1, 2))
-    clear = gap > CLEARANCE + 2.0 * LINK_RADIUS
+    clear = gap > away + task.link_radius
     # The base has hardly moved at the start, and by centimetres at the end; the margin covers that.
     body = np.array(task.target.body) * (goals.half_width / task.target.half_width)[:, None]
-    local = rotate(conjugate(attitude)[:, None, None], points - goals.position[:, None, None])
-    outside = np.abs(local) > body[:, None, None] + LINK_RADIUS
+    local = rotate(conjugate(attitude)[:, None, None], points[:, :, ~outer] - goals.position[:, None, None])
     axes = slice(0, 2 if task.kind == "planar" else 3)
-    clear &= outside[..., axes].any(axis=-1).reshape(len(q), -1).all(axis=1)
+    outside = (np.abs(local) > body[:, None, None] + away)[..., axes].any(axis=-1)
+    clear &= outside.reshape(len(q), -1).all(axis=1)
     if task.kind == "spatial":
         count = points.shape[2] // (robot.n_joints // 2)
-        outer = points[:, :, 2 * count :]  # the first two links stand on the bus
-        clear &= (np.abs(outer) > 0.5 + LINK_RADIUS).any(axis=-1).reshape(len(q), -1).all(axis=1)
+        free = points[:, :, 2 * count :]  # the first two links stand on the bus
+        side = 0.5 * DUAL_ARM_SPATIAL.satellite_side
+        clear &= (np.abs(free) > side + away).any(axis=-1).reshape(len(q), -1).all(axis=1)
     return clear
 
 
-LINK_RADIUS = 0.05  # m, of both robots' links
-_ALONG = np.array([0.0, 0.25, 0.5, 0.75])  # where on a link points lie; its end belongs to the next one
+_ALONG = np.linspace(0.0, 1.0, 12, endpoint=False)  # where on a link points lie; its end is the next one's
 
 
-def _link_points(robot: FloatingRobot, kinematics: Kinematics) -> Array:
-    """Points (K, 2, P, 3) along the links of both arms, base frame, without the end-effectors themselves."""
+def _link_points(robot: FloatingRobot, kinematics: Kinematics) -> tuple[Array, NDArray[np.bool_]]:
+    """Points (K, 2, P, 3) along the links of both arms, base frame; (P,) which belong to the gripper."""
     n = robot.n_joints // 2
     arms = []
+    outer = np.zeros(0, dtype=bool)
     for arm in range(2):
         joints = kinematics.position[:, arm * n : (arm + 1) * n]
         link = int(robot.tip_link[arm]) - 1
@@ -380,4 +389,8 @@ def _link_points(robot: FloatingRobot, kinematics: Kinematics) -> Array:
         ends = np.concatenate([joints[:, 1:], tip[:, None]], axis=1)
         points = joints[:, :, None] + _ALONG[:, None] * (ends - joints)[:, :, None]
         arms.append(points.reshape(len(points), -1, 3))
-    return np.stack(arms, axis=1)
+        length = float(np.linalg.norm(robot.tip_offset[arm]))
+        outer = np.concatenate(
+            [np.zeros((n - 1) * len(_ALONG), dtype=bool), (1.0 - _ALONG) * length < GRIPPER]
+        )
+    return np.stack(arms, axis=1), outer

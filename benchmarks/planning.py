@@ -1,0 +1,82 @@
+"""Planning times of the reactionless methods on the validation goals of both dual-arm tasks, one process."""
+
+import argparse
+import time
+from collections import Counter
+
+import numpy as np
+
+from agents.reactionless.model import PathModel
+from agents.reactionless.problem import Failure
+from agents.reactionless_policies import FreePaths, Local, OptimalControl, ReactionlessPlanner, ZetaZero
+from benchmarks.machine import machine_class, markdown_table
+from space_envs.envs import CaptureVectorEnv
+from space_envs.evaluation.policy import PolicyContext
+
+METHODS: dict[str, tuple[type[ReactionlessPlanner], dict[str, float]]] = {
+    # Seconds that a plan may take, by task.
+    "reactionless": (ZetaZero, {"Planar": 0.1, "Spatial": 0.1}),
+    "reactionless_local": (Local, {"Planar": 0.1, "Spatial": 0.1}),
+    "reactionless_ocp": (OptimalControl, {"Planar": 5.0}),
+    "reactionless_free": (FreePaths, {"Planar": 5.0, "Spatial": 20.0}),
+}
+
+
+def measured(method: type[ReactionlessPlanner], task: str, goals: int) -> tuple[list[float], Counter[str]]:
+    """Seconds of each plan, after one that is not counted, and what became of them."""
+    env = CaptureVectorEnv(f"SpaceCapture/DualArm{task}-v0", goals)
+    observation, _ = env.reset(options={"split": "validation", "index": np.arange(goals)})
+    asked = method(PolicyContext.from_env(env)).tasks(observation)
+    method.plan(asked[0])
+    times, outcomes = [], Counter[str]()
+    for one in asked:
+        before = time.perf_counter()
+        plan = method.plan(one)
+        times.append(time.perf_counter() - before)
+        outcomes[plan.cause if isinstance(plan, Failure) else "plan"] += 1
+    return times, outcomes
+
+
+def evaluation_time(task: str, repeats: int = 2000) -> float:
+    """Seconds that the compiled matrices at one configuration take here and now: no method can do with less
+    than a few hundred of them."""
+    env = CaptureVectorEnv(f"SpaceCapture/DualArm{task}-v0", 1)
+    robot = env.task.robot
+    model = PathModel.of(robot)
+    model(robot.home)
+    before = time.perf_counter()
+    for _ in range(repeats):
+        model(robot.home)
+    return (time.perf_counter() - before) / repeats
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--goals", type=int, default=20, help="plans of each method (default %(default)s)")
+    options = parser.parse_args()
+    rows = []
+    for task in ("Planar", "Spatial"):
+        unit = evaluation_time(task)
+        for name, (method, allowed) in METHODS.items():
+            if task not in allowed:
+                continue
+            times, outcomes = measured(method, task, options.goals)
+            rows.append(
+                [
+                    task.lower(),
+                    f"`{name}`",
+                    f"{np.median(times):.3f}",
+                    f"{np.percentile(times, 90):.3f}",
+                    f"{allowed[task]:g}",
+                    f"{np.median(times) / unit:,.0f}",
+                    ", ".join(f"{count} {what}" for what, count in outcomes.most_common()),
+                ]
+            )
+    head = ["robot", "method", "median, s", "90 %, s", "bound, s", "median / one evaluation", "of the plans"]
+    print(markdown_table(head, rows))
+    print(f"\n{options.goals} validation goals of difficulty medium, one process, {machine_class()}.")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,70 @@
+"""Peak base rate and momentum of plans tracked at torque level in MuJoCo, by time step and control period."""
+
+import argparse
+
+import numpy as np
+
+from agents.reactionless.problem import Failure
+from agents.reactionless.tracking import FINE, Tracking, track
+from agents.reactionless_policies import FreePaths, OptimalControl, ReactionlessPlanner
+from benchmarks.machine import machine_class, markdown_table
+from space_envs.envs import CaptureVectorEnv
+from space_envs.evaluation.policy import PolicyContext
+from space_envs.models.dual_arm import DualArmOptions
+
+SETTINGS = (
+    Tracking(control_period=0.1),
+    Tracking(),
+    Tracking(timestep=0.01, control_period=0.01),
+    FINE,
+)
+CASES: tuple[tuple[str, type[ReactionlessPlanner]], ...] = (
+    ("Planar", OptimalControl),
+    ("Planar", FreePaths),
+    ("Spatial", FreePaths),
+)
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--goals", type=int, default=5, help="plans of each method (default %(default)s)")
+    options = parser.parse_args()
+    rows = []
+    for task, method in CASES:
+        env = CaptureVectorEnv(f"SpaceCapture/DualArm{task}-v0", options.goals)
+        observation, _ = env.reset(options={"split": "validation", "index": np.arange(options.goals)})
+        found = [method.plan(one) for one in method(PolicyContext.from_env(env)).tasks(observation)]
+        plans = [plan for plan in found if not isinstance(plan, Failure)]
+        for how in SETTINGS:
+            done = [track(plan, DualArmOptions(task.lower()), how) for plan in plans]
+            rows.append(
+                [
+                    task.lower(),
+                    f"`{plans[0].method}`" if plans else method.__name__,
+                    f"{1e3 * how.timestep:g}",
+                    f"{1e3 * how.control_period:g}",
+                    f"{how.attitude_gain:g}",
+                    f"{max(one.peak_base_rate for one in done):.1e}",
+                    f"{max(np.rad2deg(one.attitude.max()) for one in done):.1e}",
+                    f"{max(one.momentum.max() for one in done):.1e}",
+                    f"{max(one.joint_error.max() for one in done):.1e}",
+                ]
+            )
+    head = [
+        "robot",
+        "plan",
+        "step, ms",
+        "control, ms",
+        "attitude gain, 1/s",
+        "peak base rate, rad/s",
+        "peak attitude, deg",
+        "momentum, N s or N m s",
+        "joint error, rad",
+    ]
+    print(markdown_table(head, rows))
+    print(f"\nWorst of up to {options.goals} validation goals of difficulty medium, {machine_class()}.")
+
+
+if __name__ == "__main__":
+    main()

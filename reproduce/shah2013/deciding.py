@@ -1,0 +1,157 @@
+"""What is read off the record of a case to decide a claim, and the sentences that show it.
+
+Records are those of `reproduce.shah2013.runs.work_out`.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+Figures = Mapping[str, Any]
+Record = Mapping[str, Any]
+
+PAPER = ("zeta_zero", "local", "ocp")  # methods (a), (b), (c)
+SAME = 1e-9  # relative; energies that differ by less are equal
+MUCH = 0.9  # of another's energy or power, below which it counts as much lower
+SUDDEN = 4.0  # times its mean, from which the fastest change of zeta counts as sudden
+LATE = 0.75  # of the duration
+ORDER = 1e-8  # rad/s, below which a base rate is of the paper's order, 1e-9 rad/s
+ARRIVED = 1e-6  # m and m/s
+NONE = "No plan."
+
+
+def figures_of(record: Record, key: str) -> Figures | None:
+    """Figures of a method; None where it found no plan."""
+    found = record["methods"][key]
+    return None if "cause" in found else found
+
+
+def nonsingular(record: Record) -> bool:
+    """Whether all three of the paper's methods found a plan."""
+    return all(figures_of(record, key) for key in PAPER)
+
+
+def ratio(record: Record, key: str, others: tuple[str, ...], name: str = "energy") -> float | None:
+    """A figure of one method over the least of the others'; None where one of them found no plan."""
+    found = [figures_of(record, each) for each in (key, *others)]
+    if not all(found):
+        return None
+    values = [each[name] for each in found if each]
+    return values[0] / min(values[1:])
+
+
+def below(
+    key: str, others: tuple[str, ...], most: float, name: str = "energy"
+) -> Callable[[Record], bool | None]:
+    def test(record: Record) -> bool | None:
+        found = ratio(record, key, others, name)
+        return None if found is None else found <= most
+
+    return test
+
+
+def _base_rates(record: Record, name: str) -> list[float]:
+    return [found[name] for key in PAPER if (found := figures_of(record, key))]
+
+
+def reactionless(record: Record) -> bool | None:
+    rates = _base_rates(record, "base_rate")
+    return all(rate <= ORDER for rate in rates) if rates else None
+
+
+def reactionless_figures(record: Record) -> str:
+    if not _base_rates(record, "base_rate"):
+        return NONE
+    texts = []
+    for name, how in (
+        ("base_rate", "re-integrated"),
+        ("tracked_base_rate", "simulated at the suite's step of 20 ms with torques held for 0.1 s"),
+        ("tracked_base_rate_fine", "simulated with step and control period of 5 ms"),
+    ):
+        rates = _base_rates(record, name)
+        texts.append(f"{', '.join(f'{rate:.1e}' for rate in rates)} rad/s {how}")
+    return f"Largest for (a), (b), (c): {'; '.join(texts)}."
+
+
+def arrives(record: Record) -> bool | None:
+    found = [figures_of(record, key) for key in PAPER]
+    found = [each for each in found if each]
+    if not found:
+        return None
+    return all(max(each["end_position"], each["end_velocity"]) <= ARRIVED for each in found)
+
+
+def arrival_figures(record: Record) -> str:
+    found = [each for key in PAPER if (each := figures_of(record, key))]
+    if not found:
+        return NONE
+    position, speed, spin = (
+        max(each[name] for each in found) for name in ("end_position", "end_velocity", "spin_left")
+    )
+    return (
+        f"Points missed by at most {position:.0e} m and velocities by at most {speed:.0e} m/s. The "
+        f"end-effectors still turn against the target, by up to {spin:.3f} rad/s."
+    )
+
+
+def sudden(record: Record) -> bool | None:
+    found = figures_of(record, "local")
+    if not found:
+        return None
+    return found["zeta_jolt_ratio"] >= SUDDEN and found["zeta_jolt_time"] >= LATE * record["case"]["duration"]
+
+
+def sudden_figures(record: Record) -> str:
+    found = figures_of(record, "local")
+    if not found:
+        return NONE
+    return (
+        f"ζ changes fastest at t = {found['zeta_jolt_time']:.1f} s of {record['case']['duration']:g} s, "
+        f"{found['zeta_jolt_ratio']:.1f} times as fast as on average; the dependent velocities at "
+        f"t = {found['jolt_time']:.1f} s."
+    )
+
+
+def costs_later(record: Record) -> bool | None:
+    more, found = ratio(record, "local", ("zeta_zero",)), figures_of(record, "local")
+    if more is None or more <= 1.0 or not found:
+        return None
+    return found["lead"] <= 0.0
+
+
+def lead_figures(record: Record) -> str:
+    found, other = figures_of(record, "local"), figures_of(record, "zeta_zero")
+    if not found or not other:
+        return NONE
+    behind = found["energy"] - other["energy"]
+    return (
+        f"2 s before ζ changes fastest, (b) has used {found['lead']:+.4f} J s against (a); at the end "
+        f"{behind:+.4f} J s."
+    )
+
+
+def smooth_figures(record: Record) -> str:
+    found = {key: figures_of(record, key) for key in PAPER}
+    texts = [f"{each['jolt']:.4f}" if each else "-" for each in found.values()]
+    return f"Fastest change of the dependent velocities of (a), (b), (c): {', '.join(texts)} rad/s²."
+
+
+def _percent(change: float) -> str:
+    """One decimal, or one digit where that would be none."""
+    return f"{change:+.1f}" if abs(change) >= 0.1 else f"{change:+.1g}"
+
+
+def pair(name: str, unit: str, scale: float, key: str, *others: str) -> Callable[[Record], str]:
+    """A sentence with a figure of one method and of others, and the change in percent."""
+
+    def text(record: Record) -> str:
+        values = {each: figures_of(record, each) for each in (key, *others)}
+        letters = {"zeta_zero": "(a)", "local": "(b)", "ocp": "(c)", "ocp_rest": "(c′)", "free": "(d)"}
+        shown = ", ".join(
+            f"{letters[each]} {scale * found[name]:.5g}" if found else f"{letters[each]} none"
+            for each, found in values.items()
+        )
+        change = ratio(record, key, others, name)
+        last = "" if change is None else f" {_percent(100 * (change - 1.0))} %."
+        return f"{shown} {unit}.{last}"
+
+    return text
