@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
 from page_reader import check_self_contained
 
 from reproduce.__main__ import main
@@ -121,24 +122,18 @@ def test_claims_are_settled_by_one_rule_for_all():
 # Figures and animation
 
 
+def line(axes: Axes) -> None:
+    axes.plot([0, 1], [0, 1])
+
+
 def test_a_figure_is_panels_and_a_file():
-    made = figure(
-        "fig",
-        "title",
-        "caption",
-        [Sketch(lambda axes: axes.plot([0, 1], [0, 1]), f"p{k}.") for k in range(4)],
-    )
+    sketches = [Sketch(line, f"p{k}.") for k in range(4)]
+    made = figure("fig", "title", "caption", sketches)
     assert len(made.panels) == 4 and made.alt == "p0. p1. p2. p3."
     root = ElementTree.fromstring(made.file.encode())
     assert root.tag == "{http://www.w3.org/2000/svg}svg"
     assert "prefers-color-scheme: dark" in made.file
-    again = figure(
-        "fig",
-        "title",
-        "caption",
-        [Sketch(lambda axes: axes.plot([0, 1], [0, 1]), f"p{k}.") for k in range(4)],
-    )
-    assert again == made
+    assert figure("fig", "title", "caption", sketches) == made
     with pytest.raises(ValueError, match="not an svg"):
         standalone("<p></p>")
 
@@ -215,14 +210,14 @@ def test_the_animation_moves_the_arms_as_planned():
 @pytest.fixture(scope="module")
 def page() -> Page:
     claim = Rule("key", HOSTILE, HOSTILE, HOSTILE, lambda record: HOSTILE, lambda record: True, HOSTILE)
-    drawn = figure("one", HOSTILE, HOSTILE, [Sketch(lambda axes: axes.plot([0, 1], [0, 1]), HOSTILE)])
+    drawn = figure("one", HOSTILE, HOSTILE, [Sketch(line, HOSTILE)])
     return Page(
         name="paper",
         title=HOSTILE,
         lead=(HOSTILE,),
         notice=HOSTILE,
         chips=((HOSTILE, HOSTILE),),
-        tiles=((HOSTILE,) * 4,),
+        tiles=((HOSTILE, HOSTILE, HOSTILE, HOSTILE),),
         sections=(
             Section("First", (Text((HOSTILE,), (HOSTILE,)), drawn)),
             Section("Second", (Table(HOSTILE, ("a", HOSTILE), ((HOSTILE, "1"),), HOSTILE),)),

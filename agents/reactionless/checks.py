@@ -43,7 +43,7 @@ def checked_plan(
     bare = Plan(method, time, position, rate, acceleration, energy, zeta, notes=notes)
     inner = np.arange(DENSER) / DENSER
     dense = np.append((time[:-1, None] + np.diff(time)[:, None] * inner).ravel(), time[-1])
-    q, qdot, _ = bare.sample(dense)
+    q, qdot, qddot = bare.sample(dense)
     measured = check(robot, capture, limits, bare)
     violation = measured.violation | {
         "path": path_error(robot, path, dense, q),
@@ -61,7 +61,7 @@ def checked_plan(
         if largest > limits.control * 1.001:
             reason = f"zeta would have to reach {largest:.3g} rad/s, the limit is {limits.control:.3g} rad/s"
             return Failure(method, Cause.INFEASIBLE, reason)
-    failure = _beyond_limits(method, limits, dense, q, qdot)
+    failure = _beyond_limits(method, limits, dense, q, qdot, qddot)
     if failure is not None:
         return failure
     return Plan(method, time, position, rate, acceleration, energy, zeta, violation, notes)
@@ -87,7 +87,9 @@ def null_velocities(robot: FloatingRobot, q: Array, qdot: Array) -> Array:
     return way * (way * spins).sum(axis=1, keepdims=True)
 
 
-def _beyond_limits(method: str, limits: Limits, time: Array, q: Array, qdot: Array) -> Failure | None:
+def _beyond_limits(
+    method: str, limits: Limits, time: Array, q: Array, qdot: Array, qddot: Array
+) -> Failure | None:
     if limits.position is not None:
         excess = np.maximum(limits.position[:, 0] - q, q - limits.position[:, 1])
         if excess.max() > 1e-6:
@@ -97,12 +99,17 @@ def _beyond_limits(method: str, limits: Limits, time: Array, q: Array, qdot: Arr
                 Cause.JOINT_LIMIT,
                 f"joint {joint + 1} passes its limit by {excess.max():.3f} rad at t = {time[row]:.2f} s",
             )
-    if limits.rate is not None and np.abs(qdot).max() > limits.rate * (1.0 + 1e-6):
-        row, joint = np.unravel_index(np.abs(qdot).argmax(), qdot.shape)
-        return Failure(
-            method,
-            Cause.INFEASIBLE,
-            f"joint {joint + 1} would have to turn at {np.abs(qdot).max():.3f} rad/s at "
-            f"t = {time[row]:.2f} s, the limit is {limits.rate:.3f} rad/s",
-        )
+    for limit, values, unit in (
+        (limits.rate, qdot, "rad/s"),
+        (limits.acceleration, qddot, "rad/s^2"),
+    ):
+        most = float(np.abs(values).max())
+        if limit is not None and most > limit * (1.0 + 1e-6):
+            row, joint = np.unravel_index(np.abs(values).argmax(), values.shape)
+            return Failure(
+                method,
+                Cause.INFEASIBLE,
+                f"joint {joint + 1} would need {most:.3f} {unit} at t = {time[row]:.2f} s, the limit is "
+                f"{limit:.3f} {unit}",
+            )
     return None

@@ -31,7 +31,8 @@ IPOPT = {
     "sb": "yes",
     "tol": 1e-10,
     "acceptable_tol": 1e-8,
-    "max_iter": 150,
+    "max_iter": 100,
+    "max_wall_time": 2.0,
     "mu_init": 1e-4,
     "bound_relax_factor": 0.0,
 }
@@ -136,14 +137,15 @@ class Programme:
         """Solve from joint angles (N, n) at the Gauss points; a string says why there is no solution.
 
         Args:
-            share: of the limits on rates and accelerations that may be used.
+            share: of the limits that may be used.
         """
         grid, n, half = gauss_grid(self.points), self.joints, 0.5 * capture.duration
         count = self.points
         times = half * (1.0 + grid.points)
         low, high = np.full((count, n), -np.inf), np.full((count, n), np.inf)
         if limits.position is not None:
-            low[:], high[:] = limits.position[:, 0], limits.position[:, 1]
+            room = 0.5 * (1.0 - share) * (limits.position[:, 1] - limits.position[:, 0])
+            low[:], high[:] = limits.position[:, 0] + room, limits.position[:, 1] - room
         speed = np.full((count, n), np.inf if limits.rate is None else share * limits.rate)
         guess = np.clip(guess, low, high)
         rates = grid.slope @ np.vstack([capture.start, guess]) / half

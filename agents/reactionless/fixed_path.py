@@ -21,6 +21,7 @@ from space_envs.dynamics.rotations import Array
 TOLERANCE = 1e-9  # of the integration, relative and absolute
 SMALLEST = 1e-4  # m, or none: independent part of a constraint below which a configuration is singular
 FASTEST = 10.0  # rad/s; joint rates above it are those of a singularity
+MOST_CALLS = 4000  # of the law of joint rates; a regular motion takes a tenth of that
 NODES_A_STEP = 6  # of a plan, in each step of the integration, which is shorter where more happens
 
 Choice = Callable[[Matrices, Array, Array], Array]
@@ -130,10 +131,13 @@ def integrate(
 ) -> Plan | Failure:
     """Follow a law of joint rates from the start of a capture to its end, and check what came of it."""
     model = PathModel.of(robot)
-    reached = [0.0]
+    reached, calls = [0.0], [0]
 
     def law(time: float, state: Array) -> Array:
         reached[0] = time
+        calls[0] += 1
+        if calls[0] > MOST_CALLS:
+            raise Singular("the joint rates change faster and faster")
         thetadot = rate(time, state[:-1])
         return np.append(thetadot, thetadot @ model(state[:-1]).mass @ thetadot)
 

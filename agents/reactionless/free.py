@@ -1,9 +1,9 @@
 """Reactionless motion with free paths (method d): only the ends are given, the energy is least in between.
 
-Beyond shah2013, whose end-effector paths are fixed polynomials. Splines of the joint angles are collocated for
-the reactionless constraint of eq. 4 and the least integral of eq. 15, from several starts, first without regard
-to obstacles; where the best motion meets one, it is solved again with a cost on nearness. A roll-out then makes
-the motion exact.
+Beyond shah2013, whose end-effector paths are fixed polynomials. Splines of the joint angles are collocated
+for the reactionless constraint of eq. 4 and the least integral of eq. 15, from several starts, first without
+regard to obstacles; where the best motion meets one, it is solved again with a cost on nearness. A roll-out
+then makes the motion exact.
 """
 
 from dataclasses import replace
@@ -20,11 +20,13 @@ from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
 
 STARTS = 4
+ENDS, MORE_ENDS = 48, 200  # searches for configurations at the end; the latter where none was clear
 ROOM = 0.995  # share of the limits on rates and accelerations that the splines may use
 ATTEMPTS = 4  # with less room each
 EXTRA = 0.015  # m, of gap beyond the margin below which nearness costs
 WEIGHTS = (3e4, 3e5, 3e6)  # of the squares of what is missing to that gap, in turn
-LEEWAY = 0.01  # m, between the best gap that an end allows and what is required then
+LEEWAY = 0.01  # m, between the gap that the start or the end allows and what is required then
+HOPELESS = 0.03  # m, of what is missing to the required gap, that more weight on nearness does not put right
 LEAST_SPAN = 0.01  # of the duration, that nearness at a node counts for at least
 NEAR_BEST = 1.05  # a clear motion that costs less than this times the least possible is not improved
 EQUAL = 1e-4  # relative difference of energies below which two solutions count as one
@@ -84,8 +86,7 @@ class _Search:
         failure = self._unfit_start()
         if failure is not None:
             return failure
-        model = self._solver.programs.model
-        ends = end_configurations(self._robot, model, self._capture, self._limits, METHOD, ANGLE_ROOM)
+        ends = self._ends(ENDS)
         if isinstance(ends, Failure):
             return ends
         excess: dict[str, float] = {}
@@ -127,7 +128,7 @@ class _Search:
             first = self._gaps(self._around, start[None], at)
             if first.least < 0.0:
                 return self._collision("the start is in a collision", first, at)
-            self._required = min(self._around.margin, first.least)
+            self._require(self._around.margin, first.least)
         return None
 
     def _best(self, ends: Array) -> Plan | Failure:
@@ -144,9 +145,7 @@ class _Search:
             return replace(self._solver.motion(found[0]), notes=note)
         return self._clear(self._around, ends, found, note)
 
-    def _clear(
-        self, around: Surroundings, ends: Array, found: list[Solution], note: str
-    ) -> Plan | Failure:
+    def _clear(self, around: Surroundings, ends: Array, found: list[Solution], note: str) -> Plan | Failure:
         """The cheapest of the optima if it is clear; else the best that comes of leading those around that
         are not, or of starting from clear ends."""
         best: tuple[float, Plan] | None = None
@@ -160,18 +159,10 @@ class _Search:
             tried.append(gap)
             begins.append((solution.cost, solution.coefficients))
         if best is None:
-            at = np.full(len(ends), self._solver.end)
-            last = self._gaps(around, ends, at)
-            best_gap = float(last.each.max())
-            # Where grappling itself leaves less than the margin, less is required.
-            self._required = min(self._required, max(best_gap - LEEWAY, 0.5 * best_gap))
-            clear = last.each >= self._required
-            if best_gap < 0.0:
-                nearest = last.row(int(last.each.argmax()))
-                when = f"none of {len(ends)} configurations at the end is clear; in the best"
-                return self._collision(when, nearest, at)
-            straight = [self._solver.straight(end) for end in spread(ends[clear], self._starts)]
-            begins += [(np.inf, begin) for begin in straight]
+            clear = self._clear_ends(around, ends)
+            if isinstance(clear, Failure):
+                return clear
+            begins += [(np.inf, self._solver.straight(end)) for end in spread(clear, self._starts)]
         seen: list[float] = []
         for least, begin in begins:
             if best is not None and best[0] <= max(least, NEAR_BEST * found[0].cost):
@@ -189,10 +180,39 @@ class _Search:
                     best = solution.cost, replace(plan, notes=f"{note}, led around obstacles")
                     break
                 tried.append(gap)
+                if gap.least < self._required - HOPELESS:
+                    break
         if best is not None:
             return best[1]
         nearest = max(tried, key=lambda gap: gap.least)
         return self._collision("no motion was found that is clear; in the best", nearest, self._solver.dense)
+
+    def _clear_ends(self, around: Surroundings, ends: Array) -> Array | Failure:
+        """End configurations (E, n) that are clear; where grappling leaves less than the margin, less is
+        required from now on."""
+        at = np.full(len(ends), self._solver.end)
+        last = self._gaps(around, ends, at)
+        if not (last.each >= self._required).any():
+            more = self._ends(MORE_ENDS)
+            if not isinstance(more, Failure):
+                ends, at = more, np.full(len(more), self._solver.end)
+                last = self._gaps(around, ends, at)
+        best = last.row(int(last.each.argmax()))
+        if best.least < 0.0:
+            when = f"none of {len(ends)} configurations at the end is clear; in the best"
+            return self._collision(when, best, at)
+        self._require(self._required, best.least)
+        return ends[last.each >= self._required]
+
+    def _require(self, gap: float, possible: float) -> None:
+        """Require a gap, or less where no more than `possible` can be had."""
+        self._required = min(gap, max(possible - LEEWAY, 0.0))
+
+    def _ends(self, searches: int) -> Array | Failure:
+        model = self._solver.programs.model
+        return end_configurations(
+            self._robot, model, self._capture, self._limits, METHOD, searches, ANGLE_ROOM
+        )
 
     def _measured(self, around: Surroundings, solution: Solution) -> tuple[Plan, Gaps]:
         plan = self._solver.motion(solution)

@@ -21,7 +21,7 @@ _BISECTIONS = 12  # of a link's length, for its point nearest to a box
 _SOFT = 1e-6  # m, keeps distances differentiable where they vanish
 _FAR = 1e3  # m, where bodies are that do not count
 POSE = 3 + 9 + 1  # numbers at each time: centre from the system's centre of mass, rotation, counted share
-SHARED = 3 + 3 + 3 + 1  # half sides of target and satellite; wanted distances: arms, satellite, target; standing
+SHARED = 3 + 3 + 3 + 1  # half sides: target, satellite; wanted distances: arms, satellite, target; standing
 EACH = POSE + SHARED + 1  # with the weight of what is missing
 
 
@@ -75,10 +75,10 @@ class Nearness:
                 symbols.append(at)
         missing = ca.fmax(ca.vertcat(*wanted) - ca.vertcat(*distances), 0.0)
         at, inputs = ca.vertcat(*symbols), [q, pose, shared]
-        find = ca.Function("nearest_points", inputs, ca.cse([ca.vertcat(*found)]))
+        find = ca.Function("nearest_points", inputs, list(ca.cse([ca.vertcat(*found)])))
         slope = ca.densify(ca.jacobian(missing, q))
-        held = ca.Function("missing_held", [q, at, pose, shared], ca.cse([missing]))
-        slope_held = ca.Function("slope_held", [q, at, pose, shared], ca.cse([missing, slope]))
+        held = ca.Function("missing_held", [q, at, pose, shared], list(ca.cse([missing])))
+        slope_held = ca.Function("slope_held", [q, at, pose, shared], list(ca.cse([missing, slope])))
         given = [ca.MX.sym("q", n), ca.MX.sym("pose", POSE), ca.MX.sym("shared", SHARED)]
         points = find(*given)
         functions = {

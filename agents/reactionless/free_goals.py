@@ -10,7 +10,6 @@ from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.reactionless import com
 from space_envs.dynamics.rotations import Array
 
-_CANDIDATES = 48
 _SPREAD = (1.2, 2.5)  # rad, largest displacement of a search's start from that of the capture, by turns
 _ITERATIONS = 30
 _DAMPING = 1e-3  # m^2
@@ -52,12 +51,14 @@ def end_configurations(
     capture: Capture,
     limits: Limits,
     method: str,
+    searches: int,
     room: float = 0.0,
 ) -> Array | Failure:
     """Configurations (E, n) that fulfil the end's places and axes, `room` rad inside the joint limits, the
     nearest to the start first in the sense of eq. 12 of shah2013 (energy of the straight way there).
 
-    Damped Newton iterations from the start and from random displacements of it, always the same ones.
+    Damped Newton iterations from the start and from random displacements of it, always the same ones; as many
+    `searches` in all.
     """
     goals, n, d = EndGoals.of(robot, model, capture), robot.n_joints, model.dimensions
     centre = com(robot, robot.kinematics(capture.start))
@@ -72,8 +73,8 @@ def end_configurations(
     low, high = (
         limits.position.T if limits.position is not None else (np.full(n, -np.inf), np.full(n, np.inf))
     )
-    random = np.random.default_rng(0).uniform(-1.0, 1.0, (_CANDIDATES, n))
-    random *= np.resize(_SPREAD, _CANDIDATES)[:, None]
+    random = np.random.default_rng(0).uniform(-1.0, 1.0, (searches, n))
+    random *= np.resize(_SPREAD, searches)[:, None]
     random[0] = 0.0
     q = np.clip(capture.start + random, low, high)
     # Places and axes are the rows of `ending` that no rate enters.
@@ -82,11 +83,11 @@ def end_configurations(
     rows = [*range(2 * d), *(tilts if capture.axis is not None else ())]
     wanted = np.zeros(len(rows))
     wanted[: 2 * d] = goals.place
-    value, slope = (f.map(_CANDIDATES) for f in (model.ending.value, model.ending.slope))
-    rest, across = np.zeros((n, _CANDIDATES)), np.tile(goals.across, _CANDIDATES)
+    value, slope = (f.map(searches) for f in (model.ending.value, model.ending.slope))
+    rest, across = np.zeros((n, searches)), np.tile(goals.across, searches)
     for _ in range(_ITERATIONS):
         left = wanted - value(q.T, rest, across).full().T[:, rows]
-        jacobian = slope(q.T, rest, across).full().reshape(outputs, _CANDIDATES, 2 * n)[rows, :, :n]
+        jacobian = slope(q.T, rest, across).full().reshape(outputs, searches, 2 * n)[rows, :, :n]
         jacobian = jacobian.swapaxes(0, 1)
         error = np.abs(left).max(axis=1)
         damping = np.minimum(_DAMPING, error)[:, None, None] * np.eye(len(rows))
@@ -98,11 +99,11 @@ def end_configurations(
     reached = error < _REACHED
     if capture.axis is not None:
         # The rows for the axes vanish as well where an axis points the wrong way.
-        axes = model.places.map(_CANDIDATES)(q.T)[1].full().T.reshape(-1, 2, 3)
+        axes = model.places.map(searches)(q.T)[1].full().T.reshape(-1, 2, 3)
         reached &= ((axes * capture.axis).sum(axis=-1) > 0.0).all(axis=1)
     if not reached.any():
         reason = (
-            f"none of {_CANDIDATES} searches found a configuration within the joint limits that puts the "
+            f"none of {searches} searches found a configuration within the joint limits that puts the "
             f"end-effectors at their goals; the nearest is off by {error.min():.3g} m or rad"
         )
         return Failure(method, Cause.OUT_OF_REACH, reason)

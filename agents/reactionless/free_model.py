@@ -1,9 +1,9 @@
 """A robot whose base keeps its attitude, as compiled functions with first and second derivatives.
 
 On reactionless motion the base only translates. Places with respect to the system's centre of mass are then
-functions of the joint angles, and thetadot' M* thetadot (eq. 12 of shah2013) is twice the kinetic energy about
-the centre of mass of a robot with that base. Far smaller than the same of a base that turns, these expressions
-are sums over the arms and products of a few vectors, which their derivatives make use of.
+functions of the joint angles, and thetadot' M* thetadot (eq. 12 of shah2013) is twice the kinetic energy
+about the centre of mass of a robot with that base. Far smaller than the same of a base that turns, these
+expressions are sums over the arms and products of a few vectors, which their derivatives make use of.
 """
 
 import threading

@@ -77,20 +77,24 @@ class Rollout:
         inverse = spread @ np.linalg.pinv(rows @ spread, hermitian=True)
         goal = parameters[n : n + program.shown]
         across = parameters[n + program.shown :].reshape(4, 3).T
-        best = None
-        for _ in range(_ROUNDS):
-            motion = self.run(coefficients)
+        wanted = np.concatenate([goal, np.zeros(program.ending - len(goal))])
+
+        def measured(splines: Array) -> tuple[Motion, Array]:
+            motion = self.run(splines)
             reached = self._model.ending.value(motion.position[-1], motion.rate[-1], across).full()[:, 0]
-            left = reached - np.concatenate([goal, np.zeros(program.ending - len(goal))])
-            miss = float(np.abs(left).max())
-            if best is not None and not miss < best.miss:
-                return best
-            best = replace(motion, miss=miss)
-            if miss < _CLOSE:
-                return best
-            change = -inverse[:, ends] @ left
-            coefficients = coefficients.copy()
-            coefficients[FIXED:] += change.reshape(-1, n)
+            left = reached - wanted
+            return replace(motion, miss=float(np.abs(left).max())), left
+
+        best, left = measured(coefficients)
+        for _ in range(_ROUNDS):
+            if best.miss < _CLOSE:
+                break
+            corrected = best.coefficients.copy()
+            corrected[FIXED:] -= (inverse[:, ends] @ left).reshape(-1, n)
+            now, left = measured(corrected)
+            if not now.miss < best.miss:
+                break
+            best = now
         return best
 
 

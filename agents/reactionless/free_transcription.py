@@ -1,8 +1,8 @@
 """The free-path problem as a sparse nonlinear program in the coefficients of cubic splines.
 
 Time is scaled to s = t / T, so that one program serves all durations: rates are multiplied by T,
-accelerations by T squared. The reactionless constraint is collocated at the middle of every interval and at the
-end; what it leaves in between (1e-5 rad of drift) the roll-out takes away.
+accelerations by T squared. The reactionless constraint is collocated at the middle of every interval and at
+the end; what it leaves in between (1e-5 rad of drift) the roll-out takes away.
 """
 
 from dataclasses import dataclass
@@ -11,6 +11,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline
 from scipy.sparse import coo_matrix, csc_matrix
 
@@ -84,8 +85,8 @@ class Program:
 
     Its variables are the free coefficients (size - 3) x n, a coefficient's joints side by side; its
     parameters [start (n), tips (2 d) m, tips' velocities times T (2 d), across (12, columns), those of the
-    cost, node by node]; its constraints, in this order: `turning` at the middles, `ending`, then linear ones on
-    rates and accelerations.
+    cost, node by node]; its constraints, in this order: `turning` at the middles, `ending`, then linear ones
+    on rates and accelerations.
     """
 
     mesh: Mesh
@@ -103,8 +104,8 @@ class _Terms:
     def __init__(self) -> None:
         self._parts: list[tuple[Array, ...]] = []
 
-    def add(self, row: Array, column: Array, source: Array, factor: Array) -> None:
-        parts = np.broadcast_arrays(row, column, source, factor)
+    def add(self, row: ArrayLike, column: ArrayLike, source: ArrayLike, factor: ArrayLike) -> None:
+        parts = np.broadcast_arrays(np.asarray(row), column, source, factor)
         self._parts.append(tuple(part.ravel() for part in parts))
 
     def matrix(self, sources: ca.MX, shape: tuple[int, int]) -> ca.MX:
@@ -217,10 +218,11 @@ def _slope(
         for part in (0, 1):
             source = turning.numel() + (part * n + joint) * outputs + row
             terms.add(begin + row, coefficient * n + joint, source, basis[part])
-    constant = coo_matrix(np.kron(linear[:, FIXED:], np.eye(n)))
+    constant = np.kron(linear[:, FIXED:], np.eye(n))
+    at = np.nonzero(constant)
     sources = ca.vertcat(turning, ending, ca.MX(1.0))
-    terms.add(begin + outputs + constant.row, constant.col, np.array(sources.numel() - 1), constant.data)
-    return terms.matrix(sources, (begin + outputs + constant.shape[0], n * free))
+    terms.add(begin + outputs + at[0], at[1], sources.numel() - 1, constant[at])
+    return terms.matrix(sources, (begin + outputs + len(constant), n * free))
 
 
 def _bend(
@@ -253,7 +255,8 @@ def _bend(
                         source = begin + k * 4 * n * n + (j * n + second) * 2 * n + (i * n + first)
                         terms.add(row, column, source, one_basis[i] * other_basis[j] * upper)
         begin += len(at) * 4 * n * n
-    return terms.matrix(sources, (n * (mesh.size - FIXED),) * 2)
+    size = n * (mesh.size - FIXED)
+    return terms.matrix(sources, (size, size))
 
 
 def _active(mesh: Mesh, at: Array) -> list[tuple[int, int, tuple[float, float]]]:

@@ -28,7 +28,7 @@ from space_envs.errors import ConfigurationError
 
 METHOD = "reactionless_ocp"
 PERTURBATIONS = (0.4, -0.4)  # of further starts: (a) plus a share of itself in the null space
-RETRIES = 2  # solutions without bounds that are led into them, until one can be
+BOUNDS = (Cause.INFEASIBLE, Cause.JOINT_LIMIT)  # of failures that tighter bounds may mend
 SHARES = (0.999, 0.98, 0.95, 0.9)  # of the bounds, in turn: they are not imposed between the points
 COARSE = 120  # steps of the integration that makes a start
 FEEDBACK = 0.5  # 1/s, with which the accurate motion follows the collocated one
@@ -72,36 +72,58 @@ def plan_ocp(
             found.append((solution.energy, name, solution))
     found.sort(key=lambda each: each[0])
     best: Plan | None = None
-    within = from_rest or any(bound is not None for bound in vars(limits).values())
-    for _, name, solution in found[:RETRIES]:
-        for share in SHARES if within else SHARES[:1]:
-            note = f"best start: {name}"
-            if within:
-                led = _led(robot, model, path, capture, limits, solution, from_rest, share)
-            else:
-                led = solution
-            plan = led if isinstance(led, str) else _followed(robot, model, path, capture, limits, led, note)
+    for _, name, solution in found:
+        for plan in _attempts(
+            robot, model, path, capture, limits, solution, from_rest, f"best start: {name}"
+        ):
             if isinstance(plan, Plan):
                 best = plan
                 break
             reasons.append(f"from {name}: {plan if isinstance(plan, str) else plan.reason}")
-            if isinstance(plan, str) or plan.cause is not Cause.INFEASIBLE:
-                break
         if best is not None:
             break
     for plan in first:
         if isinstance(plan, Plan) and (best is None or plan.energy < best.energy):
-            if _accelerates_softly(plan, limits):
-                best = replace(
-                    plan, method=METHOD, notes=f"collocation found nothing better than {plan.method}"
-                )
+            best = replace(plan, method=METHOD, notes=f"collocation found nothing better than {plan.method}")
     if best is not None:
         return best
-    failures = [plan for plan in first if isinstance(plan, Failure)]
-    cause = failures[0].cause if failures and not found else Cause.SOLVER
-    if found and any((limits.position is not None, limits.rate, limits.acceleration, limits.control)):
-        cause = Cause.INFEASIBLE
-    return Failure(METHOD, cause, "; ".join(reasons) or failures[0].reason)
+    causes = [plan.cause for plan in first if isinstance(plan, Failure)]
+    singular = all(cause is Cause.SINGULAR for cause in causes)
+    cause = Cause.SINGULAR if singular else Cause.INFEASIBLE if found else Cause.SOLVER
+    told = [f"{plan.method}: {plan.reason}" for plan in first if isinstance(plan, Failure)]
+    return Failure(METHOD, cause, "; ".join(dict.fromkeys([*told, *reasons])))
+
+
+def _attempts(
+    robot: FloatingRobot,
+    model: PathModel,
+    path: PolynomialPath,
+    capture: Capture,
+    limits: Limits,
+    solution: Solution,
+    from_rest: bool,
+    note: str,
+) -> Iterator[Plan | Failure | str]:
+    """What comes of a solution without bounds: as it is, then led into bounds that are drawn in step by step.
+
+    What fails for another reason than the bounds is not tried again.
+    """
+    if not from_rest:
+        plan = _followed(robot, model, path, capture, limits, solution, note)
+        yield plan
+        if isinstance(plan, Failure) and plan.cause not in BOUNDS:
+            return
+    if not from_rest and all(bound is None for bound in vars(limits).values()):
+        return
+    for share in SHARES:
+        led = _led(robot, model, path, capture, limits, solution, from_rest, share)
+        if isinstance(led, str):
+            yield led
+            return
+        plan = _followed(robot, model, path, capture, limits, led, note)
+        yield plan
+        if isinstance(plan, Failure) and plan.cause not in BOUNDS:
+            return
 
 
 def _led(
@@ -140,10 +162,6 @@ def _followed(
         return particular + null @ (null.T @ (wanted - particular))
 
     return integrate(METHOD, robot, capture, limits, path, rate, note)
-
-
-def _accelerates_softly(plan: Plan, limits: Limits) -> bool:
-    return limits.acceleration is None or bool(np.abs(plan.acceleration).max() <= limits.acceleration)
 
 
 def _starts(

@@ -42,6 +42,8 @@ def ratio(record: Record, key: str, others: tuple[str, ...], name: str = "energy
 def below(
     key: str, others: tuple[str, ...], most: float, name: str = "energy"
 ) -> Callable[[Record], bool | None]:
+    """Test whether a figure of one method is at most `most` times the least of the others'."""
+
     def test(record: Record) -> bool | None:
         found = ratio(record, key, others, name)
         return None if found is None else found <= most
@@ -54,11 +56,13 @@ def _base_rates(record: Record, name: str) -> list[float]:
 
 
 def reactionless(record: Record) -> bool | None:
+    """Whether the re-integrated base rates are of the paper's order."""
     rates = _base_rates(record, "base_rate")
     return all(rate <= ORDER for rate in rates) if rates else None
 
 
 def reactionless_figures(record: Record) -> str:
+    """Base rates of (a), (b), (c): re-integrated, and simulated at torque level."""
     if not _base_rates(record, "base_rate"):
         return NONE
     texts = []
@@ -73,6 +77,7 @@ def reactionless_figures(record: Record) -> str:
 
 
 def arrives(record: Record) -> bool | None:
+    """Whether (a), (b), (c) meet points and velocities."""
     found = [figures_of(record, key) for key in PAPER]
     found = [each for each in found if each]
     if not found:
@@ -81,6 +86,7 @@ def arrives(record: Record) -> bool | None:
 
 
 def arrival_figures(record: Record) -> str:
+    """What they miss, and the turning that is left."""
     found = [each for key in PAPER if (each := figures_of(record, key))]
     if not found:
         return NONE
@@ -94,6 +100,7 @@ def arrival_figures(record: Record) -> str:
 
 
 def sudden(record: Record) -> bool | None:
+    """Whether zeta of (b) changes suddenly, late in the motion."""
     found = figures_of(record, "local")
     if not found:
         return None
@@ -101,6 +108,7 @@ def sudden(record: Record) -> bool | None:
 
 
 def sudden_figures(record: Record) -> str:
+    """When zeta of (b) changes fastest, and how fast."""
     found = figures_of(record, "local")
     if not found:
         return NONE
@@ -112,6 +120,7 @@ def sudden_figures(record: Record) -> str:
 
 
 def costs_later(record: Record) -> bool | None:
+    """Where (b) costs more than (a): whether it does so only from the fastest change of zeta on."""
     more, found = ratio(record, "local", ("zeta_zero",)), figures_of(record, "local")
     if more is None or more <= 1.0 or not found:
         return None
@@ -119,6 +128,7 @@ def costs_later(record: Record) -> bool | None:
 
 
 def lead_figures(record: Record) -> str:
+    """Energy of (b) against (a), before the fastest change of zeta and at the end."""
     found, other = figures_of(record, "local"), figures_of(record, "zeta_zero")
     if not found or not other:
         return NONE
@@ -130,6 +140,7 @@ def lead_figures(record: Record) -> str:
 
 
 def smooth_figures(record: Record) -> str:
+    """Fastest change of the dependent velocities of (a), (b), (c)."""
     found = {key: figures_of(record, key) for key in PAPER}
     texts = [f"{each['jolt']:.4f}" if each else "-" for each in found.values()]
     return f"Fastest change of the dependent velocities of (a), (b), (c): {', '.join(texts)} rad/s²."
