@@ -2,18 +2,31 @@
 
 import inspect
 import sys
-from dataclasses import fields
-from typing import Any
+from dataclasses import fields, replace
 
 import numpy as np
 
-from docs.reading import comments, described, flowed, number, section, split_unit, summary, table
+from docs.goals import SPLIT_TEXT, goals
+from docs.reading import (
+    attributes,
+    comments,
+    described,
+    field_comments,
+    flowed,
+    number,
+    section,
+    split_unit,
+    summary,
+    table,
+)
+from docs.robots import parameters
 from space_envs.control import CONTROL_MODES, MODES
+from space_envs.dynamics.rotations import Array
 from space_envs.envs import OUTCOMES, CaptureVectorEnv
 from space_envs.models.single_arm import ModelOptions
 from space_envs.registration import ENTRIES, ENVELOPE_KEYWORDS
-from space_envs.reset_options import RESET_OPTIONS
-from space_envs.tasks.common import DIFFICULTIES, REWARDS, SPLITS
+from space_envs.reset_options import COMMON_OPTIONS
+from space_envs.tasks.common import REWARDS, SPLITS, CaptureEnvelope
 
 OUTCOME_TEXT = {
     "running": ("", "The episode goes on."),
@@ -28,12 +41,6 @@ OUTCOME_TEXT = {
         "The simulation left the finite numbers; the observation is the last sound one.",
     ),
 }
-SPLIT_TEXT = {
-    "train": "training and demonstrations",
-    "validation": "held out, to choose among policies while they learn",
-    "test": "the leaderboard",
-    "ood": "out of distribution: goals farther from home, and satellites of other masses",
-}
 INFO_TEXT = {
     "split": "`reset`: the split that the goal is from, or `given` where the options set the goal",
     "index": "`reset`: the goal's number in its split, or -1",
@@ -43,6 +50,20 @@ INFO_TEXT = {
     "outcome": "`step`: one of the outcomes above",
     "clipped_actions": "`step`: steps of the episode so far whose action lay outside [-1, 1]",
 }
+OPTION_TEXT = {
+    "split": "which split the goal is from",
+    "index": "number of the goal in the split",
+    "joint_position": "joint angles at the start, rad",
+    "joint_velocity": "joint rates at the start, rad/s; the satellite then moves so that momentum is zero",
+    "reset_mask": "bool, the rows to reset; of the vector environment",
+    "goal_position": "grapple, inertial frame, m",
+    "goal_quaternion": "grapple to inertial, w x y z",
+    "target_position": "centre of the target, inertial frame, m",
+    "target_angle": "attitude of the target, rad",
+    "target_quaternion": "attitude of the target, w x y z, body to inertial",
+    "target_angular_velocity": "of the target, inertial axes, rad/s",
+    "target_half_width": "distance of the grapple points from the target's centre, m",
+}
 ONLY_VECTOR = ("num_envs", "autoreset_mode")
 
 
@@ -50,15 +71,22 @@ def environment_page(env_id: str) -> str:
     """The whole page as Markdown.
 
     Raises:
-        RuntimeError: if the code knows an outcome, a split or an info key that this module does not.
+        RuntimeError: if the code knows an outcome, a split, an info key or a reset option that is not
+            described.
     """
     env = CaptureVectorEnv(env_id=env_id)
     _, begun = env.reset(seed=0)
     *_, info = env.step(np.zeros(env.action_space.shape))
     keys = {key for key in {**begun, **info} if not key.startswith("_")}
-    for ours, theirs in ((OUTCOME_TEXT, OUTCOMES), (SPLIT_TEXT, SPLITS), (INFO_TEXT, keys)):
+    options = {*OPTION_TEXT} & {*COMMON_OPTIONS, *env.task.goal_options}
+    for ours, theirs in (
+        (OUTCOME_TEXT, OUTCOMES),
+        (SPLIT_TEXT, SPLITS),
+        (INFO_TEXT, keys),
+        (options, (*COMMON_OPTIONS, *env.task.goal_options)),
+    ):
         if set(ours) != set(theirs):
-            raise RuntimeError(f"docs/environment.py describes {sorted(ours)}, the code has {sorted(theirs)}")
+            raise RuntimeError(f"the documentation describes {sorted(ours)}, the code has {sorted(theirs)}")
     parts = [
         f"<!-- Written by `python -m docs.generate` from the code; do not edit. -->\n\n# {env_id}",
         _opening(env),
@@ -67,30 +95,22 @@ def environment_page(env_id: str) -> str:
         _observations(env),
         _rewards(env),
         _capture(env),
-        _goals(env),
+        goals(env.task),
         _keywords(env),
-        _reset(),
+        _reset(env),
         _info(),
         _versions(env_id),
     ]
     return "\n\n".join(parts) + "\n"
 
 
-def _module(env: CaptureVectorEnv) -> Any:
-    return sys.modules[type(env.task).__module__]
-
-
 def _sentence(text: str) -> str:
     return text[:1].upper() + text[1:].rstrip(".") + "."
 
 
-def _span(ends: tuple[float, float]) -> str:
-    return " to ".join(number(end) for end in ends)
-
-
 def _opening(env: CaptureVectorEnv) -> str:
     # The module's first paragraph is its title; ENTRIES has the same in a line that stands alone.
-    _, *rest = flowed(inspect.getdoc(_module(env)) or "").split("\n\n")
+    rest = next(text for kind in type(env.task).__mro__ if (text := _told(kind)))
     example = f"""```python
 import gymnasium as gym
 
@@ -108,38 +128,64 @@ observations, infos = envs.reset(seed=0)
         "Seed `s` gives row `i` of the vector environment the episode that seed `s + i` gives the single "
         "one, bit for bit. [Physics and symbols](../physics.md) says what is simulated."
     )
-    return "\n\n".join([_sentence(ENTRIES[env.env_id].summary), *rest, example, vector])
+    return "\n\n".join([_sentence(ENTRIES[env.env_id].summary), rest, example, vector])
+
+
+def _told(kind: type) -> str:
+    """What the module of a class says after its title."""
+    return flowed(inspect.getdoc(sys.modules[kind.__module__]) or "").partition("\n\n")[2]
 
 
 def _robot(env: CaptureVectorEnv) -> str:
     robot, drive, task = env.task.robot, env.drive, env.task
-    low, high = (robot.range - robot.home[:, None]).T
-    stops = ", ".join(sorted({f"{a:+.3g} to {b:+.3g}" for a, b in zip(low, high, strict=True)}))
     torque = number(sorted({float(limit) for limit in drive.torque_limit}))
+    free = "two slides and a hinge" if env.simulation.planar else "six degrees of freedom"
     rows = [
         ("bodies", f"satellite {robot.mass[0]:g} kg, {robot.n_joints} links {robot.mass[1:].sum():g} kg"),
-        ("base", "free; nothing acts on it, gravity is zero"),
+        ("base", f"{free}; nothing acts on it, gravity is zero"),
         ("home, rad", number(np.round(robot.home, 6).tolist())),
-        ("joint range, rad from home", stops),
+        ("joint range, rad", _ranges(robot.range, robot.home)),
         ("rate limit, rad/s", number(drive.rate_limit)),
         ("acceleration limit, rad/s^2", number(drive.acceleration_limit)),
         ("torque limit, N m", torque),
-        ("reach from the centre of mass, m", f"{robot.reach():.2f}"),
+        (
+            "reach from the centre of mass, m",
+            ", ".join(f"{robot.reach(arm):.2f}" for arm in range(len(robot.tip_link))),
+        ),
         ("control period, s", number(task.control_period)),
         ("simulation step, s", f"{number(task.step_size)}, fourth-order Runge-Kutta"),
         ("cameras", ", ".join(f"`{task.render_model.cam(i).name}`" for i in range(task.render_model.ncam))),
     ]
-    variants = described(section(ModelOptions.__doc__, "Attributes"), ("variant", "timestep", "visual"))
+    variant = []
+    if "variant" in {field.name for field in fields(task)}:
+        meaning = described(section(ModelOptions.__doc__, "Attributes"), ("variant", "timestep", "visual"))
+        variant = [f"Keyword `variant`: {meaning['variant']}"]
     return "\n\n".join(
         [
             "## Robot",
-            "An episode starts at `home` with the satellite at the inertial origin and everything at rest, "
-            "so that total momentum is zero and stays so. Limits are those of the drives, in every control "
-            "mode.",
+            "An episode starts with the satellite at the inertial origin and the whole robot at rest, so "
+            "that its total momentum is zero and stays so. The joints are at `home`, or near it where the "
+            "goal says so. Limits are those of the drives, in every control mode.",
             table(("", "value"), rows),
-            f"Keyword `variant`: {variants['variant']}",
+            *variant,
+            f"{summary(type(task.parameters))} Its links stand in [physics](../physics.md#the-models).",
+            parameters(task.parameters),
         ]
     )
+
+
+def _ranges(limits: Array, home: Array) -> str:
+    """Joint ranges (n, 2), those that are alike once."""
+    around = {f"{a:+.3g} to {b:+.3g}" for a, b in limits - home[:, None]}
+    absolute = [f"{a:+.3g} to {b:+.3g}" for a, b in limits]
+    if len(around) == 1:
+        return f"{around.pop()} from home"
+    joints: dict[str, list[str]] = {}
+    for number_, text in enumerate(absolute, start=1):
+        joints.setdefault(text, []).append(str(number_))
+    if len(joints) == 1:
+        return absolute[0]
+    return "; ".join(f"{text} (joints {', '.join(which)})" for text, which in joints.items())
 
 
 def _actions(env: CaptureVectorEnv) -> str:
@@ -179,13 +225,13 @@ def _observations(env: CaptureVectorEnv) -> str:
 
 
 def _rewards(env: CaptureVectorEnv) -> str:
-    tasks = {reward: type(env.task)(reward=reward) for reward in REWARDS}
+    tasks = [replace(env.task, reward=reward) for reward in REWARDS]
     kind = type(env.task.weights)
     said = comments(kind)
     rows = []
-    for field in fields(kind):
-        weights = [getattr(task.weights, field.name) for task in tasks.values()]
-        rows.append((f"`{field.name}`", *[number(w) if w else "" for w in weights], said[field.name]))
+    for name in env.task.rewarded:
+        weights = [number(getattr(t.weights, name)) if name in t.reward_names else "" for t in tasks]
+        rows.append((f"`{name}`", *weights, said[name]))
     header = ["term", *[f"`{reward}`" for reward in REWARDS], "what is weighted"]
     goal = (
         "`space_envs.wrappers.GoalConditioned` wraps the single environment for hindsight experience replay."
@@ -195,6 +241,11 @@ def _rewards(env: CaptureVectorEnv) -> str:
             "## Reward",
             "The reward is the sum of named terms, with weights by keyword `reward`.",
             flowed(section(kind.__doc__, "").partition("\n\n")[2]),
+            *(
+                ["Errors are those of the arm that is farther off."]
+                if len(env.task.robot.tip_link) > 1
+                else []
+            ),
             table(header, rows),
             goal,
         ]
@@ -203,53 +254,22 @@ def _rewards(env: CaptureVectorEnv) -> str:
 
 def _capture(env: CaptureVectorEnv) -> str:
     envelope = env.task.envelope
-    said, keyword = comments(type(envelope)), {field: name for name, field in ENVELOPE_KEYWORDS.items()}
+    said = field_comments(type(envelope))
     limits = [
-        (name.replace("_", " "), number(value), said[name], f"`{keyword[name]}`")
-        for name, value in vars(envelope).items()
+        (name.replace("_", " "), number(getattr(envelope, name)), said[name], f"`{keyword}`")
+        for keyword, name in ENVELOPE_KEYWORDS.items()
         if name in said
     ]
+    both = "Each end-effector has to be at its own grapple point, both at the same time; the limits hold for "
     ends = [(f"`{name}`", *OUTCOME_TEXT[name]) for name in OUTCOMES]
     return "\n\n".join(
         [
             "## Capture and end of an episode",
-            f"{summary(type(envelope))} The reward has no part in this.",
+            f"{summary(CaptureEnvelope)} The reward has no part in this.",
+            *([f"{both}the worse of the two."] if len(env.task.robot.tip_link) > 1 else []),
             table(("of end-effector to grapple", "at most", "unit", "keyword"), limits[:-1]),
             f"Hold time: {limits[-1][1]} {limits[-1][2]} (keyword {limits[-1][3]}), in consecutive steps.",
             table(('`info["outcome"]`', "flag", "when"), ends),
-        ]
-    )
-
-
-def _goals(env: CaptureVectorEnv) -> str:
-    task, module = env.task, _module(env)
-    said = comments(module)
-    rows = [
-        (f"`{split}`", str(task.split_size(split)), str(module.SPLIT_SEED[split]), SPLIT_TEXT[split])
-        for split in SPLITS
-    ]
-    start = task.robot.end_effector_pose(task.robot.home)[0]
-    distances = []
-    for difficulty in DIFFICULTIES:
-        cells = [f"`{difficulty}`", number(module.RADIUS[difficulty])]
-        for split in ("test", "ood"):
-            chosen = type(task)(difficulty=difficulty, split=split)
-            position = chosen.goals(split, np.arange(chosen.split_size(split))).position
-            way = np.linalg.norm(position - start, axis=-1)
-            cells.append(f"{way.min():.2f}, {np.median(way):.2f}, {way.max():.2f}")
-        distances.append(cells)
-    return "\n\n".join(
-        [
-            "## Splits and difficulties",
-            "Goals are drawn from fixed seeds, so that a goal's index names it for ever. Without options, "
-            "`reset` draws an index of the environment's split from the environment's generator.",
-            table(("split", "goals", "seed", "for"), rows),
-            f"Out of distribution, the largest joint displacement is {_span(module.OOD_RADIUS)} of the "
-            f"radius, and the satellite's mass and inertia are {_span(module.OOD_MASS)} of the nominal ones. "
-            "Policies are given the nominal model all the same.",
-            "Distances are those of the goals from where the end-effector starts: least, median, largest. "
-            f"Radius: {said['RADIUS'][0].lower()}{said['RADIUS'][1:]}",
-            table(("difficulty", "radius", "test, m", "ood, m"), distances),
         ]
     )
 
@@ -258,21 +278,21 @@ def _keywords(env: CaptureVectorEnv) -> str:
     signature = inspect.signature(CaptureVectorEnv)
     own = {n: p.default for n, p in signature.parameters.items() if n not in ("env_id", "keywords")}
     about = described(section(CaptureVectorEnv.__doc__, "Args"), [*signature.parameters, "**keywords"])
-    kind = type(env.task)
-    names = [field.name for field in fields(kind)]
-    about |= described(section(kind.__doc__, "Attributes"), names)
-    units = comments(type(env.task.envelope))
+    about |= attributes(type(env.task))
+    units = field_comments(type(env.task.envelope))
     rows = []
     for name, default in own.items():
         vector = "; `gym.make_vec` only" if name in ONLY_VECTOR else ""
         rows.append((f"`{name}`", f"`{default!r}`", about[name].rstrip(".") + vector))
-    for name in names:
-        if name != "envelope":
-            meaning = about[name].rstrip(".").replace("docs/momentum.md", "[momentum](../momentum.md)")
-            rows.append((f"`{name}`", f"`{getattr(env.task, name)!r}`", meaning))
+    for field in fields(env.task):
+        if field.name != "envelope":
+            meaning = about[field.name].rstrip(".").replace("docs/momentum.md", "[momentum](../momentum.md)")
+            rows.append((f"`{field.name}`", f"`{field.default!r}`", meaning))
     for name, field in ENVELOPE_KEYWORDS.items():
-        value = getattr(env.task.envelope, field)
-        rows.append((f"`{name}`", f"`{value!r}`", f"of a capture, {units[field]}"))
+        if field in units:
+            rows.append(
+                (f"`{name}`", f"`{getattr(env.task.envelope, field)!r}`", f"of a capture, {units[field]}")
+            )
     return "\n\n".join(
         [
             "## Keywords",
@@ -283,16 +303,23 @@ def _keywords(env: CaptureVectorEnv) -> str:
     )
 
 
-def _reset() -> str:
+def _reset(env: CaptureVectorEnv) -> str:
     args = section(CaptureVectorEnv.reset.__doc__, "Args")
     about = described(args, ("seed", "options"))
-    names = ", ".join(f"`{name}`" for name in RESET_OPTIONS)
+    joints = f"({env.task.robot.n_joints},)"
+    widths = {"joint_position": joints, "joint_velocity": joints, "reset_mask": "(N,)"}
+    rows = [(f"`{name}`", widths.get(name, ""), OPTION_TEXT[name]) for name in COMMON_OPTIONS]
+    for name, option in env.task.goal_options.items():
+        default = "" if option.default is None else f"; {number(option.default)} if left out"
+        rows.append((f"`{name}`", f"({option.width},)", f"goal: {OPTION_TEXT[name]}{default}"))
     return "\n\n".join(
         [
             "## Reset",
             "`reset(seed=..., options={...})`",
-            f"- `seed`: {about['seed']}\n- `options`: {about['options']}",
-            f"Options: {names}. `reset_mask` is for the vector environment.",
+            f"`seed`: {about['seed']}",
+            "`options` are values for all rows or, with a leading axis, one a row. Give either a split and "
+            "an index or a goal; a goal that is malformed or out of reach is a `GoalError`.",
+            table(("option", "shape", "meaning"), rows),
         ]
     )
 

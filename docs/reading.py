@@ -4,6 +4,7 @@ import ast
 import inspect
 import re
 from collections.abc import Iterable, Sequence
+from dataclasses import fields
 from types import ModuleType
 from typing import Any
 
@@ -11,7 +12,7 @@ from benchmarks.machine import markdown_table
 
 _SECTION = re.compile(r"^(Args|Attributes|Returns|Raises):$")
 _PADDED = 40  # characters of a last column that is padded
-UNITS = ("m", "rad", "s", "deg", "m/s", "rad/s", "deg/s")
+UNITS = ("m", "rad", "s", "deg", "m/s", "rad/s", "deg/s", "unit")
 
 
 def comments(thing: ModuleType | type) -> dict[str, str]:
@@ -35,6 +36,14 @@ def comments(thing: ModuleType | type) -> dict[str, str]:
     return found
 
 
+def field_comments(kind: type) -> dict[str, str]:
+    """Comments of a dataclass's fields, those of its bases included."""
+    found = {}
+    for base in reversed(kind.__mro__[:-1]):
+        found |= comments(base)
+    return found
+
+
 def section(docstring: str | None, name: str) -> str:
     """One section of a docstring (Args, Attributes, ...), or what stands before the first for name ''."""
     parts: dict[str, list[str]] = {"": []}
@@ -54,6 +63,15 @@ def described(text: str, names: Iterable[str]) -> dict[str, str]:
     found = {}
     for group, meaning in zip(parts[1::2], parts[2::2], strict=True):
         found |= dict.fromkeys(group.split(", "), meaning.strip())
+    return found
+
+
+def attributes(kind: type) -> dict[str, str]:
+    """What the docstrings of a dataclass and its bases say about its fields."""
+    names = [field.name for field in fields(kind)]
+    found = {}
+    for base in reversed(kind.__mro__):
+        found |= described(section(base.__doc__, "Attributes"), names)
     return found
 
 
@@ -81,7 +99,10 @@ def number(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.5g}"
     if isinstance(value, Sequence) and not isinstance(value, str):
-        return ", ".join(number(each) for each in value)
+        parts = [number(each) for each in value]
+        if value and isinstance(value[0], Sequence) and not isinstance(value[0], str):
+            parts = [f"({part})" for part in parts]
+        return ", ".join(parts)
     return str(value)
 
 

@@ -5,10 +5,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure as MatplotlibFigure
 
 from space_envs.evaluation.drawing import WIDTH, Panel, draw_panel
 
+GAP = 12.0  # points, around each panel of a file
 Draw = Callable[[Axes], None]
 
 # A file that is looked at by itself brings its own paper, light or dark as its reader's system is.
@@ -59,20 +59,23 @@ def figure(
         draw_panel(f"{key}-{number}", sketch.draw, sketch.alt, width=width, height=height)
         for number, sketch in enumerate(sketches)
     )
-    across = min(columns, len(sketches))
-    down = -(-len(sketches) // across)
+    return Figure(key, title, caption, panels, standalone(_sheet(panels, columns)))
 
-    def together(sheet: MatplotlibFigure) -> None:
-        grid = sheet.subplots(down, across, squeeze=False).ravel()
-        for axes, sketch in zip(grid, sketches, strict=False):
-            sketch.draw(axes)
-        for axes in grid[len(sketches) :]:
-            axes.remove()
 
-    sheet = draw_panel(
-        key, together, "", width=max(3.9 * across + 0.4, width), height=height * down, whole=True
-    )
-    return Figure(key, title, caption, panels, standalone(sheet.svg))
+def _sheet(panels: Sequence[Panel], columns: int) -> str:
+    """Panels of one size as one svg, in rows."""
+    found = re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', panels[0].svg)
+    if found is None:
+        raise ValueError("a panel without a view box")
+    width, height = float(found[1]), float(found[2])
+    across = min(columns, len(panels))
+    total = across * (width + GAP) + GAP, -(-len(panels) // across) * (height + GAP) + GAP
+    parts = [f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {total[0]:g} {total[1]:g}">']
+    for number, panel in enumerate(panels):
+        x, y = GAP + number % across * (width + GAP), GAP + number // across * (height + GAP)
+        place = f'<svg x="{x:g}" y="{y:g}" width="{width:g}" height="{height:g}"'
+        parts.append(panel.svg.strip().replace("<svg", place, 1))
+    return "".join([*parts, "</svg>"])
 
 
 def standalone(svg: str) -> str:

@@ -8,23 +8,32 @@ from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array, angle_between
 
-GOAL_FIELDS = ("goal_position", "goal_quaternion")
-ACHIEVED_FIELDS = ("end_effector_position", "end_effector_quaternion")
+# What an end-effector does, and where it shall be; a task has the position and at most one of the others.
+PAIRS = (
+    ("end_effector_position", "goal_position"),
+    ("end_effector_quaternion", "goal_quaternion"),
+    ("end_effector_axis", "goal_axis"),
+)
 
 
 class GoalConditioned(gym.Wrapper[Any, NDArray, Any, NDArray]):
     """A capture environment as Gymnasium-Robotics' goal environments and HER expect it.
 
-    Observations are a dictionary of `observation` (all of it), `achieved_goal` and `desired_goal` (7,):
-    position in m and quaternion of end-effector and grapple in the inertial frame. The reward is 0 inside the
-    capture envelope's position and orientation, else -1, and can be recomputed for any goal.
+    Observations are a dictionary of `observation` (all of it), `achieved_goal` and `desired_goal` (g,):
+    positions of the end-effectors and of their grapples in the inertial frame, m, and then what the capture
+    asks of their attitude, quaternions or approach axes, if anything. The reward is 0 if every end-effector
+    is inside the capture envelope's position and angle, else -1, and can be recomputed for any goal.
     """
 
     def __init__(self, env: gym.Env[Any, NDArray]) -> None:
         super().__init__(env)
         self._task = env.unwrapped.task  # type: ignore[attr-defined]
+        slices = self._task.layout.slices
+        self._achieved, self._desired = zip(*(pair for pair in PAIRS if pair[0] in slices), strict=True)
+        part = slices[self._achieved[0]]
+        self._positions = part.stop - part.start
         box = env.observation_space
-        low, high = (self._goal(bound, GOAL_FIELDS) for bound in (box.low, box.high))  # type: ignore[attr-defined]
+        low, high = (self._goal(bound, self._desired) for bound in (box.low, box.high))  # type: ignore[attr-defined]
         goal = gym.spaces.Box(low, high, dtype=np.float64)
         self.observation_space = gym.spaces.Dict(observation=box, achieved_goal=goal, desired_goal=goal)
 
@@ -43,18 +52,35 @@ class GoalConditioned(gym.Wrapper[Any, NDArray, Any, NDArray]):
         return split, float(reward), terminated, truncated, info
 
     def compute_reward(self, achieved_goal: Array, desired_goal: Array, info: Any) -> Array:
-        """Reward (...) of achieved goals (..., 7) for desired goals (..., 7)."""
-        envelope = self._task.envelope.limits
-        distance = np.linalg.norm(achieved_goal[..., :3] - desired_goal[..., :3], axis=-1)
-        angle = angle_between(achieved_goal[..., 3:], desired_goal[..., 3:])
-        return np.where((distance <= envelope[0]) & (angle <= envelope[1]), 0.0, -1.0)
+        """Reward (...) of achieved goals (..., g) for desired goals (..., g)."""
+        limits = self._task.envelope.limits
+        achieved, desired = (
+            self._each(goal[..., : self._positions]) for goal in (achieved_goal, desired_goal)
+        )
+        inside = np.linalg.norm(achieved - desired, axis=-1) <= limits[0]
+        if len(self._achieved) > 1:
+            turns = (self._each(goal[..., self._positions :]) for goal in (achieved_goal, desired_goal))
+            inside &= _angle(*turns) <= limits[1]
+        return np.where(inside.all(axis=-1), 0.0, -1.0)
+
+    def _each(self, values: Array) -> Array:
+        """(..., k, width) of k end-effectors."""
+        return values.reshape(*values.shape[:-1], len(self._task.robot.tip_link), -1)
 
     def _dictionary(self, observation: Array) -> dict[str, Array]:
         return {
             "observation": observation,
-            "achieved_goal": self._goal(observation, ACHIEVED_FIELDS),
-            "desired_goal": self._goal(observation, GOAL_FIELDS),
+            "achieved_goal": self._goal(observation, self._achieved),
+            "desired_goal": self._goal(observation, self._desired),
         }
 
     def _goal(self, observation: Array, names: tuple[str, ...]) -> Array:
         return np.concatenate([self._task.layout.read(observation, name) for name in names])
+
+
+def _angle(a: Array, b: Array) -> Array:
+    """Angles (...) in rad between quaternions (..., 4) or between unit vectors (..., 3)."""
+    if a.shape[-1] == 4:
+        return angle_between(a, b)
+    # Exact for small angles too, where the cosine alone is not.
+    return 2.0 * np.arctan2(np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1))

@@ -7,7 +7,8 @@ from stable_baselines3.common.env_checker import check_env
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
 import space_envs  # noqa: F401  registers the ids
-from agents.features import SINGLE_ARM_FEATURES, FeatureView
+from agents.features import FeatureView
+from agents.hyperparameters import TABLES
 from agents.vec_env import NativeVecEnv
 from space_envs.control import CONTROL_MODES
 from space_envs.envs import CaptureVectorEnv
@@ -16,15 +17,21 @@ from space_envs.registration import ENTRIES
 
 ENV_ID = "SpaceCapture/SingleArm-v0"
 EASY = {"difficulty": "easy", "horizon": 6}
+every_id = pytest.mark.parametrize("env_id", ENTRIES)
+
+
+def view_of(env: CaptureVectorEnv, *without: str) -> FeatureView:
+    """What networks see of an id's observations, but for features of these kinds and fields."""
+    table = tuple(f for f in TABLES[env.env_id]["ppo"].features if not {f.kind, f.field} & {*without})
+    return FeatureView(table, env.task.layout, env.task.robot.home)
 
 
 def adapter(n: int = 3, view: bool = False, **keywords: object) -> NativeVecEnv:
     env = CaptureVectorEnv(num_envs=n, autoreset_mode="same_step", **{**EASY, **keywords})
-    features = FeatureView(SINGLE_ARM_FEATURES, env.task.layout, env.task.robot.home) if view else None
-    return NativeVecEnv(env, features)
+    return NativeVecEnv(env, view_of(env) if view else None)
 
 
-@pytest.mark.parametrize("env_id", ENTRIES)
+@every_id
 @pytest.mark.parametrize("mode", CONTROL_MODES)
 @pytest.mark.filterwarnings("error")
 def test_stable_baselines_accepts_the_environments(env_id: str, mode: str) -> None:
@@ -32,19 +39,20 @@ def test_stable_baselines_accepts_the_environments(env_id: str, mode: str) -> No
         check_env(env.unwrapped, warn=True, skip_render_check=True)
 
 
+@every_id
 @pytest.mark.parametrize("attitude_limit", [45.0, 0.02])  # with the small limit episodes end as failures
-def test_same_as_single_gymnasium_environments(attitude_limit: float) -> None:
+def test_same_as_single_gymnasium_environments(attitude_limit: float, env_id: str) -> None:
     n, seed = 3, 11
-    vector = adapter(n, attitude_limit=attitude_limit)
+    vector = adapter(n, env_id=env_id, attitude_limit=attitude_limit)
     vector.seed(seed)
     observation = vector.reset()
-    singles = [gym.make(ENV_ID, attitude_limit=attitude_limit, **EASY) for _ in range(n)]
+    singles = [gym.make(env_id, attitude_limit=attitude_limit, **EASY) for _ in range(n)]
     expected = [env.reset(seed=seed + row)[0] for row, env in enumerate(singles)]
     np.testing.assert_array_equal(observation, expected)
     rng = np.random.default_rng(0)
     returns, lengths, ends = np.zeros(n), np.zeros(n, dtype=int), 0
     for _ in range(15):
-        actions = rng.uniform(-1.0, 1.0, (n, 7)).astype(np.float32)
+        actions = rng.uniform(-1.0, 1.0, vector.env.action_space.shape).astype(np.float32)
         observation, rewards, dones, infos = vector.step(actions)
         for row, env in enumerate(singles):
             single, reward, terminated, truncated, info = env.step(actions[row])
@@ -94,14 +102,15 @@ def test_options_reach_the_environment_once() -> None:
             env.reset()
 
 
-def test_features_are_what_the_learner_sees() -> None:
-    raw, seen = adapter(), adapter(view=True)
+@every_id
+def test_features_are_what_the_learner_sees(env_id: str) -> None:
+    raw, seen = adapter(env_id=env_id), adapter(view=True, env_id=env_id)
     for env in (raw, seen):
         env.seed(3)
-    view = FeatureView(SINGLE_ARM_FEATURES, raw.env.task.layout, raw.env.task.robot.home)
+    view = view_of(raw.env)
     assert seen.observation_space.shape == (view.size,)
     np.testing.assert_array_equal(np.asarray(seen.reset()), view(np.asarray(raw.reset())))
-    actions = np.full((3, 7), 0.5, dtype=np.float32)
+    actions = np.full(raw.env.action_space.shape, 0.5, dtype=np.float32)
     for _ in range(6):
         observation, _, _, infos = raw.step(actions)
         features, _, _, others = seen.step(actions)
@@ -113,24 +122,32 @@ def test_features_are_what_the_learner_sees() -> None:
         )
 
 
-def test_features_do_not_depend_on_where_the_satellite_points() -> None:
-    """Turning everything about the inertial frame changes the satellite's attitude alone."""
+@every_id
+def test_features_do_not_depend_on_where_the_satellite_points(env_id: str) -> None:
+    """Turning everything about the inertial frame changes the attitudes of bodies alone."""
     from space_envs.dynamics.rotations import exponential, multiply, rotate
 
-    env = CaptureVectorEnv(num_envs=4)
+    env = CaptureVectorEnv(env_id, num_envs=4)
     observation, _ = env.reset(seed=2)
     for _ in range(5):
-        observation, *_ = env.step(np.full((4, 7), 0.8))
+        observation, *_ = env.step(np.full(env.action_space.shape, 0.8))
     layout, turned = env.task.layout, observation.copy()
-    turn = exponential(np.array([0.4, -1.1, 0.7]))
+    planar = "base_angle" in layout.slices
+    vector = np.array([0.0, 0.0, 0.7]) if planar else np.array([0.4, -1.1, 0.7])
+    turn, width = exponential(vector), 2 if planar else 3
     for field in layout.fields:
         value = layout.read(observation, field.name)
         if field.name.endswith("quaternion"):
             layout.read(turned, field.name)[:] = multiply(turn, value)
-        elif field.size == 3:
-            layout.read(turned, field.name)[:] = rotate(turn, value)
-    table = tuple(feature for feature in SINGLE_ARM_FEATURES if feature.kind != "rotation")
-    view = FeatureView(table, layout, env.task.robot.home)
+        elif field.name.endswith("_angle"):
+            layout.read(turned, field.name)[:] += vector[2]
+        elif not field.name.startswith("joint") and field.size % width == 0:
+            # One vector, or one for each end-effector.
+            each = np.zeros((4, field.size // width, 3))
+            each[..., :width] = value.reshape(4, -1, width)
+            layout.read(turned, field.name)[:] = rotate(turn, each)[..., :width].reshape(4, -1)
+    view = view_of(env, "rotation", "base_angle")
+    assert np.abs(turned - observation).max() > 0.1
     np.testing.assert_allclose(view(turned), view(observation), atol=1e-6)
 
 

@@ -77,9 +77,9 @@ CANONICAL = Case(
 class Sampler:
     """How random cases are drawn: uniformly, each quantity by itself, about the canonical case.
 
-    A draw is kept if every joint is within its limits and both grapple points lie within `reach` of what
-    their arms can reach from the system's centre of mass. No other draw is rejected: whether a method copes
-    with a case, singular paths included, is what is counted.
+    A draw is kept if every joint is within its limits and both grapple points lie within a share `reach` of
+    what their arms can reach from the system's centre of mass; nearly stretched arms are singular. No other
+    draw is rejected: whether a method copes with a case, singular paths included, is what is counted.
 
     Attributes:
         joint: rad, largest change of each joint angle. displacement: m, of the target's centre, along x
@@ -87,11 +87,11 @@ class Sampler:
     """
 
     joint: float = 0.5
-    displacement: float = 0.5
+    displacement: float = 0.4
     angle: float = pi / 6
     spin: float = pi / 45
     half_width: tuple[float, float] = (0.2, 0.4)
-    reach: float = 0.95
+    reach: float = 0.7
 
     def draw(self, seed: int, index: int) -> Case:
         """Case `index` of a seed, the same whatever else is drawn.

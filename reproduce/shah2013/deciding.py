@@ -16,7 +16,10 @@ SUDDEN = 4.0  # times its mean, from which the fastest change of zeta counts as 
 LATE = 0.75  # of the duration
 ORDER = 1e-8  # rad/s, below which a base rate is of the paper's order, 1e-9 rad/s
 ARRIVED = 1e-6  # m and m/s
+HARDLY = 1e-6  # rad/s, of a simulated base
 NONE = "No plan."
+LETTERS = {"zeta_zero": "(a)", "local": "(b)", "ocp": "(c)", "ocp_rest": "(c′)", "free": "(d)"}
+REST = ("zeta_zero", "local", "ocp_rest", "free")  # methods that start from rest
 
 
 def figures_of(record: Record, key: str) -> Figures | None:
@@ -52,7 +55,7 @@ def below(
 
 
 def _base_rates(record: Record, name: str) -> list[float]:
-    return [found[name] for key in PAPER if (found := figures_of(record, key))]
+    return [found[name] for key in PAPER if (found := figures_of(record, key)) and name in found]
 
 
 def reactionless(record: Record) -> bool | None:
@@ -68,12 +71,30 @@ def reactionless_figures(record: Record) -> str:
     texts = []
     for name, how in (
         ("base_rate", "re-integrated"),
-        ("tracked_base_rate", "simulated at the suite's step of 20 ms with torques held for 0.1 s"),
-        ("tracked_base_rate_fine", "simulated with step and control period of 5 ms"),
+        ("tracked_base_rate", "simulated at torque level"),
+        ("tracked_base_rate_fine", "simulated with small steps"),
     ):
         rates = _base_rates(record, name)
-        texts.append(f"{', '.join(f'{rate:.1e}' for rate in rates)} rad/s {how}")
+        if rates:
+            texts.append(f"{', '.join(f'{rate:.1e}' for rate in rates)} rad/s {how}")
     return f"Largest for (a), (b), (c): {'; '.join(texts)}."
+
+
+def tracked(record: Record) -> bool | None:
+    """Whether the plans that start from rest hardly turn the base when they are simulated."""
+    rates = [found["tracked_base_rate"] for key in REST if (found := figures_of(record, key))]
+    return max(rates) <= HARDLY if rates else None
+
+
+def tracked_figures(record: Record) -> str:
+    """Base rates of the simulated plans that start from rest."""
+    texts = [
+        f"{LETTERS[key]} {found['tracked_base_rate']:.1e}"
+        + (f" ({found['tracked_base_rate_fine']:.1e})" if "tracked_base_rate_fine" in found else "")
+        for key in REST
+        if (found := figures_of(record, key))
+    ]
+    return f"{', '.join(texts)} rad/s; in brackets with small steps." if texts else NONE
 
 
 def arrives(record: Record) -> bool | None:
@@ -156,13 +177,12 @@ def pair(name: str, unit: str, scale: float, key: str, *others: str) -> Callable
 
     def text(record: Record) -> str:
         values = {each: figures_of(record, each) for each in (key, *others)}
-        letters = {"zeta_zero": "(a)", "local": "(b)", "ocp": "(c)", "ocp_rest": "(c′)", "free": "(d)"}
         shown = ", ".join(
-            f"{letters[each]} {scale * found[name]:.5g}" if found else f"{letters[each]} none"
+            f"{LETTERS[each]} {scale * found[name]:.5g}" if found else f"{LETTERS[each]} none"
             for each, found in values.items()
         )
         change = ratio(record, key, others, name)
-        last = "" if change is None else f" {_percent(100 * (change - 1.0))} %."
-        return f"{shown} {unit}.{last}"
+        last = "" if change is None else f": {_percent(100 * (change - 1.0))} %"
+        return f"{shown} {unit}{last}."
 
     return text

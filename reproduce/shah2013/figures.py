@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
 from reproduce.animation import Chain, Movie, Scene, animate
@@ -18,12 +18,13 @@ from space_envs.evaluation.drawing import INK
 from space_envs.evaluation.figures import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
 from space_envs.models.parameters import DUAL_ARM_PLANAR
 
-POINTS = 251  # drawn of a curve
+POINTS = 161  # drawn of a curve
 FLOOR = 1e-18  # rad/s; what is less, zero included, is drawn there
 FRAMES = 61  # of the animation
 LOOP = 10.0  # s that the motion takes in it
 ARM_COLOURS = (BLUE, VERMILION)
 DASHES = ("-", (0, (4, 1.6)))
+SUBSCRIPTS = "₁₂"
 DASHES_MORE = ((0, (4, 1.6)), (0, (1.2, 1.2)))
 NAMES = {"zeta_zero": "fig3", "local": "fig4", "ocp": "fig5", "free": "free"}
 
@@ -34,14 +35,14 @@ def independent_velocities(worked: Worked) -> Figure:
     kept = _kept(course.time)
 
     def draw(axes: Axes) -> None:
-        for number, name in enumerate(("v_{1x}", "v_{1y}", "v_{2x}", "v_{2y}")):
+        for number, name in enumerate(("v₁ x", "v₁ y", "v₂ x", "v₂ y")):
             axes.plot(
                 course.time[kept],
                 100 * course.velocity[kept, number],
                 color=ARM_COLOURS[number // 2],
                 ls=DASHES[number % 2],
                 lw=1.9,
-                label=f"${name}$",
+                label=name,
             )
         _dress(axes, course.time, "independent velocities [cm/s]")
         axes.legend(ncols=2)
@@ -74,7 +75,7 @@ def method_figure(worked: Worked, method: Method) -> Figure | None:
     def pair(values: Array, name: str, label: str, unit: str = "rad/s") -> Sketch:
         def draw(axes: Axes) -> None:
             for number in range(2):
-                text = f"${name % (number + 1)}$"
+                text = f"{name}{SUBSCRIPTS[number]}"
                 axes.plot(
                     time,
                     values[kept, number],
@@ -99,12 +100,8 @@ def method_figure(worked: Worked, method: Method) -> Figure | None:
         axes.set_ylim(bottom=0)
 
     def power(axes: Axes) -> None:
-        axes.plot(
-            time, 1000 * course.power[kept], color=method.colour, lw=2.1, label=r"$\Sigma|\tau\dot\theta|$"
-        )
-        axes.plot(
-            time, 1000 * course.net[kept], color=INK, lw=1.1, ls=DASHES[1], label=r"$\Sigma\tau\dot\theta$"
-        )
+        axes.plot(time, 1000 * course.power[kept], color=method.colour, lw=2.1, label="Σ |τ θ̇|")
+        axes.plot(time, 1000 * course.net[kept], color=INK, lw=1.1, ls=DASHES[1], label="Σ τ θ̇")
         _dress(axes, course.time, "power [mW]")
         axes.legend(ncols=2)
 
@@ -116,7 +113,7 @@ def method_figure(worked: Worked, method: Method) -> Figure | None:
                 color=ARM_COLOURS[number // 3],
                 ls=("-", *DASHES_MORE)[number % 3],
                 lw=1.6,
-                label=rf"$\dot\theta_{number + 1}$",
+                label=f"{number // 3 + 1}.{number % 3 + 1}",
             )
         _dress(axes, course.time, "joint rates [rad/s]")
         axes.legend(ncols=3)
@@ -124,8 +121,8 @@ def method_figure(worked: Worked, method: Method) -> Figure | None:
     figures = figures_of(worked.record, key) or {}
     rates = f"{figures['tracked_base_rate']:.1e} and {figures['tracked_base_rate_fine']:.1e}"
     sketches = [
-        pair(course.zeta, r"\dot\zeta_%d", "null-space velocity ζ"),
-        pair(course.turning, r"\omega_{%dz}", "dependent velocities"),
+        pair(course.zeta, "ζ", "null-space velocity ζ"),
+        pair(course.turning, "ω", "dependent velocities"),
         Sketch(
             base,
             f"Base angular velocity: {figures['base_rate']:.1e} rad/s re-integrated, {rates} rad/s "
@@ -143,8 +140,9 @@ def method_figure(worked: Worked, method: Method) -> Figure | None:
     }
     caption = (
         f"Canonical case, C = {figures['energy']:.4f} J s. Null-space velocity: the part of ζ that the "
-        "projector of eq. 9 lets through. Base: re-integrated as in the paper, and simulated at torque level."
-        + _jump_note(figures)
+        "projector of eq. 9 lets through. Base: re-integrated as in the paper, and simulated at torque "
+        "level. "
+        "Joints: arm and number." + _jump_note(figures)
     )
     return figure(NAMES[key], titles[key], caption, sketches)
 
@@ -232,11 +230,12 @@ def ratios(records: Sequence[Mapping[str, Any]], own: Mapping[str, Any]) -> Figu
                 axes.annotate(
                     "canonical",
                     (canonical, 100),
-                    (3, -2),
+                    (-3 if canonical > np.median(values) else 3, -2),
                     textcoords="offset points",
                     fontsize=8,
                     color=INK,
                     va="top",
+                    ha="right" if canonical > np.median(values) else "left",
                 )
             axes.set(xlabel=f"energy {name}", ylabel="cases up to here [%]", ylim=(-9, 104))
             axes.xaxis.set_major_locator(MaxNLocator(6))
@@ -324,6 +323,8 @@ def _base_rates(axes: Axes, worked: Worked, key: str) -> None:
         axes.plot(peak_time, np.maximum(peak, FLOOR), color=colour, lw=1.6, label=label)
     axes.axhline(1e-9, color=INK, lw=0.7, ls=DASHES[1])
     axes.set_yscale("log")
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.0e}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
     _dress(axes, course.time, "|base angular velocity| [rad/s]")
     low = min(axes.get_ylim()[0], 1e-13)
     axes.set_ylim(max(low, 0.3 * FLOOR), 1e-3 if axes.get_ylim()[1] < 1e-4 else None)

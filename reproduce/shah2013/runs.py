@@ -18,7 +18,7 @@ from reproduce.shah2013.cases import Case, Sampler
 from reproduce.shah2013.measures import SAMPLES, Curves, curves, record
 from reproduce.shah2013.methods import ACCELERATION, METHODS
 
-COARSE = Tracking()  # the suite's own step and control period
+COARSE = Tracking()  # the suite's own step
 BEFORE = 2.0  # s before the fastest change of zeta, at which (a) and (b) are compared
 
 
@@ -34,8 +34,8 @@ class Worked:
     record: Record
 
 
-def work_out(case: Case) -> Worked:
-    """Plan with every method, measure, and simulate at torque level.
+def work_out(case: Case, fine: bool = False) -> Worked:
+    """Plan with every method, measure, and simulate at torque level; `fine`: with small steps too.
 
     The record is a plain JSON object: `index`, `case`, `methods` with the figures of
     `reproduce.shah2013.measures.record` and the peak base rates at torque level, or cause and reason of a
@@ -46,7 +46,7 @@ def work_out(case: Case) -> Worked:
     timing: dict[str, float] = {}
     courses: dict[str, Curves] = {}
     coarse: dict[str, Tracked] = {}
-    fine: dict[str, Tracked] = {}
+    finer: dict[str, Tracked] = {}
     for key, method in METHODS.items():
         started = perf_counter()
         wider = figures[method.within] if method.within else {}
@@ -63,12 +63,17 @@ def work_out(case: Case) -> Worked:
             figures[key] = {"cause": str(found.cause), "reason": found.reason}
             continue
         plans[key], courses[key] = found, curves(found)
-        coarse[key], fine[key] = track(found, how=COARSE), track(found, how=FINE)
+        coarse[key] = track(found, how=COARSE)
         figures[key] = record(found, courses[key], case) | {
             "tracked_base_rate": coarse[key].peak_base_rate,
-            "tracked_base_rate_fine": fine[key].peak_base_rate,
-            "tracked_momentum_fine": float(fine[key].momentum.max()),
+            "tracked_momentum": float(coarse[key].momentum.max()),
         }
+        if fine:
+            finer[key] = track(found, how=FINE)
+            figures[key] |= {
+                "tracked_base_rate_fine": finer[key].peak_base_rate,
+                "tracked_momentum_fine": float(finer[key].momentum.max()),
+            }
     if "zeta_zero" in courses and "local" in courses:
         figures["local"]["lead"] = _lead(courses["local"], courses["zeta_zero"], figures["local"])
     return Worked(
@@ -76,9 +81,15 @@ def work_out(case: Case) -> Worked:
         plans,
         courses,
         coarse,
-        fine,
+        finer,
         {"index": case.index, "case": case.to_dict(), "methods": figures, "timing": timing},
     )
+
+
+def settings(how: Tracking) -> str:
+    """A setting of the simulation, in words."""
+    fed_back = ", attitude fed back" if how.attitude_gain else ""
+    return f"step {1000 * how.timestep:g} ms, torques held for {1000 * how.control_period:g} ms{fed_back}"
 
 
 def case_record(index: int, seed: int, sampler: Sampler) -> Record:

@@ -17,7 +17,7 @@ from reproduce.shah2013.claims import BEYOND, CLAIMS
 from reproduce.shah2013.deciding import figures_of, nonsingular, ratio
 from reproduce.shah2013.figures import comparison, independent_velocities, method_figure, movie, ratios
 from reproduce.shah2013.methods import METHODS
-from reproduce.shah2013.runs import Worked
+from reproduce.shah2013.runs import COARSE, FINE, Worked, settings
 from reproduce.study import STUDIES, Options
 from space_envs.evaluation.provenance import commit, machine, versions
 
@@ -174,8 +174,8 @@ def _energies(worked: Worked) -> Table:
         tuple(rows),
         "C is eq. 15, twice the time integral of kinetic energy. Work is the integral of the sum of "
         "|torque × rate| over the joints, with the kinetic energy of a jump of the rates at t = 0 where "
-        "there is one. Simulated: computed torque on a floating base in MuJoCo, RK4 at 20 ms with torques "
-        "held for 0.1 s; fine: both 5 ms, with attitude feedback.",
+        "there is one. Simulated: computed torque on a floating base in MuJoCo, RK4, "
+        f"{settings(COARSE)}; fine: {settings(FINE)}.",
         colours=tuple(method.colour for method in METHODS.values()),
     )
 

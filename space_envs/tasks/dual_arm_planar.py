@@ -123,7 +123,7 @@ class DualArmPlanarTask(DualArmTask):
         return self.checked_goals(position, quaternion, spin, width, joint_position)
 
     def observe(self, sensors: Array, time: Array) -> Array:
-        """Observations (N, 50) from the model's sensors (N, 68) and the time (N,) in s."""
+        """Observations (N, 47) from the model's sensors (N, 68) and the time (N,) in s."""
         observation = np.empty((len(sensors), LAYOUT.size))
         observation[:, : len(_COLUMNS)] = sensors.take(_COLUMNS, axis=1)
         goal = observation[:, _SLICES["goal_position"].start : _SLICES["goal_linear_velocity"].stop]
