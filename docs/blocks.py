@@ -2,11 +2,14 @@
 
 import inspect
 from collections.abc import Callable
+from dataclasses import fields
 from functools import cached_property
 from typing import Any
 
+from agents.reactionless.problem import Cause
+from agents.reactionless.tracking import FINE, Tracking
 from agents.registry import POLICIES, policies_for
-from docs.reading import comments, number, summary, table
+from docs.reading import attributes, comments, number, summary, table
 from docs.robots import links, planar_links, spatial_links
 from space_envs import control
 from space_envs.evaluation.tables import COLUMNS, NOTE
@@ -43,6 +46,27 @@ def drive() -> str:
     return table(("constant of `space_envs.control`", "value", "meaning"), rows)
 
 
+def causes() -> str:
+    """Why a planner may refuse."""
+    said = comments(Cause)
+    return table(("cause", "meaning"), [(f"`{cause}`", said[cause.name]) for cause in Cause])
+
+
+def tracking() -> str:
+    """Settings of tracking at torque level."""
+    said, usual = attributes(Tracking), Tracking()
+    rows = [
+        (
+            f"`{f.name}`",
+            number(getattr(usual, f.name)),
+            number(getattr(FINE, f.name)),
+            said[f.name].rstrip("."),
+        )
+        for f in fields(Tracking)
+    ]
+    return table(("setting", "`Tracking()`", "`FINE`", "meaning"), rows)
+
+
 def task_members() -> str:
     """What an environment and the harness ask of a task."""
     rows = []
@@ -75,6 +99,8 @@ BLOCKS: dict[str, Callable[[], str]] = {
         planar_links,
         spatial_links,
         drive,
+        causes,
+        tracking,
         task_members,
         columns,
     )

@@ -337,26 +337,29 @@ def _draw(
 
 
 def _reachable(task: DualArmTask, robot: FloatingRobot, goals: TargetGoals) -> NDArray[np.bool_]:
-    """Whether a reactionless motion from rest ends at the goals (K), clear of everything."""
+    """Whether a reactionless motion from rest ends at the goals (K), clear of everything at both ends."""
+    before, _ = tumble(
+        goals.quaternion, goals.angular_velocity, np.array(task.target.inertia), np.array([-MEETING])
+    )
+    ok = _clear(task, robot, goals.joint_position, goals, before[:, 0], 0.0)
+    rows = np.flatnonzero(ok)
+    goals = goals.take(rows)
     points = goals.position[:, None] + rotate(goals.quaternion[:, None], task.grapples(goals.half_width))
     axes = None if task.way_in is None else rotate(goals.quaternion[:, None], task.way_in)
     found = reach(robot, goals.joint_position, points, axes)
     inside = (found.q > robot.range[:, 0] + LIMIT_MARGIN) & (found.q < robot.range[:, 1] - LIMIT_MARGIN)
-    ok = (found.distance < REACHED[0]) & (found.angle < REACHED[1]) & inside.all(axis=1)
-    before, _ = tumble(
-        goals.quaternion, goals.angular_velocity, np.array(task.target.inertia), np.array([-MEETING])
-    )
-    for q, attitude in ((goals.joint_position, before[:, 0]), (found.q, goals.quaternion)):
-        ok &= _clear(task, robot, q, goals, attitude)
+    ok[rows] = (found.distance < REACHED[0]) & (found.angle < REACHED[1]) & inside.all(axis=1)
+    ok[rows] &= _clear(task, robot, found.q, goals, goals.quaternion, GRIPPER)
     return ok
 
 
 def _clear(
-    task: DualArmTask, robot: FloatingRobot, q: Array, goals: TargetGoals, attitude: Array
+    task: DualArmTask, robot: FloatingRobot, q: Array, goals: TargetGoals, attitude: Array, gripper: float
 ) -> NDArray[np.bool_]:
-    """Whether points along the arms at q (K, n) keep away from each other, the target and the bus."""
+    """Whether points along the arms at q (K, n) keep away from each other, the target and the bus; the outer
+    `gripper` metres may be at the target."""
     kinematics = robot.kinematics(q)
-    points, outer = _link_points(robot, kinematics)  # (K, 2, P, 3), base frame
+    points, outer = _link_points(robot, kinematics, gripper)  # (K, 2, P, 3), base frame
     away = task.link_radius + CLEARANCE
     gap = np.linalg.norm(points[:, 0, :, None] - points[:, 1, None, :], axis=-1).min(axis=(1, 2))
     clear = gap > away + task.link_radius
@@ -374,11 +377,13 @@ def _clear(
     return clear
 
 
-_ALONG = np.linspace(0.0, 1.0, 12, endpoint=False)  # where on a link points lie; its end is the next one's
+_ALONG = np.linspace(0.0, 1.0, 13)  # where on a link points lie
 
 
-def _link_points(robot: FloatingRobot, kinematics: Kinematics) -> tuple[Array, NDArray[np.bool_]]:
-    """Points (K, 2, P, 3) along the links of both arms, base frame; (P,) which belong to the gripper."""
+def _link_points(
+    robot: FloatingRobot, kinematics: Kinematics, gripper: float
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Points (K, 2, P, 3) along the links of both arms, base frame; (P,) which are the gripper's."""
     n = robot.n_joints // 2
     arms = []
     outer = np.zeros(0, dtype=bool)
@@ -391,6 +396,6 @@ def _link_points(robot: FloatingRobot, kinematics: Kinematics) -> tuple[Array, N
         arms.append(points.reshape(len(points), -1, 3))
         length = float(np.linalg.norm(robot.tip_offset[arm]))
         outer = np.concatenate(
-            [np.zeros((n - 1) * len(_ALONG), dtype=bool), (1.0 - _ALONG) * length < GRIPPER]
+            [np.zeros((n - 1) * len(_ALONG), dtype=bool), (1.0 - _ALONG) * length < gripper]
         )
     return np.stack(arms, axis=1), outer
