@@ -13,7 +13,7 @@ from agents.reactionless.fixed_path import plan_local, plan_zeta_zero
 from agents.reactionless.free import plan_free
 from agents.reactionless.ocp import plan_ocp
 from agents.reactionless.problem import Capture, Failure, Limits, Plan
-from agents.reactionless_rate import track_rates
+from agents.reactionless_rate import limited, track_rates
 from agents.tracking import merged, rows_to_plan
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.reactionless import keep_attitude
@@ -173,11 +173,13 @@ class ReactionlessPlanner:
         turning = context.arm.base_map(state.position[every, then])[:, 3:]
         attitude = logarithm(reader.quaternion(observation, "base"))
         rate = keep_attitude(turning, rate, -ATTITUDE_GAIN * attitude)
+        action = np.clip(rate / context.action_scale, -1.0, 1.0)
         over = np.flatnonzero(step >= last)
         if over.size:
             planned = np.array([failure is None for failure in state.failures[over]])
-            rate[over] = track_rates(reader, observation[over]) * planned[:, None]
-        return np.clip(rate / context.action_scale, -1.0, 1.0), state
+            rate = track_rates(reader, observation[over]) * planned[:, None]
+            action[over] = limited(context, reader.field(observation[over], "joint_velocity"), rate)
+        return action, state
 
 
 class ZetaZero(ReactionlessPlanner):

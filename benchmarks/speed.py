@@ -20,6 +20,7 @@ from tqdm import tqdm
 from benchmarks.machine import machine_class, markdown_table
 from space_envs.control import CONTROL_MODES
 from space_envs.envs import CaptureEnv, CaptureVectorEnv
+from space_envs.registration import ENTRIES
 
 SIZES = (1, 16, 64, 256)
 SECONDS = 1.0  # of each measurement
@@ -52,14 +53,19 @@ def rate(step, seconds: float) -> float:
     return calls / passed
 
 
-def vector_rates(n: int, mode: str, seconds: float) -> tuple[float, float]:
+def short(env_id: str) -> str:
+    """An id without its namespace."""
+    return env_id.partition("/")[2]
+
+
+def vector_rates(env_id: str, n: int, mode: str, seconds: float) -> tuple[float, float]:
     """Calls a second of the vector environment's step and of the simulation alone.
 
     The two take turns call by call and the median call counts, so that other load on the machine falls on
     both alike.
     """
     env = CaptureVectorEnv(
-        num_envs=n, control_mode=mode, threads=1 if n == 1 else 2, autoreset_mode="next_step"
+        env_id, num_envs=n, control_mode=mode, threads=1 if n == 1 else 2, autoreset_mode="next_step"
     )
     rng = np.random.default_rng(0)
     env.task.goals("train", np.arange(env.task.split_size("train")))  # drawn once a process, as in training
@@ -80,13 +86,14 @@ def vector_rates(n: int, mode: str, seconds: float) -> tuple[float, float]:
     return float(1 / np.median(durations[0][10:])), float(1 / np.median(durations[1][10:]))
 
 
-def single_rate(seconds: float) -> float:
+def single_rate(env_id: str, seconds: float) -> float:
     """Steps a second of the environment that `gym.make` returns, resets included."""
-    env = gym.make("SpaceCapture/SingleArm-v0")
+    env = gym.make(env_id)
     assert isinstance(env.unwrapped, CaptureEnv)
     env.unwrapped.task.goals("train", np.arange(env.unwrapped.task.split_size("train")))
     env.reset(seed=0)
-    actions = np.random.default_rng(0).uniform(-1, 1, (100, 7))
+    size = env.unwrapped.task.robot.n_joints
+    actions = np.random.default_rng(0).uniform(-1, 1, (100, size))
     count = iter(range(10**9))
 
     def step() -> None:
@@ -120,13 +127,14 @@ def main(arguments: list[str] | None = None) -> None:
     )
     options = parser.parse_args(arguments)
     rows = []
-    for mode, n in tqdm([(mode, n) for mode in CONTROL_MODES for n in SIZES], unit="cell"):
-        env, batch = vector_rates(n, mode, options.rounds * SECONDS)
+    cells = [(env_id, mode, n) for env_id in ENTRIES for mode in CONTROL_MODES for n in SIZES]
+    for env_id, mode, n in tqdm(cells, unit="cell"):
+        env, batch = vector_rates(env_id, n, mode, options.rounds * SECONDS)
         added = 1e6 / n * (1 / env - 1 / batch)
-        rows.append(
-            [mode, str(n), f"{n * env:,.0f}", f"{n * batch:,.0f}", f"{added:.1f}", f"{env / batch:.2f}"]
-        )
+        figures = f"{n * env:,.0f}", f"{n * batch:,.0f}", f"{added:.1f}", f"{env / batch:.2f}"
+        rows.append([short(env_id), mode, str(n), *figures])
     header = [
+        "id",
         "control mode",
         "N",
         "env steps/s",
@@ -138,27 +146,19 @@ def main(arguments: list[str] | None = None) -> None:
     print(markdown_table(header, rows))
     if options.reference is None:
         return
-    ours, vector, theirs = [], [], []
+    found: dict[str, list[float]] = {}
     for _ in tqdm(range(options.rounds), unit="round"):
-        ours.append(single_rate(SECONDS))
-        theirs.append(reference_rate(options.reference))
-        vector.append(256 * vector_rates(256, "joint_velocity", SECONDS)[0])
-    base = np.median(theirs)
+        found.setdefault("FetchReach-v4, gym.make", []).append(reference_rate(options.reference))
+        for env_id in ENTRIES:
+            name = short(env_id)
+            found.setdefault(f"{name}, gym.make", []).append(single_rate(env_id, SECONDS))
+            vector, _ = vector_rates(env_id, 256, "joint_velocity", SECONDS)
+            found.setdefault(f"{name}, gym.make_vec, N = 256", []).append(256 * vector)
+    rates = {name: float(np.median(each)) for name, each in found.items()}
+    base = next(iter(rates.values()))
     print("\nSide by side, env steps a second (medians):\n")
-    print(
-        markdown_table(
-            ["environment", "env steps/s", "ratio"],
-            [
-                ["FetchReach-v4, gym.make", f"{base:,.0f}", "1"],
-                ["SingleArm-v0, gym.make", f"{np.median(ours):,.0f}", f"{np.median(ours) / base:.1f}"],
-                [
-                    "SingleArm-v0, gym.make_vec, N = 256",
-                    f"{np.median(vector):,.0f}",
-                    f"{np.median(vector) / base:.1f}",
-                ],
-            ],
-        )
-    )
+    compared = [[name, f"{rate:,.0f}", f"{rate / base:.3g}"] for name, rate in rates.items()]
+    print(markdown_table(["environment", "env steps/s", "ratio"], compared))
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ import inspect
 from collections.abc import Callable
 from dataclasses import fields
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar, get_origin
 
 from agents.reactionless.problem import Cause
 from agents.reactionless.tracking import FINE, Tracking
@@ -14,7 +14,8 @@ from docs.robots import links, planar_links, spatial_links
 from space_envs import control
 from space_envs.evaluation.tables import COLUMNS, NOTE
 from space_envs.registration import ENTRIES
-from space_envs.tasks.base import CaptureTask
+from space_envs.tasks.base import CaptureTask, DriveLimits
+from space_envs.tasks.common import ObservationLayout, RewardWeights
 
 
 def environments() -> str:
@@ -67,15 +68,42 @@ def tracking() -> str:
     return table(("setting", "`Tracking()`", "`FINE`", "meaning"), rows)
 
 
+def task_states() -> str:
+    """What a task states about itself besides its keywords."""
+    said = comments(CaptureTask)
+    stated = {
+        "layout": summary(ObservationLayout),
+        "parameters": summary(DriveLimits),
+        "split_sizes": "Number of goals of each split.",
+        "rewarded": f"Terms of its dense reward, of those in `{RewardWeights.__name__}`; default all.",
+    }
+    rows = []
+    for name, kind in inspect.get_annotations(CaptureTask).items():
+        if get_origin(kind) is ClassVar:
+            text = stated[name] if name in stated else f"{said[name][:1].upper()}{said[name][1:]}."
+            rows.append((f"`{name}`", text))
+    return table(("class variable", "what it is"), rows)
+
+
+def task_hooks() -> str:
+    """What a task has to answer."""
+    return _members(lambda source: "raise NotImplementedError" in source)
+
+
 def task_members() -> str:
-    """What an environment and the harness ask of a task."""
+    """What the base of all tasks answers from that."""
+    return _members(lambda source: "raise NotImplementedError" not in source)
+
+
+def _members(chosen: Callable[[str], bool]) -> str:
     rows = []
     for name, value in vars(CaptureTask).items():
         inner = value.func if isinstance(value, cached_property) else getattr(value, "fget", value)
         if name.startswith("_") or not (callable(value) or isinstance(value, property | cached_property)):
             continue
-        call = f"{name}{_arguments(inner)}" if callable(value) else name
-        rows.append((f"`{call}`", summary(inner)))
+        if chosen(inspect.getsource(inner)):
+            call = f"{name}{_arguments(inner)}" if callable(value) else name
+            rows.append((f"`{call}`", summary(inner)))
     return table(("member", "what it is"), rows)
 
 
@@ -101,6 +129,8 @@ BLOCKS: dict[str, Callable[[], str]] = {
         drive,
         causes,
         tracking,
+        task_states,
+        task_hooks,
         task_members,
         columns,
     )

@@ -72,6 +72,10 @@ def run(options: argparse.Namespace, words: list[str]) -> None:
     if options.docs is not None and not options.docs.is_dir():
         raise ConfigurationError(f"--docs must name a folder that is there, got {options.docs}")
     output = options.output or Path("results") / study.name
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigurationError(f"cannot write to {output}: {error.strerror}") from None
     started = perf_counter()
     asked = Options(
         output=output,

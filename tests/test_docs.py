@@ -27,7 +27,7 @@ NAMES = [path.relative_to(ROOT).as_posix() for path in PAGES]
 FENCE = re.compile(
     r"^(?:<!-- (?P<mark>no-run|file: \S+) -->\n)?```(?P<kind>\w*)\n(?P<code>.*?)^```$", re.M | re.S
 )
-OWN_MODULES = ("agents", "benchmarks", "docs", "promp", "space_envs")
+OWN_MODULES = ("agents", "benchmarks", "docs", "promp", "reproduce", "space_envs")
 
 
 def blocks(path: Path, *kinds: str) -> Iterator[tuple[str | None, str, int]]:

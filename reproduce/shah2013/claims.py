@@ -29,6 +29,7 @@ from reproduce.shah2013.deciding import (
     tracked_figures,
 )
 from reproduce.shah2013.measures import SAMPLES
+from reproduce.shah2013.methods import ACCELERATION
 
 CLAIMS = (
     Rule(
@@ -100,7 +101,7 @@ CLAIMS = (
         "Energy of (b) is above that of (a).",
         pair("energy", "J s", 1.0, "local", "zeta_zero"),
         lambda record: None if (r := ratio(record, "local", ("zeta_zero",))) is None else r > 1.0 + SAME,
-        "A property of the case, not of the method: mostly it is the other way round.",
+        "A property of the case, not of the method.",
     ),
     Rule(
         "local_power",
@@ -237,13 +238,12 @@ BEYOND = (
             else record["methods"]["free"]["reason"]
         ),
         lambda record: None if nonsingular(record) else figures_of(record, "free") is not None,
-        "Where it finds none, mostly no posture within the joint limits has both end-effectors at their "
-        "points.",
+        "Where it finds none, the reasons are under Random cases.",
     ),
     Rule(
         "rest",
         "(c′) against (c)",
-        "Starting from rest costs next to nothing.",
+        f"Starting from rest, with accelerations up to {ACCELERATION} rad/s², costs next to nothing.",
         "Energy of (c′) is at most 1.001 times that of (c).",
         pair("energy", "J s", 1.0, "ocp_rest", "ocp"),
         below("ocp_rest", ("ocp",), 1.001),

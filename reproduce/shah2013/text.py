@@ -284,6 +284,9 @@ def _assumptions(worked: Worked, sampler: Sampler) -> Text:
             "ζ: one direction of the paper's two-vector has no effect; shown is what its projector lets "
             "through. Joint rates are solved from the end-effector velocities and the reactionless "
             "constraint together, so that the generalised Jacobian is never inverted.",
+            "Obstacles: none, as in the paper. In the canonical case an arm starts over the target, which in "
+            "the plane is possible at different heights only. Method (d) can keep the arms clear of each "
+            "other and of the target; the suite's policy of that name does.",
             "Curves, energies and misses are recomputed from the joint motion alone, between the planners' "
             "nodes, by code that no planner uses.",
         ),
