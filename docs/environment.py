@@ -121,7 +121,8 @@ observation, info = env.reset(seed=0)
 observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
 error = env.unwrapped.task.layout.read(observation, "position_error")
 
-envs = gym.make_vec("{env.env_id}", num_envs=16, control_mode="reactionless", difficulty="hard")
+keywords = {{"control_mode": "reactionless", "difficulty": "hard"}}
+envs = gym.make_vec("{env.env_id}", num_envs=16, **keywords)
 observations, infos = envs.reset(seed=0)
 ```"""
     vector = (

@@ -1,17 +1,22 @@
 """Goals of the dual-arm tasks that tests make up: both end-effectors already at their grapple points."""
 
 from functools import cache
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from space_envs.dynamics.reactionless import Reached, reach, tips
 from space_envs.dynamics.rigid_body import tumble
 from space_envs.dynamics.rotations import Array, exponential, logarithm, multiply, rotate
+from space_envs.registration import make_task
 from space_envs.tasks.dual_arm import MEETING, DualArmTask, TargetGoals
 
 IDS = ("SpaceCapture/DualArmPlanar-v0", "SpaceCapture/DualArmSpatial-v0")
+
+
+def task_of(env_id: str, **keywords: Any) -> DualArmTask:
+    """The task of one of the two ids."""
+    return cast("DualArmTask", make_task(env_id, keywords))
 
 
 def at_meeting(task: DualArmTask, goals: TargetGoals) -> tuple[Array, Array, Array, Array | None]:
@@ -62,7 +67,7 @@ def docked(task: DualArmTask, target_turn: float = 0.0, **changes: Any) -> dict[
     return options
 
 
-def along(task: DualArmTask, options: dict[str, Array]) -> NDArray[np.float64]:
+def along(task: DualArmTask, options: dict[str, Array]) -> Array:
     """Unit vector from the target's centre to the first grapple point, as wide as `target_position`."""
     if task.kind == "planar":
         angle = options["target_angle"][0]

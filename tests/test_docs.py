@@ -16,10 +16,14 @@ import pytest
 from agents.commands.evaluate import main as evaluate
 from docs import generate
 from docs.blocks import BLOCKS
-from docs.reading import comments, described, section, split_unit
+from docs.goals import goals
+from docs.reading import attributes, comments, described, field_comments, number, section, split_unit
 from space_envs.evaluation.records import read_records
 from space_envs.registration import ENTRIES
+from space_envs.tasks.base import CaptureTask
 from space_envs.tasks.common import CaptureEnvelope
+from space_envs.tasks.dual_arm_planar import DualArmPlanarTask
+from space_envs.tasks.dual_arm_spatial import ApproachEnvelope
 
 ROOT = generate.DOCS.parent
 PAGES = [ROOT / "README.md", *sorted(generate.DOCS.rglob("*.md"))]
@@ -136,6 +140,10 @@ def test_commands_exist_with_their_options(page, command, helps, capsys, monkeyp
             assert importlib.util.find_spec(words[0]), f"{page}: there is no module {words[0]}"
             if words[0].split(".")[0] not in OWN_MODULES:
                 return
+            # A command without options would do its work when it is asked for help.
+            main = f"{words[0]}.__main__" if _is_module(f"{words[0]}.__main__") else words[0]
+            spec = importlib.util.find_spec(main)
+            assert spec and spec.origin and "argparse" in Path(spec.origin).read_text(encoding="utf-8")
     elif words[0] not in ("train.py", "evaluate.py"):
         return
     usage = help_of(words[0], helps, capsys, monkeypatch)
@@ -208,7 +216,7 @@ def test_every_symbol_has_a_place_in_the_code():
         assert names, f"no code for {row}"
         resolve(names[0])
         if names[0].endswith("LAYOUT"):
-            layout = importlib.import_module("space_envs.tasks.single_arm").LAYOUT
+            layout = importlib.import_module(names[0].rpartition(".")[0]).LAYOUT
             assert set(names[1:]) <= set(layout.slices)
 
 
@@ -223,6 +231,24 @@ def test_reading_of_comments_and_docstrings():
     } | {"three": "the others."}
     assert split_unit("joint angles, rad") == ("rad", "joint angles")
     assert split_unit("w x y z, either sign") == ("", "w x y z, either sign")
+
+
+def test_what_is_said_of_inherited_fields_counts():
+    assert field_comments(ApproachEnvelope) == field_comments(CaptureEnvelope) | {"approach": "deg"}
+    about = attributes(DualArmPlanarTask)
+    assert {"difficulty", "horizon", "mounts"} <= set(about)
+    assert about["horizon"] == attributes(CaptureTask)["horizon"]
+
+
+def test_numbers_as_a_reader_writes_them():
+    assert number(0.1 + 0.2) == "0.3"
+    assert number([1, 2.5]) == "1, 2.5"
+    assert number(((0.5, 0.0), (-0.5, 0.0))) == "(0.5, 0), (-0.5, 0)"
+
+
+def test_a_task_of_another_kind_has_to_be_described():
+    with pytest.raises(TypeError, match="describes no task like CaptureTask"):
+        goals(CaptureTask.__new__(CaptureTask))
 
 
 def test_blocks_that_do_not_end_or_exist_are_errors():

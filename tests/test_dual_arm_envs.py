@@ -23,6 +23,11 @@ def make(env_id: str, n: int = 1, **keywords) -> CaptureVectorEnv:
     return CaptureVectorEnv(env_id, n, autoreset_mode="disabled", **keywords)
 
 
+def filled(env, value):
+    """An action all of whose entries are the same."""
+    return np.full(env.action_space.shape, value)
+
+
 def vectors(values: Array, width: int) -> Array:
     """Vectors (N, k, 3) of a field (N, k * width)."""
     out = np.zeros((len(values), values.shape[1] // width, 3))
@@ -155,7 +160,7 @@ def test_grapples_move_with_the_target_and_lie_where_its_size_says(env_id):
                 way = rotate(attitude, np.array([-sign, 0.0, 0.0]))
                 found = vectors(read(observation, "goal_axis"), 3)[:, arm]
                 np.testing.assert_allclose(found, way, atol=1e-12)
-        observation, *_ = env.step(np.zeros(env.action_space.shape))
+        observation, *_ = env.step(filled(env, 0.0))
 
 
 @every_id
@@ -167,7 +172,7 @@ def test_a_row_keeps_its_target_when_others_get_new_ones(env_id):
     np.testing.assert_array_equal(again[~mask], observation[~mask])
     spread = env.simulation.batch.expanded("site_pos")
     assert spread is not None
-    after, *_ = env.step(np.zeros(env.action_space.shape))
+    after, *_ = env.step(filled(env, 0.0))
     goal = vectors(env.task.layout.read(after, "goal_position"), 2 if env.simulation.planar else 3)
     widths = 0.5 * np.linalg.norm(goal[:, 0] - goal[:, 1], axis=-1)
     np.testing.assert_allclose(widths[~mask], env.task.goals("train", env._index).half_width[~mask])
@@ -185,7 +190,7 @@ def ends(env_id, steps=12, keywords=None, **changes):
     norms = task.norms(observation[None])[0]
     over = []
     for _ in range(steps):
-        *_, terminated, _, info = env.step(np.zeros(env.action_space.shape))
+        *_, terminated, _, info = env.step(filled(env, 0.0))
         over.append(terminated)
         assert info["is_success"] == terminated == (info["outcome"] == "captured")
         if terminated:
@@ -363,7 +368,7 @@ def test_reward_terms_are_of_the_worst_end_effector(env_id):
     env = gym.make(env_id, position_tolerance=0.04, linear_velocity_tolerance=0.02)
     task = env.unwrapped.task
     env.reset(seed=0)
-    action = np.full(env.action_space.shape, 0.3)
+    action = filled(env, 0.3)
     observation, reward, *_, info = env.step(action)
     terms, width = info["reward_terms"], 2 if task.kind == "planar" else 3
     field = lambda name: vectors(task.layout.read(observation[None], name), width)[0]  # noqa: E731

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -123,6 +124,20 @@ def test_a_policy_that_returns_nan_loses_that_episode_only():
     assert rollout.reason[1] == "the action held NaN or infinity at step 5"
     assert rollout.reason[0] is None
     assert np.isfinite(rollout.qpos).all()
+
+
+class Planless(Nan):
+    """Has no plan for odd rows, and says so in its state."""
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        failures = ["out of reach" if row % 2 else None for row in range(len(observation))]
+        return np.zeros((len(observation), self.size)), SimpleNamespace(failures=failures)
+
+
+def test_why_there_was_no_plan_is_the_reason_of_a_lost_episode():
+    rollout, _ = rollout_of(f"{__name__}:Planless", horizon=5)
+    assert rollout.outcome == ["timeout"] * 6
+    assert rollout.reason == [None, "out of reach"] * 3
 
 
 @pytest.mark.parametrize(("name", "message"), [("Raises", "out of ideas"), ("Misshapen", r"shape \(7,\)")])

@@ -232,7 +232,7 @@ def _built(
 def _point_functions(model: PathModel, n: int, rows: int, controlled: bool) -> dict[str, ca.Function]:
     """Residual and energy at one point, their first derivatives and the weighted second ones, compiled.
 
-    With zeta among the residuals they are left to CasADi's virtual machine: a compiler takes minutes for them.
+    With zeta among the residuals CasADi's virtual machine runs them: a compiler takes minutes for them.
     """
     q, qdot, v = (ca.SX.sym(name, size) for name, size in (("q", n), ("qdot", n), ("v", 4)))
     _, task, angular, mass = model.symbolic(q)

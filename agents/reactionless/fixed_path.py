@@ -32,8 +32,8 @@ class Singular(Exception):
 
 
 def solutions(at: Matrices, velocity: Array) -> tuple[Array, Array]:
-    """A joint rate (n,) with the given end-effector velocities (2 d,) that is reactionless, and a basis (n, m)
-    of what can be added.
+    """A reactionless joint rate (n,) with the given end-effector velocities (2 d,), and a basis (n, m) of what
+    can be added.
 
     Raises:
         Singular: if the constraints have lost rank.

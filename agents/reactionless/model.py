@@ -24,7 +24,7 @@ class Matrices:
     """What holds at one configuration.
 
     Attributes:
-        tips: (2 d,) m, end-effectors with respect to the system's centre of mass; d is 2 in the plane, else 3.
+        tips: (2 d,) m, end-effectors from the system's centre of mass; d is 2 in the plane, else 3.
         task: (2 d + r, n): end-effector velocities per joint rate with the attitude held (the linear rows of
             J_g on reactionless motion), and Ibm~ of eq. 4 of shah2013 in its last r rows (1 or 3), divided by
             `scale` so that its rows compare with those of a velocity.
@@ -72,10 +72,10 @@ class PathModel:
             buffer, call = self._compiled.buffer()
             f = self._compiled
             place = np.zeros(f.numel_in(0))
-            buffer.set_arg(0, memoryview(place))
+            buffer.set_arg(0, memoryview(place))  # pyright: ignore[reportCallIssue, reportArgumentType]
             results = [np.zeros(f.numel_out(i)) for i in range(f.n_out())]
             for i, result in enumerate(results):
-                buffer.set_res(i, memoryview(result))
+                buffer.set_res(i, memoryview(result))  # pyright: ignore[reportCallIssue, reportArgumentType]
             shaped = [r.reshape(f.size_out(i), order="F") for i, r in enumerate(results)]
             self._buffers.call = (buffer, call, place, shaped)
         _, call, place, shaped = self._buffers.call

@@ -22,6 +22,7 @@ from space_envs.dynamics.reactionless import com, reach
 from space_envs.dynamics.rigid_body import tumble
 from space_envs.dynamics.rotations import Array, canonical, conjugate, rotate
 from space_envs.errors import GoalError
+from space_envs.models.dual_appearance import scale_target
 from space_envs.models.dual_arm import END_EFFECTORS, GRAPPLES, DualArmOptions, dual_arm_model
 from space_envs.models.parameters import DUAL_ARM_SPATIAL, TargetParameters
 from space_envs.simulation import Simulation
@@ -189,8 +190,6 @@ class DualArmTask(CaptureTask):
 
     def dress(self, model: mujoco.MjModel, data: mujoco.MjData | None, goals: TargetGoals, row: int) -> None:
         """Give the drawn target the goal's size."""
-        from space_envs.models.dual_appearance import scale_target  # pictures are rare
-
         scale_target(model, float(goals.half_width[row]))
 
     def arms(self, squares: Array) -> Array:

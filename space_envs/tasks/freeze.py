@@ -4,6 +4,7 @@ A maintainer runs it when the robots or the ranges of their goals change; which 
 that nobody else has to roll out motions before an episode can start.
 """
 
+import argparse
 import zipfile
 from pathlib import Path
 
@@ -21,8 +22,11 @@ PATH = Path(__file__).parent / "dual_arm_attempts.npz"
 KINDS: tuple[type[DualArmTask], ...] = (DualArmPlanarTask, DualArmSpatialTask)
 
 
-def main() -> None:
+def main(arguments: list[str] | None = None) -> None:
     """Write the file."""
+    argparse.ArgumentParser(prog="python -m space_envs.tasks.freeze", description=__doc__).parse_args(
+        arguments
+    )
     cases = [(kind, difficulty, split) for kind in KINDS for difficulty in DIFFICULTIES for split in SPLITS]
     found: dict[str, np.ndarray] = {}
     with tqdm(total=sum(SPLIT_SIZE[split] // BLOCK for *_, split in cases), unit="block") as bar:

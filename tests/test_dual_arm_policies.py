@@ -1,0 +1,296 @@
+"""Policies on the dual-arm ids: captures with the attitude kept, predictions, evaluation, metrics."""
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+from dual_arm_goals import IDS, task_of
+
+from agents.commands.evaluate import main
+from agents.dual_arm import Reader
+from agents.reactionless.problem import Cause
+from agents.reactionless_rate import ReactionlessRate
+from agents.registry import POLICIES, check_task, control_modes, make_policy, policies_for
+from agents.resolve import resolve_policy
+from space_envs.dynamics.rotations import Array
+from space_envs.envs import CaptureVectorEnv
+from space_envs.errors import ConfigurationError, PolicyError
+from space_envs.evaluation.metrics import episode_metrics
+from space_envs.evaluation.policy import PolicyContext
+from space_envs.evaluation.records import read_records
+from space_envs.evaluation.rollout import Rollout, roll_out
+from space_envs.tasks.dual_arm import DualArmTask
+
+SINGLE = "SpaceCapture/SingleArm-v0"
+every_id = pytest.mark.parametrize("env_id", IDS)
+
+
+def played(env_id: str, name: str, goals: Any, mode: str | None = None, **keywords: Any) -> Rollout:
+    """Episodes of a policy on validation goals."""
+    policy = resolve_policy(name, mode)
+    environment = {"env_id": env_id, "control_mode": policy.control_mode, **keywords}
+    return roll_out(policy.factory(0), environment, "validation", np.asarray(goals), 0)
+
+
+# Policies ---------------------------------------------------------------------------------------------
+
+
+@every_id
+@pytest.mark.parametrize("mode", ReactionlessRate.control_modes)
+def test_resolved_rate_captures_and_keeps_the_attitude(env_id: str, mode: str) -> None:
+    rollout = played(env_id, "reactionless_rate", np.arange(32), mode)
+    assert np.mean([outcome == "captured" for outcome in rollout.outcome]) >= 0.9
+    final = rollout.attitude[:, -1]
+    if mode == "reactionless":
+        assert rollout.attitude.max() < 0.01
+    # In joint_velocity the drives stop single joints at their limits, which is not reactionless.
+    assert np.mean(final < 0.1) >= 0.9
+    assert rollout.attitude.max() < 1.0
+
+
+@every_id
+def test_resolved_rate_comes_to_rest_relative_to_the_grapple_points(env_id: str) -> None:
+    env = CaptureVectorEnv(env_id, 8, "reactionless", autoreset_mode="disabled", hold_time=1e3)
+    policy = ReactionlessRate(PolicyContext.from_env(env))
+    observation, _ = env.reset(seed=0, options={"split": "validation", "index": np.arange(8)})
+    errors = []
+    for _ in range(env.task.horizon):
+        action, _ = policy.predict(observation)
+        assert np.abs(action).max() <= 1.0
+        observation, *_ = env.step(action)
+        errors.append(env.task.norms(observation))
+    late = np.stack(errors)[-20:]
+    # The damping, the posture and the pull towards the middle of the joints leave some millimetres.
+    assert np.median(late[..., 0]) < 0.01 and late[..., 0].max() < 0.03
+    assert np.median(late[..., 2]) < 2e-3
+
+
+@every_id
+def test_predicted_grapples_are_where_the_simulation_has_them_later(env_id: str) -> None:
+    env = CaptureVectorEnv(env_id, 4, difficulty="hard", autoreset_mode="disabled", hold_time=1e3)
+    reader = Reader(PolicyContext.from_env(env))
+    observation, _ = env.reset(seed=0)
+    for _ in range(30):
+        observation, *_ = env.step(np.zeros(env.action_space.shape))
+    times = np.array([0.0, 0.1, 5.0, 15.0])
+    predicted = reader.grapples(observation, times)
+    for step in range(151):
+        if step in (0, 1, 50, 150):
+            place = (0, 1, 50, 150).index(step)
+            for name, found in (("position", predicted.position), ("linear_velocity", predicted.velocity)):
+                seen = reader.vectors(observation, f"goal_{name}")
+                np.testing.assert_allclose(found[:, place], seen, atol=1e-7)
+            if predicted.axis is not None:
+                seen = reader.vectors(observation, "goal_axis")
+                np.testing.assert_allclose(predicted.axis[:, place], seen, atol=1e-7)
+        observation, *_ = env.step(np.zeros(env.action_space.shape))
+    assert (predicted.axis is None) == ("Planar" in env_id)
+    assert np.linalg.norm(predicted.position[:, 3] - predicted.position[:, 0], axis=-1).max() > 0.02
+
+
+@pytest.mark.parametrize(
+    ("env_id", "name", "goals"),
+    [
+        (IDS[0], "reactionless", [0, 1, 2]),
+        (IDS[0], "reactionless_local", [0, 1, 2]),
+        pytest.param(IDS[0], "reactionless_ocp", [0, 1, 2], marks=pytest.mark.slow),
+        (IDS[0], "reactionless_free", [0, 1]),
+        (IDS[1], "reactionless", [0, 1, 2]),
+        (IDS[1], "reactionless_local", [0, 1, 2]),
+        (IDS[1], "reactionless_free", [0]),
+    ],
+)
+def test_planners_capture_without_turning_the_satellite_or_say_why_not(
+    env_id: str, name: str, goals: list[int]
+) -> None:
+    rollout = played(env_id, name, goals)
+    assert "captured" in rollout.outcome
+    for row, (outcome, reason) in enumerate(zip(rollout.outcome, rollout.reason, strict=True)):
+        if outcome == "captured":
+            assert reason is None
+            assert rollout.attitude[row].max() < 0.2 and rollout.attitude[row, -1] < 0.1
+        else:
+            assert reason is not None and reason.split(":")[0] in {cause.value for cause in Cause}
+            np.testing.assert_allclose(rollout.attitude[row], 0.0, atol=1e-6)  # the arms rest
+    if name == "reactionless_free":
+        assert set(rollout.outcome) == {"captured"}
+        assert rollout.attitude[:, -1].max() < 0.01
+
+
+@every_id
+def test_a_shifted_satellite_is_no_obstacle_to_a_policy(env_id: str) -> None:
+    """What a policy does follows from the observation alone, in the satellite's frame."""
+    env = CaptureVectorEnv(env_id, 4)
+    observation, _ = env.reset(seed=0)
+    context = PolicyContext.from_env(env)
+    policy, layout = ReactionlessRate(context), context.layout
+    moved = observation.copy()
+    shift = np.array([0.7, -0.4, 0.2])[: layout.read(observation, "base_position").shape[1]]
+    for name in ("base_position", "target_position", "end_effector_position", "goal_position"):
+        part = layout.read(moved, name)
+        part += np.tile(shift, part.shape[1] // len(shift))
+    np.testing.assert_allclose(policy.predict(moved)[0], policy.predict(observation)[0], atol=1e-12)
+    for row in range(4):
+        alone = policy.predict(observation[row : row + 1])[0]
+        np.testing.assert_allclose(alone[0], policy.predict(observation)[0][row], atol=1e-12)
+
+
+# The table of policies --------------------------------------------------------------------------------
+
+
+def test_policies_are_offered_to_the_ids_that_they_are_made_for() -> None:
+    assert {"hold", "random", "reactionless_rate", "reactionless_free"} <= set(policies_for(IDS[1]))
+    assert "reactionless_ocp" in policies_for(IDS[0]) and "reactionless_ocp" not in policies_for(IDS[1])
+    assert not {"gjm", "mpc", "promp"} & set(policies_for(IDS[0]))
+    assert not any(name.startswith("reactionless") for name in policies_for(SINGLE))
+    with pytest.raises(ConfigurationError, match="'gjm' is made for SpaceCapture/SingleArm-v0, not for"):
+        check_task("gjm", IDS[0])
+    check_task("gjm", SINGLE)
+    check_task("some.module:Class", IDS[0])
+    for name, entry in POLICIES.items():
+        assert entry.control_mode in control_modes(name) or name.endswith("_reactionless")
+
+
+@pytest.mark.parametrize("name", ["reactionless_rate", "reactionless", "reactionless_local"])
+def test_policies_refuse_other_tasks_and_modes(name: str) -> None:
+    single = PolicyContext.from_env(CaptureVectorEnv(SINGLE))
+    with pytest.raises(PolicyError, match="target_position and goal_linear_velocity in .*SingleArm-v0 lacks"):
+        make_policy(name, single, 0)
+    torque = PolicyContext.from_env(CaptureVectorEnv(IDS[0], control_mode="joint_torque"))
+    with pytest.raises(PolicyError, match="'joint_velocity' or 'reactionless', the environment is in"):
+        make_policy(name, torque, 0)
+    env = CaptureVectorEnv(IDS[0])
+    policy = make_policy(name, PolicyContext.from_env(env), 0)
+    observation, _ = env.reset(seed=0)
+    with pytest.raises(PolicyError, match="shape"):
+        policy.predict(observation[0])
+    with pytest.raises(PolicyError, match="finite"):
+        policy.predict(np.full_like(observation, np.nan))
+
+
+# evaluate.py ------------------------------------------------------------------------------------------
+
+
+@every_id
+def test_evaluation_of_a_dual_arm_id(env_id: str, tmp_path: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["--env", env_id, "--policy", "hold", "reactionless_rate", "--episodes", "3", "--no-pictures"]
+    assert main([*arguments, "--output", str(tmp_path)]) == 0
+    assert "reactionless_rate" in capsys.readouterr().out
+    records = read_records(tmp_path / "records.jsonl")
+    assert [record.policy for record in records] == ["hold"] * 3 + ["reactionless_rate"] * 3
+    for record in records:
+        assert record.env_id == env_id and record.control_mode == "joint_velocity"
+        if record.policy == "hold":
+            assert record.outcome == "timeout" and record.steps == 300
+            assert record.kinetic_energy_integral == record.mechanical_work == 0.0
+            assert record.peak_attitude == 0.0
+        else:
+            assert record.captured
+            assert record.kinetic_energy_integral is not None and record.kinetic_energy_integral > 0.1
+            assert record.momentum_drift is not None and record.momentum_drift < 1e-5
+    rows = json.loads((tmp_path / "summary.json").read_text())["rows"]
+    assert [row["policy"] for row in rows] == ["reactionless_rate", "hold"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--env", IDS[0], "--policy", "gjm"], "policy 'gjm' is made for SpaceCapture/SingleArm-v0"),
+        (["--env", IDS[1], "--policy", "hold", "reactionless_ocp"], "made for SpaceCapture/DualArmPlanar-v0"),
+        (["--policy", "reactionless_rate"], "not for SpaceCapture/SingleArm-v0; there are random, hold"),
+        (["--env", IDS[0], "--policy", "hold", "--variant", "paper"], "unknown keyword 'variant'"),
+        (
+            ["--env", IDS[0], "--policy", "reactionless_rate", "--control-mode", "joint_torque"],
+            "joint_torque",
+        ),
+    ],
+)
+def test_what_does_not_fit_is_one_line_and_status_2(
+    arguments: list[str], message: str, tmp_path: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = tmp_path / "out"
+    assert main([*arguments, "--output", str(output)]) == 2
+    error = capsys.readouterr().err
+    assert message in error and error.count("\n") == 1
+    assert not output.exists()
+
+
+# Metrics against MuJoCo -------------------------------------------------------------------------------
+
+
+def by_mujoco(task: DualArmTask, rollout: Rollout, row: int, measure: Callable[..., Any]) -> list[Any]:
+    """`measure(model, data, b + n)` at every state of an episode, up to its end."""
+    model = task.model.__copy__()
+    base = model.body("satellite").id
+    scale = float(rollout.goals.mass_scale[row])
+    model.body_mass[base] *= scale
+    model.body_inertia[base] *= scale
+    data = mujoco.MjData(model)
+    mujoco.mj_setConst(model, data)
+    planar, n = task.kind == "planar", task.robot.n_joints
+    size = (3 if planar else 6) + n
+    found = []
+    for step in range(rollout.length[row] + 1):
+        qpos, qvel = rollout.qpos[row, step], rollout.qvel[row, step]
+        data.qpos[:] = rollout.scene[row, step]
+        data.qvel[:] = 0.0
+        data.qvel[:size] = qvel if not planar else [*qvel[:2], qvel[5], *qvel[6:]]
+        mujoco.mj_forward(model, data)
+        mujoco.mj_subtreeVel(model, data)
+        np.testing.assert_allclose(data.body("satellite").xpos, qpos[:3], atol=1e-12)
+        found.append(measure(model, data, size))
+    return found
+
+
+def energy(model: Any, data: Any, size: int) -> float:
+    mass = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, mass)
+    return 0.5 * data.qvel[:size] @ mass[:size, :size] @ data.qvel[:size]
+
+
+def momentum(model: Any, data: Any, size: int) -> Array:
+    base = model.body("satellite").id
+    linear = model.body_subtreemass[base] * data.subtree_linvel[base]
+    return np.concatenate([linear, data.subtree_angmom[base] + np.cross(data.subtree_com[base], linear)])
+
+
+def base_spin(model: Any, data: Any, size: int) -> Array:
+    base = model.body("satellite").id
+    velocity = np.zeros(6)
+    mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_BODY, base, velocity, 0)
+    turn = data.ximat[base].reshape(3, 3)
+    return turn @ np.diag(model.body_inertia[base]) @ turn.T @ velocity[:3]
+
+
+@every_id
+@pytest.mark.parametrize("split", ["validation", "ood"])
+def test_metrics_are_those_of_mujocos_energies_and_momenta(env_id: str, split: str) -> None:
+    task = task_of(env_id, horizon=25)
+    policy = resolve_policy("random")
+    environment = {"env_id": env_id, "control_mode": "joint_velocity", "horizon": 25}
+    rollout = roll_out(policy.factory(0), environment, split, np.arange(2), 0)
+    metrics = episode_metrics(rollout, task)
+    for row in range(2):
+        energies = np.array(by_mujoco(task, rollout, row, energy))
+        assert energies.max() > 0.05
+        doubled = 2.0 * energies
+        integral = 0.1 * (0.5 * (doubled[1:] + doubled[:-1])).sum()
+        assert metrics["kinetic_energy_integral"][row] == pytest.approx(integral, rel=1e-9)
+        # The work of the held torques is what the energy gains.
+        turned = np.diff(rollout.qpos[row, :, 7:], axis=0)
+        work = (rollout.torque[row] * turned).sum(axis=-1)
+        np.testing.assert_allclose(work, np.diff(energies), atol=1e-6)
+        assert metrics["mechanical_work"][row] == pytest.approx(np.abs(rollout.torque[row] * turned).sum())
+        total = np.array(by_mujoco(task, rollout, row, momentum))
+        change = total - total[0]
+        drift = max(np.linalg.norm(part, axis=-1).max() for part in (change[:, :3], change[:, 3:]))
+        assert metrics["momentum_drift"][row] == pytest.approx(drift, abs=1e-10)
+        spins = np.array(by_mujoco(task, rollout, row, base_spin))
+        impulse = np.linalg.norm(np.diff(spins, axis=0), axis=-1).sum()
+        assert metrics["base_angular_impulse"][row] == pytest.approx(impulse, rel=1e-9)
+        assert impulse > 0.1
+        assert metrics["final_attitude"][row] == rollout.attitude[row, -1]
+        assert metrics["peak_attitude"][row] == rollout.attitude[row].max() > 0.01
