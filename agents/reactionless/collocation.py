@@ -11,6 +11,7 @@ from functools import lru_cache
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import BarycentricInterpolator
 from scipy.special import roots_legendre
 
@@ -31,8 +32,7 @@ IPOPT = {
     "sb": "yes",
     "tol": 1e-10,
     "acceptable_tol": 1e-8,
-    "max_iter": 100,
-    "max_wall_time": 2.0,
+    "max_iter": 60,
     "mu_init": 1e-4,
     "bound_relax_factor": 0.0,
 }
@@ -300,7 +300,7 @@ def _second_derivatives(bends: ca.MX, n: int, points: int) -> ca.MX:
     """Upper triangle of the Lagrangian's second derivatives, from the points' (2 n, 2 n) blocks."""
     point, column, row = np.meshgrid(np.arange(points), np.arange(2 * n), np.arange(2 * n), indexing="ij")
 
-    def place(entry: Array) -> Array:
+    def place(entry: NDArray[np.int64]) -> NDArray[np.int64]:
         return np.where(entry < n, point * n + entry, points * n + point * n + entry - n)
 
     down, across = place(row).ravel(), place(column).ravel()
@@ -309,7 +309,9 @@ def _second_derivatives(bends: ca.MX, n: int, points: int) -> ca.MX:
     return _sparse(size, size, down[upper], across[upper], [ca.vec(bends)[upper.tolist()]])
 
 
-def _sparse(height: int, width: int, down: Array, across: Array, values: list[ca.MX]) -> ca.MX:
+def _sparse(
+    height: int, width: int, down: NDArray[np.int64], across: NDArray[np.int64], values: list[ca.MX]
+) -> ca.MX:
     """A sparse matrix from the rows and columns of its entries."""
     order = np.lexsort((down, across))  # by column, then by row
     pattern = ca.Sparsity.triplet(height, width, down[order].tolist(), across[order].tolist())

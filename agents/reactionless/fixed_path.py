@@ -32,7 +32,7 @@ class Singular(Exception):
 
 
 def solutions(at: Matrices, velocity: Array) -> tuple[Array, Array]:
-    """A reactionless joint rate (n,) with the given end-effector velocities (2 d,), and a basis (n, m) of what
+    """A reactionless joint rate (n,) with given end-effector velocities (2 d,), and a basis (n, m) of what
     can be added.
 
     Raises:
