@@ -139,7 +139,7 @@ class _Search:
             if not found or solution.cost > (1.0 + EQUAL) * found[-1].cost:
                 found.append(solution)
         if not found:
-            return self._unsolved([s for s in solved if isinstance(s, Unsolved)])
+            return self._unsolved(ends, [s for s in solved if isinstance(s, Unsolved)])
         note = f"{len(found)} local optima from {len(solved)} starts"
         if self._around is None:
             return replace(self._solver.motion(found[0]), notes=note)
@@ -244,12 +244,18 @@ class _Search:
         reason = f"{when} {what} come to {gap.least:.3f} m at t = {time:.2f} s, {margin:.3f} m are kept"
         return Failure(METHOD, Cause.COLLISION, reason)
 
-    def _unsolved(self, statuses: list[Unsolved]) -> Failure:
+    def _unsolved(self, ends: Array, statuses: list[Unsolved]) -> Failure:
+        """Why there is no motion at all: limits that are too low, or the solver."""
+        unlimited = self._solver.solve(self._solver.straight(ends[0]), None, None)
+        if isinstance(unlimited, Solution):
+            fastest = float(np.abs(self._solver.motion(unlimited).rate).max())
+            limits = self._limits
+            reason = (
+                f"no motion was found within {limits.rate} rad/s, {limits.acceleration} rad/s^2 and "
+                f"{limits.torque} N m; without limits the joints would turn at up to {fastest:.3g} rad/s in "
+                f"{self._capture.duration:.2f} s"
+            )
+            return Failure(METHOD, Cause.INFEASIBLE, reason)
         least = min(statuses, key=lambda status: status.left)
-        infeasible = any("Infeasible" in status.status for status in statuses)
-        return Failure(
-            METHOD,
-            Cause.INFEASIBLE if infeasible else Cause.SOLVER,
-            f"Ipopt found no motion from {len(statuses)} starts: {least.status}, constraints left at "
-            f"{least.left:.2e}",
-        )
+        reason = f"Ipopt ended with {least.status} from {len(statuses)} starts and left {least.left:.2e}"
+        return Failure(METHOD, Cause.SOLVER, reason)

@@ -96,7 +96,9 @@ class DualArmPlanarTask(DualArmTask):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "mounts", DualArmOptions("planar", mounts=self.mounts).mounts)
+        mounts = DualArmOptions("planar", mounts=self.mounts).mounts
+        # The usual ones said explicitly are the same task, whose goals are known.
+        object.__setattr__(self, "mounts", None if mounts == DUAL_ARM_PLANAR.mounts else mounts)
 
     @property
     def options(self) -> DualArmOptions:
