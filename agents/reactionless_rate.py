@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.dual_arm import Reader
-from space_envs.dynamics.reactionless import axis_turn, reactionless_rates, tips
+from space_envs.control import BRAKING
+from space_envs.dynamics.reactionless import axis_turn, keep_attitude, reactionless_rates, tips
 from space_envs.dynamics.rotations import Array, conjugate, logarithm, rotate
 from space_envs.evaluation.policy import PolicyContext
 
@@ -55,13 +56,21 @@ def _slowed(wanted: Array, most: float) -> Array:
     return wanted / np.maximum(size / most, 1.0)[:, None, None]
 
 
-def limited(context: PolicyContext, now: Array, rate: Array) -> Array:
-    """Actions (N, n) for rates (N, n), slowed as a whole to the rate limit and changed no faster than the
-    drives can; both keep a reactionless motion reactionless."""
-    rate = rate / np.maximum(np.abs(rate).max(axis=1, keepdims=True) / context.rate_limit, 1.0)
-    change = rate - now
+def limited(reader: Reader, observation: Array, rate: Array) -> Array:
+    """Actions (N, n) for rates (N, n), slowed as a whole to the rate limit and so that every joint can stop
+    before its end, and changed no faster than the drives can; all of it keeps reactionless motion so."""
+    context = reader.context
+    now, q = reader.field(observation, "joint_velocity"), reader.field(observation, "joint_position")
+    room = np.where(rate > 0.0, context.joint_limits[:, 1] - q, q - context.joint_limits[:, 0])
+    fastest = np.minimum(np.sqrt(2.0 * BRAKING * np.maximum(room, 0.0)), context.rate_limit)
+    rate = rate / np.maximum((np.abs(rate) / np.maximum(fastest, 1e-9)).max(axis=1, keepdims=True), 1.0)
+    # The present motion leaves the base alone where the joints are; here it is where they will be.
+    turning = context.arm.base_map(q + context.control_period * now)[:, 3:]
+    attitude = logarithm(reader.quaternion(observation, "base"))
+    present = keep_attitude(turning, now, -ATTITUDE_GAIN * attitude)
+    change = rate - present
     most = ACCELERATION_SHARE * context.acceleration_limit * context.control_period
-    rate = now + change / np.maximum(np.abs(change).max(axis=1, keepdims=True) / most, 1.0)
+    rate = present + change / np.maximum(np.abs(change).max(axis=1, keepdims=True) / most, 1.0)
     return np.clip(rate / context.action_scale, -1.0, 1.0)
 
 
@@ -86,4 +95,4 @@ class ReactionlessRate:
         """Actions (N, n); there is no state."""
         observation = self.context.check_observation(observation)
         rate = track_rates(self.reader, observation)
-        return limited(self.context, self.reader.field(observation, "joint_velocity"), rate), None
+        return limited(self.reader, observation, rate), None

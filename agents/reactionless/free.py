@@ -29,6 +29,7 @@ LEEWAY = 0.01  # m, between the gap that the start or the end allows and what is
 HOPELESS = 0.03  # m, of what is missing to the required gap, that more weight on nearness does not put right
 LEAST_SPAN = 0.01  # of the duration, that nearness at a node counts for at least
 NEAR_BEST = 1.05  # a clear motion that costs less than this times the least possible is not improved
+DEAR = 3.0  # and one that costs more than this times it is looked for from all clear ends
 EQUAL = 1e-4  # relative difference of energies below which two solutions count as one
 TOLERANCES = {
     "base_rate": 1e-9,  # rad/s
@@ -162,7 +163,8 @@ class _Search:
             clear = self._clear_ends(around, ends)
             if isinstance(clear, Failure):
                 return clear
-            begins += [(np.inf, self._solver.straight(end)) for end in spread(clear, self._starts)]
+            dear = DEAR * found[0].cost
+            begins += [(dear, self._solver.straight(end)) for end in spread(clear, self._starts)]
         seen: list[float] = []
         for least, begin in begins:
             if best is not None and best[0] <= max(least, NEAR_BEST * found[0].cost):

@@ -54,13 +54,15 @@ class Nearness:
         distances, wanted, found, symbols = [], [], [], []
         for one in np.flatnonzero(links.arm == 0):
             for other in np.flatnonzero(links.arm == 1):
-                at = ca.SX.sym("at", 3)
-                gap = begin[one] + at[0] * (end[one] - begin[one])
-                gap -= begin[other] + at[1] * (end[other] - begin[other])
-                distances.append(at[2] * ca.sqrt(ca.dot(gap, gap) + _SOFT**2))
-                wanted.append(shared[6])
-                found.append(_nearest(begin[one], end[one], begin[other], end[other], planar))
-                symbols.append(at)
+                ways = begin[one], end[one], begin[other], end[other]
+                for points in _crossing(*ways) if planar else [_nearest(*ways)]:
+                    at = ca.SX.sym("at", 4)
+                    gap = begin[one] + at[0] * (end[one] - begin[one])
+                    gap -= begin[other] + at[1] * (end[other] - begin[other])
+                    distances.append(at[2] * ca.sqrt(ca.dot(gap, gap) + _SOFT**2) + at[3])
+                    wanted.append(shared[6])
+                    found.append(points)
+                    symbols.append(at)
         for s in range(len(links.link)):
             a, b = (turn.T @ (point - away) for point in (begin[s], end[s]))
             boxes = [(a, a + (pose[12] if links.last[s] else 1.0) * (b - a), shared[:3], shared[8])]
@@ -144,37 +146,42 @@ def _clamp(value: ca.SX) -> ca.SX:
     return ca.fmin(ca.fmax(value, 0.0), 1.0)
 
 
-def _nearest(a: ca.SX, b: ca.SX, c: ca.SX, d: ca.SX, planar: bool) -> ca.SX:
-    """Shares of the ways from a to b and from c to d where the segments are nearest, and the distance's sign.
-
-    In the plane segments can cross: the sign is then -1 and the points are those that are parted with the
-    least movement, an end of one and the nearest point of the other.
-    """
+def _nearest(a: ca.SX, b: ca.SX, c: ca.SX, d: ca.SX) -> ca.SX:
+    """Shares of the ways from a to b and from c to d where the segments are nearest, 1 and 0."""
     u, v, w = b - a, d - c, a - c
     uu, uv, vv, uw, vw = (ca.dot(x, y) for x, y in ((u, u), (u, v), (v, v), (u, w), (v, w)))
     s = _clamp((uv * vw - uw * vv) / ca.fmax(uu * vv - uv * uv, 1e-12))
     t = _clamp((uv * s + vw) / vv)
-    s = _clamp((uv * t - uw) / uu)
-    if not planar:
-        return ca.vertcat(s, t, 1.0)
+    return ca.vertcat(_clamp((uv * t - uw) / uu), t, 1.0, 0.0)
+
+
+def _crossing(a: ca.SX, b: ca.SX, c: ca.SX, d: ca.SX) -> list[ca.SX]:
+    """The same for each end of two segments in the plane and the nearest point of the other segment, with
+    factor and summand of the distance.
+
+    Of segments that cross, the pair that is parted with the least movement counts, its distance negative; the
+    others are put far away.
+    """
+    u, v, w = b - a, d - c, a - c
+    uu, uv, vv, uw, vw = (ca.dot(x, y) for x, y in ((u, u), (u, v), (v, v), (u, w), (v, w)))
 
     def side(x: ca.SX, y: ca.SX, z: ca.SX) -> ca.SX:
         return (y[0] - x[0]) * (z[1] - x[1]) - (y[1] - x[1]) * (z[0] - x[0])
 
     crossed = ca.logic_and(side(a, b, c) * side(a, b, d) < 0.0, side(c, d, a) * side(c, d, b) < 0.0)
-    best = ca.vertcat(s, t, 1.0)
-    least = ca.SX(np.inf)
-    for ends in ((0.0, None), (1.0, None), (None, 0.0), (None, 1.0)):
-        if ends[0] is None:
-            one, other = _clamp((uv * ends[1] - uw) / uu), ca.SX(ends[1])
-        else:
-            one, other = ca.SX(ends[0]), _clamp((uv * ends[0] + vw) / vv)
-        gap = w + one * u - other * v
-        square = ca.dot(gap, gap)
-        better = ca.logic_and(crossed, square < least)
-        best = ca.if_else(better, ca.vertcat(one, other, -1.0), best)
-        least = ca.if_else(better, square, least)
-    return best
+    shares = [(ca.SX(end), _clamp((uv * end + vw) / vv)) for end in (0.0, 1.0)]
+    shares += [(_clamp((uv * end - uw) / uu), ca.SX(end)) for end in (0.0, 1.0)]
+    squares = [ca.sumsqr(w + one * u - other * v) for one, other in shares]
+    least = ca.mmin(ca.vertcat(*squares))
+    return [
+        ca.vertcat(
+            one,
+            other,
+            ca.if_else(crossed, -1.0, 1.0),
+            ca.if_else(ca.logic_and(crossed, square > least), _FAR, 0.0),
+        )
+        for (one, other), square in zip(shares, squares, strict=True)
+    ]
 
 
 def _depth(point: ca.SX, half: ca.SX) -> ca.SX:
