@@ -178,7 +178,7 @@ class ReactionlessPlanner:
         if over.size:
             planned = np.array([failure is None for failure in state.failures[over]])
             rate = track_rates(reader, observation[over]) * planned[:, None]
-            action[over] = limited(context, reader.field(observation[over], "joint_velocity"), rate)
+            action[over] = limited(reader, observation[over], rate)
         return action, state
 
 

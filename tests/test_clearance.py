@@ -1,5 +1,7 @@
 """Distances of links, boxes and a moving target, against MuJoCo and brute force."""
 
+from typing import Any
+
 import mujoco
 import numpy as np
 import pytest
@@ -33,11 +35,11 @@ def robot_of(kind: str) -> FloatingRobot:
     return FloatingRobot.from_model(dual_arm_model(DualArmOptions(kind)), end_effectors=END_EFFECTORS)
 
 
-def surroundings(kind: str, **changes: object) -> Surroundings:
+def surroundings(kind: str, **changes: Any) -> Surroundings:
     """A target that turns slowly, and in space the satellite."""
     spin, inertia = np.array([0.0, 0.0, 0.02]), np.array([1.0, 2.0, 3.0])
     motion = turning_target(CENTRE[kind], exponential(TURN[kind]), spin, inertia)
-    settings = {"radius": RADIUS, "target": HALF, "motion": motion, "contact": 0.0}
+    settings: dict[str, Any] = {"radius": RADIUS, "target": HALF, "motion": motion, "contact": 0.0}
     settings |= {"bus": BUS if kind == "spatial" else None}
     return Surroundings(**(settings | changes))
 

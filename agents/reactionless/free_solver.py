@@ -20,7 +20,7 @@ from space_envs.dynamics.rotations import Array
 METHOD = "reactionless_free"
 INTERVALS, GROWTH, STEPS = 24, 1.6, 4  # of the splines: of 20 s, 0.17 s at the ends and 1.1 s in the middle
 ANGLE_ROOM = 1e-3  # rad, that the splines keep from the joint limits
-LEFT = 1e-3  # largest violation of a program's constraint, in its units, that the roll-out can put right
+LEFT = 0.05  # largest violation of a program's constraint, in its units, that the roll-out can put right
 
 _IPOPT = {"print_level": 0, "sb": "yes", "tol": 1e-5, "max_iter": 100}
 # Nearness has kinks where the nearest points jump: iterations end when the objective has come to rest.
@@ -30,7 +30,7 @@ _IPOPT_CLEAR = _IPOPT | {
     "acceptable_tol": 1e6,
     "acceptable_dual_inf_tol": 1e6,
     "acceptable_constr_viol_tol": 1e-4,
-    "acceptable_obj_change_tol": 1e-4,
+    "acceptable_obj_change_tol": 1e-3,
 }
 _lock = threading.Lock()
 _programs: dict[str, "Programs"] = {}
