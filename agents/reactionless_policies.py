@@ -8,11 +8,12 @@ from joblib import Parallel, delayed
 from numpy.typing import NDArray
 
 from agents.dual_arm import Reader
+from agents.planning import Failure, Limits
 from agents.reactionless.clearance import Surroundings, turning_target
 from agents.reactionless.fixed_path import plan_local, plan_zeta_zero
 from agents.reactionless.free import plan_free
 from agents.reactionless.ocp import plan_ocp
-from agents.reactionless.problem import Capture, Failure, Limits, Plan
+from agents.reactionless.problem import Capture, Plan
 from agents.reactionless_rate import limited, track_rates
 from agents.tracking import merged, rows_to_plan
 from space_envs.dynamics import FloatingRobot

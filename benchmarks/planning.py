@@ -6,8 +6,8 @@ from collections import Counter
 
 import numpy as np
 
+from agents.planning import Failure
 from agents.reactionless.model import PathModel
-from agents.reactionless.problem import Failure
 from agents.reactionless_policies import FreePaths, Local, OptimalControl, ReactionlessPlanner, ZetaZero
 from benchmarks.machine import machine_class, markdown_table
 from space_envs.envs import CaptureVectorEnv

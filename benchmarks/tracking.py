@@ -4,7 +4,7 @@ import argparse
 
 import numpy as np
 
-from agents.reactionless.problem import Failure
+from agents.planning import Failure
 from agents.reactionless.tracking import FINE, Tracking, track
 from agents.reactionless_policies import FreePaths, OptimalControl, ReactionlessPlanner
 from benchmarks.machine import machine_class, markdown_table

@@ -6,7 +6,7 @@ from dataclasses import fields
 from functools import cached_property
 from typing import Any, ClassVar, get_origin
 
-from agents.reactionless.problem import Cause
+from agents.planning import Cause
 from agents.reactionless.tracking import FINE, Tracking
 from agents.registry import POLICIES, policies_for
 from docs.reading import attributes, comments, number, summary, table

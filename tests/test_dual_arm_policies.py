@@ -11,7 +11,7 @@ from dual_arm_goals import IDS, task_of
 
 from agents.commands.evaluate import main
 from agents.dual_arm import Reader
-from agents.reactionless.problem import Cause
+from agents.planning import Cause
 from agents.reactionless_rate import ReactionlessRate
 from agents.registry import POLICIES, check_task, control_modes, make_policy, policies_for
 from agents.resolve import resolve_policy

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from dual_arm_goals import IDS, at_meeting, task_of
 
+from agents.planning import Cause, Failure, Limits
 from agents.reactionless import free_model
 from agents.reactionless.clearance import Surroundings, gaps, turning_target
 from agents.reactionless.free import plan_free
@@ -18,7 +19,7 @@ from agents.reactionless.free_goals import EndGoals, end_configurations, spread
 from agents.reactionless.free_model import HeldAttitude
 from agents.reactionless.free_solver import Programs
 from agents.reactionless.ocp import plan_ocp
-from agents.reactionless.problem import Capture, Cause, Failure, Limits, Plan
+from agents.reactionless.problem import Capture, Plan
 from space_envs.dynamics import FloatingRobot, NoCompiledCodeWarning
 from space_envs.dynamics.c_library import LibraryError
 from space_envs.dynamics.reactionless import com

@@ -5,10 +5,11 @@ from functools import cache
 import numpy as np
 import pytest
 
+from agents.planning import Cause, Failure, Limits
 from agents.reactionless.fixed_path import plan_local, plan_zeta_zero
 from agents.reactionless.ocp import plan_ocp
 from agents.reactionless.paths import PolynomialPath
-from agents.reactionless.problem import Capture, Cause, Failure, Limits, Plan
+from agents.reactionless.problem import Capture, Plan
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.reactionless import com, tips
 from space_envs.dynamics.rotations import Array

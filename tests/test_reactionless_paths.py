@@ -9,11 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
+from agents.planning import Cause, Failure, Limits
 from agents.reactionless.fixed_path import Singular, least_energy, plan_local, plan_zeta_zero, solutions
 from agents.reactionless.fixed_path import zeta_zero as chosen_by_zeta_zero
 from agents.reactionless.model import PathModel
 from agents.reactionless.paths import PolynomialPath
-from agents.reactionless.problem import Capture, Cause, Failure, Limits, Plan
+from agents.reactionless.problem import Capture, Plan
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.reactionless import com, reach, tips
 from space_envs.dynamics.rotations import Array

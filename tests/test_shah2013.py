@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from page_reader import check_self_contained
 
+from agents.planning import Cause
 from agents.reactionless.fixed_path import plan_local, plan_zeta_zero
-from agents.reactionless.problem import Cause, Plan
+from agents.reactionless.problem import Plan
 from agents.reactionless.tracking import Tracking
 from reproduce.__main__ import main
 from reproduce.claims import Rule

@@ -3,9 +3,10 @@
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
+from agents.planning import Cause, Failure, Limits
 from agents.reactionless.free_check import check
 from agents.reactionless.paths import PolynomialPath
-from agents.reactionless.problem import Capture, Cause, Failure, Limits, Plan
+from agents.reactionless.problem import Capture, Plan
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.reactionless import com, tips
 from space_envs.dynamics.rotations import Array

@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from scipy.interpolate import BarycentricInterpolator
 from scipy.special import roots_legendre
 
+from agents.planning import Limits
 from agents.reactionless.free_model import compiled
 from agents.reactionless.model import PathModel
 from agents.reactionless.paths import PolynomialPath
-from agents.reactionless.problem import Capture, Limits
+from agents.reactionless.problem import Capture
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
 

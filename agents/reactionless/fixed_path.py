@@ -11,10 +11,11 @@ from collections.abc import Callable
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from agents.planning import Cause, Failure, Limits
 from agents.reactionless.checks import checked_plan
 from agents.reactionless.model import Matrices, PathModel
 from agents.reactionless.paths import PolynomialPath
-from agents.reactionless.problem import Capture, Cause, Failure, Limits, Plan
+from agents.reactionless.problem import Capture, Plan
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
 

@@ -11,11 +11,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.planning import Cause, Failure, Limits
 from agents.reactionless.clearance import Gaps, Surroundings, gaps
 from agents.reactionless.free_clearance import parameters
 from agents.reactionless.free_goals import end_configurations, spread
 from agents.reactionless.free_solver import ANGLE_ROOM, METHOD, Solution, Solver, Unsolved
-from agents.reactionless.problem import Capture, Cause, Failure, Limits, Plan
+from agents.reactionless.problem import Capture, Plan
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.reactionless.problem import Capture, Limits, Plan
+from agents.planning import Limits
+from agents.reactionless.problem import Capture, Plan
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.reactionless import com, tips
 from space_envs.dynamics.rotations import Array, cross

@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from agents.planning import Cause, Failure, Limits
 from agents.reactionless.free_model import HeldAttitude
-from agents.reactionless.problem import Capture, Cause, Failure, Limits
+from agents.reactionless.problem import Capture
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.reactionless import com
 from space_envs.dynamics.rotations import Array

@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from agents.planning import Limits
 from agents.reactionless.free_check import check
 from agents.reactionless.free_clearance import EACH, Nearness
 from agents.reactionless.free_goals import EndGoals
 from agents.reactionless.free_model import HeldAttitude, Smooth
 from agents.reactionless.free_rollout import Rollout
 from agents.reactionless.free_transcription import FIXED, Mesh, Program, build
-from agents.reactionless.problem import Capture, Limits, Plan
+from agents.reactionless.problem import Capture, Plan
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
 

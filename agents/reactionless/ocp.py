@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from agents.planning import Cause, Failure, Limits
 from agents.reactionless.collocation import BOUNDED_NODES, NODES, Programme, Solution
 from agents.reactionless.fixed_path import (
     Singular,
@@ -21,7 +22,7 @@ from agents.reactionless.fixed_path import (
 )
 from agents.reactionless.model import PathModel
 from agents.reactionless.paths import PolynomialPath
-from agents.reactionless.problem import Capture, Cause, Failure, Limits, Plan
+from agents.reactionless.problem import Capture, Plan
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError

@@ -3,10 +3,11 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from agents.planning import Failure, Limits
 from agents.reactionless.fixed_path import plan_local, plan_zeta_zero
 from agents.reactionless.free import plan_free
 from agents.reactionless.ocp import plan_ocp
-from agents.reactionless.problem import Failure, Limits, Plan
+from agents.reactionless.problem import Plan
 from reproduce.shah2013.cases import JOINT_LIMITS, Case, planar_robot
 from space_envs.evaluation.figures import BLUE, GREEN, ORANGE, PURPLE, VERMILION
 from space_envs.models.parameters import DUAL_ARM_PLANAR

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 import space_envs
+from agents.planning import Failure
 from agents.reactionless import problem
-from agents.reactionless.problem import Failure, Plan
+from agents.reactionless.problem import Plan
 from agents.reactionless.tracking import FINE, Tracked, Tracking, track
 from reproduce.cases import Record, config_key, source_digest
 from reproduce.shah2013.cases import Case, Sampler

@@ -118,16 +118,19 @@ class SymbolicRobot:
     def inverse_dynamics(self) -> ca.Function:
         """q, qdot, qddot -> torque (n) N m at zero momentum, the base floating.
 
-        Lagrange's equations of the kinetic energy with the base eliminated; at zero momentum the terms that
-        couple to the base's motion vanish.
+        Newton and Euler's recursion; the base accelerates as the zero momentum wants it.
         """
-        energy = self._energy(self._free_twist)
-        impulse = ca.gradient(energy, self._qdot)
-        torque = (
-            ca.jacobian(impulse, self._qdot) @ self._qddot
-            + ca.jacobian(impulse, self._q) @ self._qdot
-            - ca.gradient(energy, self._q)
-        )
+        twist = self._free_twist
+        change = ca.jtimes(twist, self._q, self._qdot) + ca.jtimes(twist, self._qdot, self._qddot)
+        linear, angular = change[:3] + ca.cross(twist[3:], twist[:3]), change[3:]
+        forces = self._forces(linear, angular)
+        torque = ca.DM(self.robot.rotor_inertia) * self._qddot
+        for link in reversed(range(self.robot.n_joints)):
+            parent, (force, moment) = int(self.robot.parent[link]), forces[link + 1]
+            torque[link] += ca.dot(ca.DM(self.robot.hinge[link]), moment)
+            force, moment = (self._mounting[link] @ (self._turn[link] @ x) for x in (force, moment))
+            sums = forces[parent]
+            forces[parent] = sums[0] + force, sums[1] + moment + ca.cross(self._offset[link], force)
         return self._function("inverse_dynamics", ["q", "qdot", "qddot"], ["torque"], [torque])
 
     def _function(self, name: str, inputs: list[str], outputs: list[str], values: list[ca.SX]) -> ca.Function:
@@ -171,6 +174,32 @@ class SymbolicRobot:
             p, turning = (self._mounting[link] @ (self._turn[link] @ x) for x in sums[link + 1])
             sums[parent] = (sums[parent][0] + p, sums[parent][1] + turning + ca.cross(self._offset[link], p))
         return ca.vertcat(*sums[0])
+
+    def _forces(self, linear: ca.SX, angular: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
+        """Force and moment about its origin that each body's own motion takes, in that body's axes.
+
+        Args:
+            linear, angular: (3,) acceleration of the base's origin and its angular acceleration, base axes.
+        """
+        accelerations = [(linear, angular)]
+        turning = [velocity[1] for velocity in self._velocities(self._free_twist)]
+        for link, parent in enumerate(self.robot.parent):
+            linear, angular = accelerations[parent]
+            offset, spin = self._offset[link], turning[parent]
+            linear = linear + ca.cross(angular, offset) + ca.cross(spin, ca.cross(spin, offset))
+            linear, angular, spin = (
+                self._turn[link].T @ (self._mounting[link].T @ x) for x in (linear, angular, spin)
+            )
+            hinge = ca.DM(self.robot.hinge[link])
+            angular = angular + hinge * self._qddot[link] + ca.cross(spin, hinge * self._qdot[link])
+            accelerations.append((linear, angular))
+        forces = []
+        for body, ((linear, angular), spin) in enumerate(zip(accelerations, turning, strict=True)):
+            moment, inertia = self._moment[body], self._inertia[body]
+            inner = ca.cross(angular, moment) + ca.cross(spin, ca.cross(spin, moment))
+            outer = inertia @ angular + ca.cross(spin, inertia @ spin) + ca.cross(moment, linear)
+            forces.append((float(self.robot.mass[body]) * linear + inner, outer))
+        return forces
 
     def _energy(self, twist: ca.SX) -> ca.SX:
         # A rotor counts with the rate of its own joint alone, as in MuJoCo, and has no momentum.

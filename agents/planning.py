@@ -1,0 +1,103 @@
+"""What planners of joint motions share: limits, motions, and why there may be none."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from space_envs.dynamics.rotations import Array
+from space_envs.errors import ConfigurationError
+
+
+@dataclass(frozen=True, eq=False)
+class Limits:
+    """Bounds that a plan keeps; None leaves a quantity free.
+
+    Attributes:
+        position: (n, 2) rad, lowest and highest.
+        rate: rad/s. acceleration: rad/s^2. torque: N m. Each for every joint.
+        control: rad/s, of the length of zeta, the null-space part of the end-effectors' angular velocities.
+    """
+
+    position: Array | None = None
+    rate: float | None = None
+    acceleration: float | None = None
+    torque: float | None = None
+    control: float | None = None
+
+
+class Cause(StrEnum):
+    """Why there is no plan."""
+
+    SINGULAR = "singular"  # the velocities asked for are out of reach of finite joint rates
+    OUT_OF_REACH = "out_of_reach"  # no posture has the end-effectors at their goals
+    INFEASIBLE = "infeasible"  # the bounds leave no motion
+    JOINT_LIMIT = "joint_limit"  # the motion is fixed by the method, and leaves the bounds
+    COLLISION = "collision"  # the motion touches what it must not
+    SOLVER = "solver"  # the optimiser stopped without a solution
+    INACCURATE = "inaccurate"  # the motion found misses what was asked, as measured independently
+
+
+@dataclass(frozen=True)
+class Failure:
+    """No plan, and why: `reason` is a sentence that says what, when and how much."""
+
+    method: str
+    cause: Cause
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class JointPath:
+    """A joint motion from t = 0 to T, as nodes between which it runs as quintics.
+
+    Attributes:
+        method: name of the planner.
+        time: (K,) s, increasing, from 0 to T; not always even.
+        position, rate, acceleration: (K, n) rad, rad/s, rad/s^2.
+    """
+
+    method: str
+    time: Array
+    position: Array
+    rate: Array
+    acceleration: Array
+
+    def sample(self, times: Array) -> tuple[Array, Array, Array]:
+        """Position, rate and acceleration (..., n) at `times` (...,) s, by quintic Hermite interpolation.
+
+        Times beyond the ends count as the ends. Rate and acceleration are the exact derivatives of position.
+        """
+        times = np.clip(np.asarray(times, dtype=np.float64), self.time[0], self.time[-1])
+        left = np.clip(np.searchsorted(self.time, times, side="right") - 1, 0, len(self.time) - 2)
+        h = (self.time[left + 1] - self.time[left])[..., None]
+        s = (times - self.time[left])[..., None] / h
+        start, end = (
+            (self.position[i], h * self.rate[i], h * h * self.acceleration[i]) for i in (left, left + 1)
+        )
+        # Coefficients of the quintic whose value, slope and curvature are given at s = 0 and s = 1.
+        jump = end[0] - start[0] - start[1] - 0.5 * start[2]
+        slope = end[1] - start[1] - start[2]
+        curve = end[2] - start[2]
+        c3 = 10.0 * jump - 4.0 * slope + 0.5 * curve
+        c4 = -15.0 * jump + 7.0 * slope - curve
+        c5 = 6.0 * jump - 3.0 * slope + 0.5 * curve
+        position = start[0] + s * (start[1] + s * (0.5 * start[2] + s * (c3 + s * (c4 + s * c5))))
+        rate = start[1] + s * (start[2] + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))
+        acceleration = start[2] + s * (6.0 * c3 + s * (12.0 * c4 + s * 20.0 * c5))
+        return position, rate / h, acceleration / (h * h)
+
+
+def finite(name: str, value: Array, shape: tuple[int, ...]) -> Array:
+    """The value as a float64 array.
+
+    Raises:
+        ConfigurationError: if its shape is another or a number is not finite.
+    """
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ConfigurationError(f"{name} must be an array of numbers, got {value!r}") from None
+    if array.shape != shape or not np.isfinite(array).all():
+        raise ConfigurationError(f"{name} must be finite and of shape {shape}, got {value!r}")
+    return array
