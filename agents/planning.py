@@ -16,6 +16,7 @@ class Limits:
     Attributes:
         position: (n, 2) rad, lowest and highest.
         rate: rad/s. acceleration: rad/s^2. torque: N m. Each for every joint.
+        coriolis: N m, of what the rates alone ask of a joint; the drives slow the arm where it is more.
         control: rad/s, of the length of zeta, the null-space part of the end-effectors' angular velocities.
     """
 
@@ -23,6 +24,7 @@ class Limits:
     rate: float | None = None
     acceleration: float | None = None
     torque: float | None = None
+    coriolis: float | None = None
     control: float | None = None
 
 

@@ -16,9 +16,10 @@ class Entry:
     tasks: tuple[str, ...] | None = None  # ids it is made for; None is all
 
 
-SINGLE_ARM = ("SpaceCapture/SingleArm-v0",)
+SINGLE_ARM = ("SpaceCapture/SingleArm-v0", "SpaceCapture/SingleArmCluttered-v0")
 DUAL_ARM = ("SpaceCapture/DualArmPlanar-v0", "SpaceCapture/DualArmSpatial-v0")
 PLANAR = DUAL_ARM[:1]
+LEARNED = (SINGLE_ARM[0], *DUAL_ARM)  # ids with policies that are shipped
 
 POLICIES: dict[str, Entry] = {
     "random": Entry("agents.baselines:Random", "uniform actions"),
@@ -46,6 +47,26 @@ POLICIES: dict[str, Entry] = {
     "promp_mean": Entry(
         "agents.promp_policy:ConditionalMean", "the conditional mean of the same ProMP", tasks=SINGLE_ARM
     ),
+    "ocp": Entry(
+        "agents.optimal_policies:OptimalControl",
+        "least eq. 20 by collocation, all limits, attitude free",
+        tasks=SINGLE_ARM,
+    ),
+    "promp_optimal": Entry(
+        "agents.optimal_policies:PrompOptimal",
+        "least eq. 20 in the weights of a ProMP, all limits, attitude free",
+        tasks=SINGLE_ARM,
+    ),
+    "promp_optimal_kept": Entry(
+        "agents.optimal_policies:PrompOptimalKept",
+        "the same with the attitude kept at the end",
+        tasks=SINGLE_ARM,
+    ),
+    "nmpc": Entry(
+        "agents.nmpc_policy:NMPC",
+        "receding horizon in weights, attitude kept at its end, the observed state fed back",
+        tasks=SINGLE_ARM[:1],
+    ),
     "reactionless": Entry(
         "agents.reactionless_policies:ZetaZero",
         "polynomial end-effector paths with zeta = 0, as in shah2013",
@@ -71,8 +92,14 @@ POLICIES: dict[str, Entry] = {
         "resolved rate of both arms with the reactionless constraint, damped",
         tasks=DUAL_ARM,
     ),
-    "bc": Entry("agents.learned_policy:BehaviourCloning", "cloned from an expert (DAgger), shipped"),
-    "ppo": Entry("agents.learned_policy:ProximalPolicyOptimization", "the clone, improved by PPO, shipped"),
+    "bc": Entry(
+        "agents.learned_policy:BehaviourCloning", "cloned from an expert (DAgger), shipped", tasks=LEARNED
+    ),
+    "ppo": Entry(
+        "agents.learned_policy:ProximalPolicyOptimization",
+        "the clone, improved by PPO, shipped",
+        tasks=LEARNED,
+    ),
     "bc_reactionless": Entry(
         "agents.learned_policy:BehaviourCloning",
         "the same in control mode reactionless",

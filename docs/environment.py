@@ -40,6 +40,7 @@ OUTCOME_TEXT = {
         "`terminated`",
         "The simulation left the finite numbers; the observation is the last sound one.",
     ),
+    "collision": ("`terminated`", "A link of the arm touched a keep-out sphere."),
 }
 INFO_TEXT = {
     "split": "`reset`: the split that the goal is from, or `given` where the options set the goal",
@@ -58,6 +59,8 @@ OPTION_TEXT = {
     "reset_mask": "bool, the rows to reset; of the vector environment",
     "goal_position": "grapple, inertial frame, m",
     "goal_quaternion": "grapple to inertial, w x y z",
+    "obstacle_position": "centres of the three keep-out spheres one after another, inertial frame, m",
+    "obstacle_radius": "of the keep-out spheres, m",
     "target_position": "centre of the target, inertial frame, m",
     "target_angle": "attitude of the target, rad",
     "target_quaternion": "attitude of the target, w x y z, body to inertial",
@@ -262,7 +265,9 @@ def _capture(env: CaptureVectorEnv) -> str:
         if name in said
     ]
     both = "Each end-effector has to be at its own grapple point, both at the same time; the limits hold for "
-    ends = [(f"`{name}`", *OUTCOME_TEXT[name]) for name in OUTCOMES]
+    ends = [
+        (f"`{name}`", *OUTCOME_TEXT[name]) for name in OUTCOMES if name != "collision" or env.task.collides
+    ]
     return "\n\n".join(
         [
             "## Capture and end of an episode",

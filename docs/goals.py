@@ -9,11 +9,12 @@ import numpy as np
 from docs.reading import comments, described, number, section, table
 from space_envs.dynamics.reactionless import tips
 from space_envs.dynamics.rotations import Array, rotate
-from space_envs.tasks import dual_arm, single_arm
+from space_envs.tasks import clutter, dual_arm, single_arm
 from space_envs.tasks.base import CaptureTask
 from space_envs.tasks.common import DIFFICULTIES, SPLITS
 from space_envs.tasks.dual_arm import Draws, DualArmTask, TargetGoals
 from space_envs.tasks.single_arm import SingleArmTask
+from space_envs.tasks.single_arm_cluttered import SingleArmClutteredTask
 
 SPLIT_TEXT = {
     "train": "training and demonstrations",
@@ -79,6 +80,54 @@ def _single_arm(task: SingleArmTask) -> str:
     )
 
 
+def _cluttered(task: SingleArmClutteredTask) -> str:
+    robot = task.robot
+    start = robot.end_effector_pose(robot.home)[0]
+    rows = []
+    for difficulty in DIFFICULTIES:
+        cells = [f"`{difficulty}`", number(clutter.CLUTTERED_RADIUS[difficulty])]
+        for split in SHOWN:
+            found = _drawn(task, difficulty, split)
+            cells += [
+                _spread(np.linalg.norm(found.position - start, axis=-1)),
+                _spread(found.obstacle_radius),
+            ]
+        rows.append(cells)
+    constants = [
+        (f"`{name}`", number(getattr(clutter, name)), text)
+        for name, text in comments(clutter).items()
+        if name.isupper() and not name.startswith("_") and isinstance(getattr(clutter, name), int | float)
+    ]
+    return "\n\n".join(
+        [
+            *_splits(task, clutter.CLUTTERED_SPLIT_SEED),
+            "Goals are drawn as those of [SingleArm](SingleArm-v0.md), by radii of the difficulties. Spheres "
+            f"of {_span(clutter.SPHERE_RADIUS)} m are drawn around the minimum-jerk motion to the goal, of "
+            f"{_span(clutter.OOD_SPHERE_RADIUS)} m out of distribution: one lies over that motion, so that "
+            "it cannot be taken; the others lie beside it and may or may not be in the way. Which is which "
+            "is not said. A scene is kept if a detour, a minimum-jerk motion with a bump in joint space, "
+            "ends at the inertial goal clear of every sphere and within the limits of rate and acceleration; "
+            "out of distribution, with the satellite's true mass. The numbers of scene, detour and spheres "
+            "are stored with the project (`space_envs.tasks.freeze` finds them); the constants of "
+            "`space_envs.tasks.clutter` say what counts:",
+            table(("constant", "value", "meaning"), constants),
+            f"Out of distribution, the largest joint displacement is {_span(single_arm.OOD_RADIUS)} of the "
+            f"radius, and the satellite's mass and inertia are {_span(single_arm.OOD_MASS)} of the nominal "
+            "ones. Policies are given the nominal model all the same.",
+            "Distances of the goals from where the end-effector starts, and radii of the spheres: least, "
+            "median, largest.",
+            table(
+                (
+                    "difficulty",
+                    "radius, rad",
+                    *(f"{s}, {what}, m" for s in SHOWN for what in ("distance", "spheres")),
+                ),
+                rows,
+            ),
+        ]
+    )
+
+
 def _dual_arm(task: DualArmTask) -> str:
     draws = task.draws
     about = described(section(Draws.__doc__, "Attributes"), vars(draws))
@@ -132,6 +181,7 @@ def _ways(task: DualArmTask, goals: TargetGoals) -> Array:
 
 
 DESCRIPTIONS: dict[type[CaptureTask], Callable[[Any], str]] = {
+    SingleArmClutteredTask: _cluttered,
     SingleArmTask: _single_arm,
     DualArmTask: _dual_arm,
 }

@@ -1,4 +1,4 @@
-"""`python -m reproduce PAPER`: a paper's figures, energies and claims from our own runs, as one page."""
+"""`python -m reproduce PAPER`: a paper's figures, tables and claims from our own runs, as one page."""
 
 import argparse
 import importlib
@@ -20,16 +20,20 @@ def parser() -> argparse.ArgumentParser:
     out = argparse.ArgumentParser(
         prog="python -m reproduce",
         description="Reproduce a paper: its figures, its tables and its claims, each tested on the paper's "
-        "own case and on random ones. Writes one self-contained HTML page, the same as Markdown, the figures "
+        "own case and on many. Writes one self-contained HTML page, the same as Markdown, the figures "
         "and the numbers. A run that was stopped goes on where it was.",
         epilog="Example: python -m reproduce shah2013 --quick",
     )
     out.add_argument("paper", help=", ".join(STUDIES))
-    out.add_argument("--quick", action="store_true", help="few random cases; the page says so")
+    out.add_argument("--quick", action="store_true", help="few cases; the page says so")
     out.add_argument("--output", type=Path, metavar="DIR", help="folder (default results/PAPER)")
-    every = ", ".join(f"{study.name} {study.cases}, quick {study.quick}" for study in STUDIES.values())
-    out.add_argument("--cases", type=int, metavar="N", help=f"number of random cases (default: {every})")
-    out.add_argument("--seed", type=int, default=0, metavar="S", help="of the random cases (default 0)")
+    every = ", ".join(
+        f"{study.name} {study.cases} {study.of}, quick {study.quick}" for study in STUDIES.values()
+    )
+    out.add_argument("--cases", type=int, metavar="N", help=f"number of cases (default: {every})")
+    out.add_argument(
+        "--seed", type=int, default=0, metavar="S", help="of everything that is drawn (default 0)"
+    )
     out.add_argument(
         "--jobs", type=int, default=os.cpu_count() or 1, metavar="J", help="processes (default: all cores)"
     )

@@ -22,7 +22,7 @@ from reproduce.animation import Movie
 from reproduce.claims import SHARE_NOTE, Claim
 from reproduce.figures import Figure, standalone
 from space_envs.evaluation.names import csv_name, display_name, markdown_name
-from space_envs.files import atomic_write_text
+from space_envs.files import atomic_write, atomic_write_text
 
 _LONGEST = 10_000  # letters of a paragraph or cell
 
@@ -62,7 +62,25 @@ class Claims:
     kind = "claims"
 
 
-Block = Text | Table | Claims | Figure | Movie
+@dataclass(frozen=True)
+class Picture:
+    """A rendered picture: `jpeg` is the file's content."""
+
+    key: str
+    title: str
+    caption: str
+    alt: str
+    jpeg: bytes
+
+    kind = "picture"
+
+    @property
+    def source(self) -> str:
+        """For an img element that needs no file."""
+        return "data:image/jpeg;base64," + base64.b64encode(self.jpeg).decode("ascii")
+
+
+Block = Text | Table | Claims | Figure | Movie | Picture
 
 
 @dataclass(frozen=True)
@@ -106,10 +124,10 @@ class Page:
 def write_page(page: Page, folder: Path) -> dict[str, Path]:
     """Write the page, its Markdown, its figures and its files, each whole or not at all; paths by what."""
     texts = {f"{page.name}.html": to_html(page), f"{page.name}.md": to_markdown(page, "figures")}
-    texts |= {f"figures/{name}": text for name, text in _drawings(page.sections)}
     texts |= {name: text for name, (_, text) in page.files.items()}
     for name, text in texts.items():
         atomic_write_text(folder / name, text)
+    _write_drawings(page.sections, folder / "figures")
     return {"Page": folder / f"{page.name}.html", "Markdown": folder / f"{page.name}.md"} | {
         what: folder / name for name, (what, _) in page.files.items()
     }
@@ -118,22 +136,26 @@ def write_page(page: Page, folder: Path) -> dict[str, Path]:
 def write_docs(page: Page, folder: Path) -> Path:
     """Write the lasting part of the page as `folder`/<name>.md with its figures in `folder`/images."""
     lasting = replace(page, sections=tuple(section for section in page.sections if section.docs))
-    for name, text in _drawings(lasting.sections):
-        atomic_write_text(folder / "images" / f"{page.name}_{name}", text)
+    _write_drawings(lasting.sections, folder / "images", f"{page.name}_")
     path = folder / f"{page.name}.md"
     atomic_write_text(path, to_markdown(lasting, "images", f"{page.name}_"))
     return path
 
 
-def _drawings(sections: Iterable[Section]) -> list[tuple[str, str]]:
-    found = []
+def _write_drawings(sections: Iterable[Section], folder: Path, prefix: str = "") -> None:
+    """Write what is drawn in the sections as files of their own, their names after `prefix`."""
     for section in sections:
         for block in section.blocks:
-            if isinstance(block, Figure):
-                found.append((f"{block.key}.svg", block.file))
-            elif isinstance(block, Movie):
-                found.append((f"{block.key}.svg", standalone(block.svg)))
-    return found
+            if isinstance(block, Figure | Movie):
+                text = block.file if isinstance(block, Figure) else standalone(block.svg)
+                atomic_write_text(folder / f"{prefix}{_file(block)}", text)
+            elif isinstance(block, Picture):
+                with atomic_write(folder / f"{prefix}{_file(block)}") as path:
+                    path.write_bytes(block.jpeg)
+
+
+def _file(block: Figure | Movie | Picture) -> str:
+    return f"{block.key}.{'jpg' if isinstance(block, Picture) else 'svg'}"
 
 
 def to_html(page: Page) -> str:
@@ -157,7 +179,7 @@ def to_html(page: Page) -> str:
 
 
 def to_markdown(page: Page, images: str, prefix: str = "") -> str:
-    """The page as Markdown; figures are the SVG files in the folder `images`, their names after `prefix`."""
+    """The page as Markdown; figures are files in the folder `images`, their names after `prefix`."""
     parts = [f"# {_md(page.title)}"]
     parts += [f"**{_md(page.notice)}**"] if page.notice else []
     parts += [_md(paragraph) for paragraph in page.lead]
@@ -193,7 +215,7 @@ def _markdown(block: Block, images: str, prefix: str) -> list[str]:
             for claim in block.claims
         ]
         return [_markdown_table(heads, rows, "---"), SHARE_NOTE]
-    picture = f"![{_md(block.alt)}]({images}/{prefix}{block.key}.svg)"
+    picture = f"![{_md(block.alt)}]({images}/{prefix}{_file(block)})"
     return [f"### {_md(block.title)}", picture, _md(block.caption)]
 
 

@@ -9,7 +9,7 @@ class Options:
     """Of one run.
 
     Attributes:
-        output: folder of the page. cases: number of random cases. seed: of their draws. jobs: processes.
+        output: folder of the page. cases: their number. seed: of their draws. jobs: processes.
         quick: whether the page has to say that it rests on few cases. command: as typed, for the page.
         progress: whether to show bars.
     """
@@ -28,13 +28,14 @@ class Study:
     """A paper that can be reproduced: `reproduce.<name>` has reproduce(options) -> Page.
 
     Attributes:
-        cases, quick: random cases of a full and of a quick run.
+        cases, quick: number of cases of a full and of a quick run. of: what the cases are.
     """
 
     name: str
     title: str
     cases: int
     quick: int
+    of: str
 
 
 STUDIES = {
@@ -46,6 +47,14 @@ STUDIES = {
             "dual-arm robot",
             cases=200,
             quick=12,
+            of="random cases",
+        ),
+        Study(
+            "shyam2020",
+            "Imitation learning for autonomous trajectory learning of robot arms in space",
+            cases=50,
+            quick=6,
+            of="goals of the test split",
         ),
     )
 }

@@ -19,8 +19,8 @@ from space_envs.tasks.common import Goals
 if TYPE_CHECKING:
     from space_envs.rendering import Renderer
 
-OUTCOMES = ("running", "captured", "timeout", "attitude_lost", "diverged")
-_RUNNING, _CAPTURED, _TIMEOUT, _ATTITUDE_LOST, _DIVERGED = range(5)
+OUTCOMES = ("running", "captured", "timeout", "attitude_lost", "diverged", "collision")
+_RUNNING, _CAPTURED, _TIMEOUT, _ATTITUDE_LOST, _DIVERGED, _COLLISION = range(6)
 _OUTCOME_NAMES = np.array(OUTCOMES, dtype=object)
 _COPIED = (
     "_generators",
@@ -236,6 +236,7 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         running = None if ended is None else np.flatnonzero(~ended)
         self.drive.begin()
         self.simulation.ctrl[:] = self.mode.torques(action)
+        before = self.simulation.sensors.copy() if self.task.collides else None
         self.simulation.step(self.task.substeps, running)
         self._steps += 1 if ended is None else ~ended
         previous, observation = self._observation, self.task.observe(self.simulation.sensors, self._time())
@@ -245,7 +246,8 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         if self.simulation.warned() or not np.isfinite(observation).all():
             diverged = self.simulation.diverged() | ~np.isfinite(observation).all(axis=1)
             observation[diverged] = previous[diverged]
-        reward, terms, attitude = self._judge(observation, action, diverged, ended)
+        collided = None if before is None else self.task.collided(before, self.simulation.sensors)
+        reward, terms, attitude = self._judge(observation, action, diverged, collided, ended)
         self._observation = observation
         terminated = (self._outcome == _CAPTURED) | (self._outcome >= _ATTITUDE_LOST)
         truncated = self._outcome == _TIMEOUT
@@ -284,6 +286,7 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         observation: Array,
         action: Array,
         diverged: NDArray[np.bool_] | None,
+        collided: NDArray[np.bool_] | None,
         ended: NDArray[np.bool_] | None,
     ) -> tuple[Array, Array, Array]:
         """Update outcomes; return rewards (N,), reward terms (N, k) and attitude (N,) rad."""
@@ -293,6 +296,8 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         captured = self._held > task.hold_steps
         lost = attitude > task.attitude_limit_rad
         over = self._steps >= task.horizon
+        if collided is not None:
+            lost = lost | collided
         if (captured | lost | over).any() or diverged is not None:
             if diverged is not None:
                 lost = lost | diverged
@@ -301,6 +306,8 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
             self._outcome[over & running] = _TIMEOUT
             self._outcome[captured] = _CAPTURED
             self._outcome[lost] = _ATTITUDE_LOST
+            if collided is not None:
+                self._outcome[lost & collided] = _COLLISION
             if diverged is not None:
                 self._outcome[lost & diverged] = _DIVERGED
         terms = task.reward_terms(norms, attitude, action, captured, lost)

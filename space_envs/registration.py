@@ -11,6 +11,7 @@ from space_envs.tasks.base import CaptureTask
 from space_envs.tasks.dual_arm_planar import DualArmPlanarTask
 from space_envs.tasks.dual_arm_spatial import DualArmSpatialTask
 from space_envs.tasks.single_arm import SingleArmTask
+from space_envs.tasks.single_arm_cluttered import SingleArmClutteredTask
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,9 @@ class Entry:
 ENTRIES: dict[str, Entry] = {
     "SpaceCapture/SingleArm-v0": Entry(
         SingleArmTask, "a 7-DoF arm on a free-floating 200 kg satellite takes a static grapple pose"
+    ),
+    "SpaceCapture/SingleArmCluttered-v0": Entry(
+        SingleArmClutteredTask, "the same arm takes a static grapple pose, clear of spheres in its way"
     ),
     "SpaceCapture/DualArmPlanar-v0": Entry(
         DualArmPlanarTask, "two planar arms on a 500 kg satellite take a tumbling object, attitude kept"

@@ -146,22 +146,21 @@ class Simulation:
     def snapshot(self) -> dict[str, Array]:
         """Everything that `restore` needs to go on from here with the same bits."""
         kept = {"state": np.stack([self.state(row) for row in range(self.n)])}
-        mass = self.batch.expanded("body_mass")
-        if mass is not None:
-            kept["mass_scale"] = mass[:, self._base] / self._nominal[0][self._base]
-        sites = self.batch.expanded("site_pos")
-        if sites is not None:
-            kept["site_pos"] = sites.copy()
+        for name in ("body_mass", "body_inertia", "site_pos"):
+            own = self.batch.expanded(name)
+            if own is not None:
+                kept[name] = own.copy()
         return kept
 
     def restore(self, snapshot: dict[str, Array]) -> None:
         """Take over a snapshot of as many simulations of the same model."""
         rows = np.arange(self.n)
         data = mujoco.MjData(self.model)
-        if "mass_scale" in snapshot:
-            self.scale_base(rows, snapshot["mass_scale"])
-        if "site_pos" in snapshot:
-            self.batch.expand("site_pos")[:] = snapshot["site_pos"]
+        for name in ("body_mass", "body_inertia", "site_pos"):
+            if name in snapshot:
+                self.batch.expand(name)[:] = snapshot[name]
+        if "body_mass" in snapshot:
+            self.batch.set_const(rows)
         for row, state in enumerate(snapshot["state"]):
             mujoco.mj_setState(self.model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
             for name in ("qpos", "qvel", "ctrl", "mocap_pos", "mocap_quat", "qacc_warmstart", "time"):

@@ -146,7 +146,7 @@ def test_policies_are_offered_to_the_ids_that_they_are_made_for() -> None:
     assert "reactionless_ocp" in policies_for(IDS[0]) and "reactionless_ocp" not in policies_for(IDS[1])
     assert not {"gjm", "mpc", "promp"} & set(policies_for(IDS[0]))
     assert not any(name.startswith("reactionless") for name in policies_for(SINGLE))
-    with pytest.raises(ConfigurationError, match="'gjm' is made for SpaceCapture/SingleArm-v0, not for"):
+    with pytest.raises(ConfigurationError, match="'gjm' is made for SpaceCapture/SingleArm-v0, .*not for"):
         check_task("gjm", IDS[0])
     check_task("gjm", SINGLE)
     check_task("some.module:Class", IDS[0])

@@ -400,12 +400,12 @@ def test_table_is_sortable_by_keyboard(page: Page, rows: list[Row]) -> None:
     buttons = [button for button in page.named("button") if button["type"] == "button"]
     assert len(buttons) == len(COLUMNS) + 1
     assert [button["data-first"] for button in buttons[1:3]] == ["descending", "descending"]
-    assert buttons[4]["data-first"] == "ascending"
+    assert buttons[5]["data-first"] == "ascending"
     cells = [cell["data-sort"] for cell in page.named("td")]
     assert len(cells) == len(rows) * len(COLUMNS)
     assert float(cells[0] or "nan") == 100.0
     # The time to capture of a policy that never captures sorts last: it has no number.
-    assert cells[len(COLUMNS) * (len(rows) - 1) + 6] == ""
+    assert cells[len(COLUMNS) * (len(rows) - 1) + 7] == ""
 
 
 def test_page_shows_provenance_pictures_and_reasons(page: Page, result: EvaluationResult) -> None:

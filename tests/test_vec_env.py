@@ -13,11 +13,10 @@ from agents.vec_env import NativeVecEnv
 from space_envs.control import CONTROL_MODES
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError
-from space_envs.registration import ENTRIES
 
 ENV_ID = "SpaceCapture/SingleArm-v0"
 EASY = {"difficulty": "easy", "horizon": 6}
-every_id = pytest.mark.parametrize("env_id", ENTRIES)
+every_id = pytest.mark.parametrize("env_id", TABLES)  # ids that something learns on
 
 
 def view_of(env: CaptureVectorEnv, *without: str) -> FeatureView:

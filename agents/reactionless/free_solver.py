@@ -13,8 +13,9 @@ from agents.reactionless.free_clearance import EACH, Nearness
 from agents.reactionless.free_goals import EndGoals
 from agents.reactionless.free_model import HeldAttitude, Smooth
 from agents.reactionless.free_rollout import Rollout
-from agents.reactionless.free_transcription import FIXED, Mesh, Program, build
+from agents.reactionless.free_transcription import FIXED, Program, build
 from agents.reactionless.problem import Capture, Plan
+from agents.splines import Mesh
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
 

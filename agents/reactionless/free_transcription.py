@@ -11,72 +11,13 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike
-from scipy.interpolate import BSpline
-from scipy.sparse import coo_matrix, csc_matrix
+from scipy.sparse import csc_matrix
 
 from agents.reactionless.free_model import HeldAttitude, Smooth
+from agents.splines import Mesh, Terms
 from space_envs.dynamics.rotations import Array
 
-DEGREE = 3  # accelerations are then straight between knots: bounds at the knots hold in between
 FIXED = 3  # leading coefficients that put the start at rest, without acceleration
-_GAUSS = 2  # points of the quadrature on an interval
-
-
-@dataclass(frozen=True, eq=False)
-class Mesh:
-    """Splines on intervals that grow from both ends to the middle.
-
-    Attributes:
-        breaks: (N + 1,) of s in [0, 1]. knots: of the splines, with the ends repeated.
-        nodes, weights: of the Gauss quadrature. middles: of the intervals.
-    """
-
-    breaks: Array
-    knots: Array
-    nodes: Array
-    weights: Array
-    middles: Array
-
-    @classmethod
-    def graded(cls, intervals: int, growth: float, steps: int) -> "Mesh":
-        """Intervals whose lengths grow by a factor for a number of steps from either end."""
-        number = np.arange(intervals)
-        lengths = growth ** np.minimum(np.minimum(number, intervals - 1 - number), steps)
-        breaks = np.concatenate([[0.0], np.cumsum(lengths / lengths.sum())])
-        breaks[-1] = 1.0
-        points, weights = np.polynomial.legendre.leggauss(_GAUSS)
-        half, middles = 0.5 * np.diff(breaks), 0.5 * (breaks[:-1] + breaks[1:])
-        return cls(
-            breaks=breaks,
-            knots=np.concatenate([np.zeros(DEGREE), breaks, np.ones(DEGREE)]),
-            nodes=(middles[:, None] + half[:, None] * points).ravel(),
-            weights=(half[:, None] * weights).ravel(),
-            middles=middles,
-        )
-
-    @property
-    def size(self) -> int:
-        """Number of coefficients of a spline."""
-        return len(self.knots) - DEGREE - 1
-
-    def basis(self, at: Array, derivative: int = 0) -> Array:
-        """Values (len(at), size) of the splines' derivative."""
-        spline = BSpline(self.knots, np.eye(self.size), DEGREE)
-        return np.asarray(spline.derivative(derivative)(at) if derivative else spline(at))
-
-    @property
-    def greville(self) -> Array:
-        """(size,) abscissae at which a spline's coefficients stand: those of s itself."""
-        return np.array([self.knots[i + 1 : i + DEGREE + 1].mean() for i in range(self.size)])
-
-    def rate_rows(self) -> Array:
-        """(size - 1, size) coefficients of the derivative, whose bounds bound it everywhere."""
-        span = self.knots[DEGREE + 1 : -1] - self.knots[1 : -DEGREE - 1]
-        rows = np.arange(self.size - 1)
-        matrix = np.zeros((self.size - 1, self.size))
-        matrix[rows, rows], matrix[rows, rows + 1] = -DEGREE / span, DEGREE / span
-        return matrix
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,30 +37,6 @@ class Program:
     shown: int  # number of parameters between start and across: 4 d
     collocated: int  # number of constraints on `turning`
     ending: int  # number of those on `ending`
-
-
-class _Terms:
-    """Entries of a sparse matrix that are linear in a vector of sources: (row, column, source, factor)."""
-
-    def __init__(self) -> None:
-        self._parts: list[tuple[Array, ...]] = []
-
-    def add(self, row: ArrayLike, column: ArrayLike, source: ArrayLike, factor: ArrayLike) -> None:
-        parts = np.broadcast_arrays(np.asarray(row), column, source, factor)
-        self._parts.append(tuple(part.ravel() for part in parts))
-
-    def matrix(self, sources: ca.MX, shape: tuple[int, int]) -> ca.MX:
-        """The sparse matrix of the given shape as an expression."""
-        row, column, source, factor = (np.concatenate(part) for part in zip(*self._parts, strict=True))
-        kept = np.abs(factor) > 0.0
-        row, column, source, factor = row[kept], column[kept], source[kept], factor[kept]
-        key, place = np.unique(column * shape[0] + row, return_inverse=True)  # column by column
-        count = np.bincount(key // shape[0], minlength=shape[1])
-        sparsity = ca.Sparsity(
-            *shape, np.concatenate([[0], np.cumsum(count)]).tolist(), (key % shape[0]).tolist()
-        )
-        linear = coo_matrix((factor, (place, source)), shape=(len(key), sources.numel()))
-        return ca.MX(sparsity, ca.mtimes(ca.DM(csc_matrix(linear)), sources))
 
 
 def build(
@@ -204,7 +121,7 @@ def _slope(
     across: ca.MX,
     linear: Array,
 ) -> ca.MX:
-    terms, free, r = _Terms(), mesh.size - FIXED, model.turns
+    terms, free, r = Terms(), mesh.size - FIXED, model.turns
     turning = ca.vec(model.turning.slope.map(len(mesh.middles))(*middles))  # column by column
     ending = ca.vec(model.ending.slope(*last, across))
     row, joint = np.arange(r)[:, None], np.arange(n)[None, :]
@@ -243,7 +160,7 @@ def _bend(
         ca.vec(model.turning.bend.map(between)(*middles, multiplier)),
         ca.vec(model.ending.bend(*last, across, weight[between * r : between * r + outputs])),
     )
-    terms, begin = _Terms(), 0
+    terms, begin = Terms(), 0
     first, second = np.arange(n)[:, None], np.arange(n)[None, :]
     for at in (mesh.nodes, mesh.middles, np.array([1.0])):
         for (k, one, one_basis), (other_k, other, other_basis) in product(_active(mesh, at), repeat=2):

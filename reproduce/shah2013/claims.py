@@ -4,6 +4,7 @@ One rule decides the canonical case and random ones.
 """
 
 from reproduce.claims import Rule
+from reproduce.compare import figures_of
 from reproduce.shah2013.deciding import (
     ARRIVED,
     MUCH,
@@ -15,7 +16,6 @@ from reproduce.shah2013.deciding import (
     arrives,
     below,
     costs_later,
-    figures_of,
     lead_figures,
     nonsingular,
     pair,

@@ -3,11 +3,10 @@
 Records are those of `reproduce.shah2013.runs.work_out`.
 """
 
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable
 
-Figures = Mapping[str, Any]
-Record = Mapping[str, Any]
+from reproduce import compare
+from reproduce.compare import Record, figures_of, percent
 
 PAPER = ("zeta_zero", "local", "ocp")  # methods (a), (b), (c)
 SAME = 1e-9  # relative; energies that differ by less are equal
@@ -22,36 +21,21 @@ LETTERS = {"zeta_zero": "(a)", "local": "(b)", "ocp": "(c)", "ocp_rest": "(c′)
 REST = ("zeta_zero", "local", "ocp_rest", "free")  # methods that start from rest
 
 
-def figures_of(record: Record, key: str) -> Figures | None:
-    """Figures of a method; None where it found no plan."""
-    found = record["methods"][key]
-    return None if "cause" in found else found
-
-
 def nonsingular(record: Record) -> bool:
     """Whether all three of the paper's methods found a plan."""
     return all(figures_of(record, key) for key in PAPER)
 
 
 def ratio(record: Record, key: str, others: tuple[str, ...], name: str = "energy") -> float | None:
-    """A figure of one method over the least of the others'; None where one of them found no plan."""
-    found = [figures_of(record, each) for each in (key, *others)]
-    if not all(found):
-        return None
-    values = [each[name] for each in found if each]
-    return values[0] / min(values[1:])
+    """As in `reproduce.compare`, of energies if nothing else is said."""
+    return compare.ratio(record, key, others, name)
 
 
 def below(
     key: str, others: tuple[str, ...], most: float, name: str = "energy"
 ) -> Callable[[Record], bool | None]:
-    """Test whether a figure of one method is at most `most` times the least of the others'."""
-
-    def test(record: Record) -> bool | None:
-        found = ratio(record, key, others, name)
-        return None if found is None else found <= most
-
-    return test
+    """As in `reproduce.compare`, of energies if nothing else is said."""
+    return compare.below(key, others, most, name)
 
 
 def _base_rates(record: Record, name: str) -> list[float]:
@@ -167,11 +151,6 @@ def smooth_figures(record: Record) -> str:
     return f"Fastest change of the dependent velocities of (a), (b), (c): {', '.join(texts)} rad/s²."
 
 
-def _percent(change: float) -> str:
-    """One decimal, or one digit where that would be none."""
-    return f"{change:+.1f}" if abs(change) >= 0.1 else f"{change:+.1g}"
-
-
 def pair(name: str, unit: str, scale: float, key: str, *others: str) -> Callable[[Record], str]:
     """A sentence with a figure of one method and of others, and the change in percent."""
 
@@ -182,7 +161,7 @@ def pair(name: str, unit: str, scale: float, key: str, *others: str) -> Callable
             for each, found in values.items()
         )
         change = ratio(record, key, others, name)
-        last = "" if change is None else f": {_percent(100 * (change - 1.0))} %"
+        last = "" if change is None else f": {percent(100 * (change - 1.0))} %"
         return f"{shown} {unit}{last}."
 
     return text

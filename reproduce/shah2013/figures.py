@@ -9,8 +9,9 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
 from reproduce.animation import Chain, Movie, Scene, animate
+from reproduce.compare import figures_of
 from reproduce.figures import Figure, Sketch, figure
-from reproduce.shah2013.deciding import figures_of, ratio
+from reproduce.shah2013.deciding import ratio
 from reproduce.shah2013.methods import METHODS, Method
 from reproduce.shah2013.runs import Worked
 from space_envs.dynamics.rotations import Array

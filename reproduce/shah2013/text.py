@@ -11,10 +11,11 @@ import numpy as np
 
 from reproduce.cases import Record
 from reproduce.claims import Claim, Share, settle
+from reproduce.compare import figures_of
 from reproduce.page import Block, Claims, Page, Section, Table, Text, table_csv
 from reproduce.shah2013.cases import Sampler
 from reproduce.shah2013.claims import BEYOND, CLAIMS
-from reproduce.shah2013.deciding import figures_of, nonsingular, ratio
+from reproduce.shah2013.deciding import nonsingular, ratio
 from reproduce.shah2013.figures import comparison, independent_velocities, method_figure, movie, ratios
 from reproduce.shah2013.methods import METHODS
 from reproduce.shah2013.runs import COARSE, FINE, Worked, settings

@@ -93,7 +93,7 @@ def episode_records(
                 time_to_capture=float(rollout.length[row] * task.control_period) if captured else None,
                 steps=int(rollout.length[row]),
                 episode_return=float(rollout.episode_return[row]),
-                collisions=0,  # this task has no contact
+                collisions=int(rollout.outcome[row] == "collision"),  # it ends the episode
                 clipped_actions=int(rollout.clipped[row]),
                 timing=timing,
                 **values,

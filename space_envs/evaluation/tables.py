@@ -75,8 +75,9 @@ class Column:
 
 COLUMNS: tuple[Column, ...] = (
     Column("success", "success", "%", "higher", 100, 0, 0, "share of all episodes that captured"),
-    Column("capture@5deg", "capture@5deg", "%", "higher", 100, 0, 6, "captured, with at most 5 deg left"),
-    Column("capture@1deg", "capture@1deg", "%", "higher", 100, 0, 2, "captured, with at most 1 deg left"),
+    Column("capture@5deg", "capture@5deg", "%", "higher", 100, 0, 7, "captured, with at most 5 deg left"),
+    Column("capture@1deg", "capture@1deg", "%", "higher", 100, 0, 6, "captured, with at most 1 deg left"),
+    Column("capture@0.1deg", "capture@0.1deg", "%", "higher", 100, 0, 2, "captured, at most 0.1 deg left"),
     Column("final_attitude", "final attitude", "deg", "lower", priority=1, meaning="of the base, at the end"),
     Column("peak_attitude", "peak attitude", "deg", "lower", priority=7, meaning="largest of the base"),
     Column("attitude_cost", "eq. 20 cost", "cm^2/s", "lower", 1e4, priority=5, meaning="shyam2020, times dt"),

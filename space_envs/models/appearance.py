@@ -19,7 +19,7 @@ from space_envs.models.parts import (
     draw_joint,
     draw_wing,
 )
-from space_envs.models.shapes import Brush, add_crumpled_box
+from space_envs.models.shapes import Brush, Vector, add_crumpled_box
 
 
 def draw_robot(spec: mujoco.MjSpec, parameters: SingleArmParameters) -> None:
@@ -44,6 +44,21 @@ def draw_robot(spec: mujoco.MjSpec, parameters: SingleArmParameters) -> None:
             draw_boom(body, (link.a, 0.0, link.d), parameters.link_radius, shorten=0.30 if last else 0.0)
         if last:
             draw_hand(body.at((0.0, 0.0, link.d)), "end_effector", fingers=2)
+
+
+def draw_keep_out(spec: mujoco.MjSpec, radius: float) -> None:
+    """Draw a translucent sphere of this radius on every body `obstacle{i}` that there is."""
+    for body in spec.bodies:
+        if body.name.startswith("obstacle"):
+            Brush(body).ball("keep_out", (0, 0, 0), (radius, radius, radius))
+
+
+def resize_keep_out(model: mujoco.MjModel, radius: Vector) -> None:
+    """Give the spheres that `draw_keep_out` drew their radii in m, in place."""
+    for number, size in enumerate(radius, start=1):
+        geom = int(model.body(f"obstacle{number}").geomadr[0])
+        model.geom_size[geom] = model.geom_aabb[geom, 3:] = model.geom_rbound[geom] = size
+        model.site(f"obstacle{number}_surface").pos[0] = size
 
 
 def draw_target(target: mujoco.MjsBody) -> None:

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from space_envs.errors import ConfigurationError, unknown_name
-from space_envs.models.appearance import draw_environment, draw_robot, draw_target
+from space_envs.models.appearance import draw_environment, draw_keep_out, draw_robot, draw_target
 from space_envs.models.parameters import (
     SINGLE_ARM,
     VARIANTS,
@@ -21,6 +21,8 @@ SATELLITE = "satellite"
 TARGET = "target"
 END_EFFECTOR = "end_effector"
 GRAPPLE = "grapple"
+OBSTACLE = "obstacle"
+OBSTACLE_RADIUS = 0.25  # m, as compiled; every episode has its own
 
 
 @dataclass(frozen=True)
@@ -33,17 +35,24 @@ class ModelOptions:
         timestep: integration step of RK4, s. docs/momentum.md shows what follows from it.
         visual: whether geometry, lights and cameras are drawn. They have no mass and do not collide; the
             simulation leaves them out since MuJoCo would move every geom along.
+        obstacles: number of keep-out spheres. Sphere i is the mocap body `obstacle{i}` with a site of that
+            name in its centre and another, `obstacle{i}_surface`, as far from it as the radius; nothing
+            collides with it. Sensors of the spheres and of the links' ends follow those that are always
+            there.
     """
 
     variant: str = "paper"
     timestep: float = 0.02
     visual: bool = False
+    obstacles: int = 0
 
     def __post_init__(self) -> None:
         if self.variant not in VARIANTS:
             raise unknown_name("model variant", self.variant, VARIANTS)
         if not 0 < self.timestep <= 0.1:
             raise ConfigurationError(f"timestep must lie in (0, 0.1] s, got {self.timestep!r}")
+        if not self.obstacles >= 0:
+            raise ConfigurationError(f"obstacles must not be negative, got {self.obstacles!r}")
 
 
 def quaternion_x(angle: float) -> list[float]:
@@ -122,10 +131,13 @@ def single_arm_spec(
     target.add_site(name=GRAPPLE, size=[0.01, 0.01, 0.01], group=4)
 
     _add_sensors(spec, len(parameters.links))
+    if options.obstacles:
+        _add_obstacles(spec, options.obstacles, len(parameters.links))
     spec.add_key(name="home", qpos=[0, 0, 0, 1, 0, 0, 0, *parameters.home])
     if options.visual:
         draw_robot(spec, parameters)
         draw_target(target)
+        draw_keep_out(spec, OBSTACLE_RADIUS)
         draw_environment(spec)
     return spec
 
@@ -167,6 +179,34 @@ def _add_sensors(spec: mujoco.MjSpec, n_joints: int) -> None:
                 objtype=obj.mjOBJ_SITE,
                 objname=site,
             )
+
+
+def _add_obstacles(spec: mujoco.MjSpec, count: int, n_joints: int) -> None:
+    """Add keep-out spheres, sensors of their centres and surfaces, and of the ends of the links.
+
+    A surface is measured from its centre, in the axes of the sphere, which do not turn.
+    """
+    kind, obj = mujoco.mjtSensor.mjSENS_FRAMEPOS, mujoco.mjtObj
+    names = [f"{OBSTACLE}{number}" for number in range(1, count + 1)]
+    for place, name in enumerate(names):
+        body = spec.worldbody.add_body(name=name, mocap=True, pos=[0.0, 3.0, -2.0 - place])
+        for site, along in ((name, 0.0), (f"{name}_surface", OBSTACLE_RADIUS)):
+            body.add_site(name=site, pos=[along, 0.0, 0.0], size=[0.01, 0.01, 0.01], group=4)
+    for name in names:
+        spec.add_sensor(name=f"{name}_position", type=kind, objtype=obj.mjOBJ_SITE, objname=name)
+    for name in names:
+        spec.add_sensor(
+            name=f"{name}_radius",
+            type=kind,
+            objtype=obj.mjOBJ_SITE,
+            objname=f"{name}_surface",
+            reftype=obj.mjOBJ_SITE,
+            refname=name,
+        )
+    for number in range(1, n_joints + 1):
+        spec.add_sensor(
+            name=f"link{number}_position", type=kind, objtype=obj.mjOBJ_XBODY, objname=f"link{number}"
+        )
 
 
 @lru_cache(maxsize=16)

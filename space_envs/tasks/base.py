@@ -69,6 +69,7 @@ class CaptureTask:
     parameters: ClassVar[DriveLimits]
     split_sizes: ClassVar[Mapping[str, int]]
     goal_options: ClassVar[Mapping[str, GoalOption]]  # of `reset`, all that make up a goal
+    collides: ClassVar[bool] = False  # whether touching something ends an episode
     rewarded: ClassVar[tuple[str, ...]] = tuple(f.name for f in fields(RewardWeights))  # terms that it has
 
     def __post_init__(self) -> None:
@@ -148,6 +149,14 @@ class CaptureTask:
 
     def attitude(self, observation: Array) -> Array:
         """Angle (N,) of the satellite from its initial attitude, rad."""
+        raise NotImplementedError
+
+    def collided(self, before: Array, sensors: Array) -> NDArray[np.bool_]:
+        """(N,) bool, whether the robot touched what it must not in a control period; asked if `collides`.
+
+        Args:
+            before, sensors: (N, s) sensors of the model at the beginning and at the end of the period.
+        """
         raise NotImplementedError
 
     # What follows from it --------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""`python -m space_envs.tasks.freeze`: find out which draws of the dual-arm goals can be reached.
+"""`python -m space_envs.tasks.freeze`: find out which draws of the goals can be reached.
 
 A maintainer runs it when the robots or the ranges of their goals change; which draws it found is stored, so
 that nobody else has to roll out motions before an episode can start.
@@ -6,39 +6,83 @@ that nobody else has to roll out motions before an episode can start.
 
 import argparse
 import zipfile
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
 
 from space_envs.files import atomic_write
+from space_envs.models.parameters import VARIANTS
 from space_envs.tasks.base import BLOCK
+from space_envs.tasks.clutter import find_draws
 from space_envs.tasks.common import DIFFICULTIES, SPLITS
 from space_envs.tasks.dual_arm import SPLIT_SIZE, DualArmTask, find_attempts
 from space_envs.tasks.dual_arm_planar import DualArmPlanarTask
 from space_envs.tasks.dual_arm_spatial import DualArmSpatialTask
+from space_envs.tasks.single_arm import SingleArmTask
+from space_envs.tasks.single_arm_cluttered import CLUTTERED_SPLIT_SIZE
 
-PATH = Path(__file__).parent / "dual_arm_attempts.npz"
+FOLDER = Path(__file__).parent
 KINDS: tuple[type[DualArmTask], ...] = (DualArmPlanarTask, DualArmSpatialTask)
+Find = Callable[[int], np.ndarray]  # from a block to its draws
+
+
+def _dual_arm() -> dict[str, tuple[int, Find]]:
+    """Size of every split by name, and what finds its draws."""
+    return {
+        f"{kind.kind}_{difficulty}_{split}": (
+            SPLIT_SIZE[split],
+            partial(find_attempts, kind, None, difficulty, split),
+        )
+        for kind in KINDS
+        for difficulty in DIFFICULTIES
+        for split in SPLITS
+    }
+
+
+def _cluttered() -> dict[str, tuple[int, Find]]:
+    return {
+        f"{variant}_{difficulty}_{split}": (
+            CLUTTERED_SPLIT_SIZE[split],
+            partial(find_draws, SingleArmTask(variant=variant).robot, difficulty, split),
+        )
+        for variant in VARIANTS
+        for difficulty in DIFFICULTIES
+        for split in SPLITS
+    }
+
+
+FILES = {"dual_arm_attempts": _dual_arm, "single_arm_cluttered_draws": _cluttered}
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Write the file."""
-    argparse.ArgumentParser(prog="python -m space_envs.tasks.freeze", description=__doc__).parse_args(
-        arguments
-    )
-    cases = [(kind, difficulty, split) for kind in KINDS for difficulty in DIFFICULTIES for split in SPLITS]
+    """Write the files."""
+    parser = argparse.ArgumentParser(prog="python -m space_envs.tasks.freeze", description=__doc__)
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(FILES)}; all if left out")
+    names = parser.parse_args(arguments).names
+    for name in names:
+        if name not in FILES:
+            parser.error(f"there is no file {name!r}")
+    for name in names or FILES:
+        _write(FOLDER / f"{name}.npz", FILES[name]())
+
+
+def _write(path: Path, cases: dict[str, tuple[int, Find]]) -> None:
     found: dict[str, np.ndarray] = {}
-    with tqdm(total=sum(SPLIT_SIZE[split] // BLOCK for *_, split in cases), unit="block") as bar:
-        for kind, difficulty, split in cases:
+    with tqdm(total=sum(size // BLOCK for size, _ in cases.values()), unit="block", desc=path.stem) as bar:
+        for name, (size, find) in cases.items():
             blocks = []
-            for block in range(SPLIT_SIZE[split] // BLOCK):
-                blocks.append(find_attempts(kind, None, difficulty, split, block))
+            for block in range(size // BLOCK):
+                blocks.append(find(block))
                 bar.update()
-            found[f"{kind.kind}_{difficulty}_{split}"] = np.concatenate(blocks).astype(np.uint16)
-    with atomic_write(PATH) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
+            found[name] = np.concatenate(blocks).astype(np.uint16)
+    with atomic_write(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
         for name, attempts in found.items():
-            with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w") as file:
+            entry = zipfile.ZipInfo(f"{name}.npy")
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            with archive.open(entry, "w") as file:
                 np.lib.format.write_array(file, attempts, allow_pickle=False)
 
 

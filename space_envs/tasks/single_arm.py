@@ -48,7 +48,7 @@ LAYOUT = ObservationLayout(
         Field("time", 1, 1e4, "since the start of the episode, s"),
     )
 )
-_GOAL, _GOAL_TURN, _TIP, _TIP_TURN, _POSITION_ERROR, _ROTATION_ERROR = (
+_GOAL, _GOAL_TURN, _TIP, _TIP_TURN, _POSITION_ERROR, _ROTATION_ERROR, _TIME = (
     LAYOUT.slices[name]
     for name in (
         "goal_position",
@@ -57,10 +57,11 @@ _GOAL, _GOAL_TURN, _TIP, _TIP_TURN, _POSITION_ERROR, _ROTATION_ERROR = (
         "end_effector_quaternion",
         "position_error",
         "rotation_error",
+        "time",
     )
 )
 _TINY = 1e-300  # keeps 0 / 0 from being NaN
-MEASURED = 47  # leading components that are sensors of the model, in its order
+MEASURED = 47  # leading components that are leading sensors of the model, in its order
 
 # Largest steps of docs/momentum.md whose drift stays well inside the bound, s.
 DEFAULT_TIMESTEP = {"paper": 0.02, "physical": 0.01}
@@ -202,21 +203,21 @@ class SingleArmTask(CaptureTask):
     @cached_property
     def _squares(self) -> Array:
         """(size, 5) from squared observations to the squares of what `norms` gives."""
-        squares = LAYOUT.sum_of_squares(
+        squares = self.layout.sum_of_squares(
             "position_error",
             "rotation_error",
             "end_effector_linear_velocity",
             "end_effector_angular_velocity",
             "base_linear_velocity",
         )
-        squares[LAYOUT.slices["base_angular_velocity"], 4] = self.c**2
+        squares[self.layout.slices["base_angular_velocity"], 4] = self.c**2
         return squares
 
     def observe(self, sensors: Array, time: Array) -> Array:
         """Observations (N, size) from the model's sensors (N, 47) and the time (N,) in s."""
         # Runs at every step, also for N = 1: what counts here is the number of numpy calls.
-        observation = np.empty((len(sensors), LAYOUT.size))
-        observation[:, :MEASURED] = sensors
+        observation = np.empty((len(sensors), self.layout.size))
+        observation[:, :MEASURED] = sensors[:, :MEASURED]
         np.subtract(sensors[:, _GOAL], sensors[:, _TIP], out=observation[:, _POSITION_ERROR])
         # goal * conjugate(end-effector) as two stacked matrix products, which give the same bits for any N.
         left = (sensors[:, None, _GOAL_TURN] @ _QUOTIENT).reshape(-1, 4, 4)
@@ -227,7 +228,7 @@ class SingleArmTask(CaptureTask):
         half = np.arctan2(sine, np.abs(cosine))
         factor = np.copysign(half / np.maximum(0.5 * sine, _TINY), cosine)
         np.multiply(factor, vector, out=observation[:, _ROTATION_ERROR])
-        observation[:, -1] = time
+        observation[:, _TIME] = time[:, None]
         return observation
 
     def norms(self, observation: Array) -> Array:

@@ -1,0 +1,95 @@
+"""Nonlinear model predictive control of the single arm as a policy."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.optimal.library import shipped_library
+from agents.optimal.nmpc import ArmState, Controller, Horizon, Target, Weights, coasting
+from agents.optimal_policies import drive_limits
+from agents.planning import Failure
+from agents.tracking import rows_to_plan
+from space_envs.dynamics.rotations import Array
+from space_envs.evaluation.policy import PolicyContext
+
+
+@dataclass(frozen=True, eq=False)
+class Following:
+    """What N episodes plan; never changed in place.
+
+    Attributes:
+        horizons: N motions, None where the first plan failed.
+        start: (N,) s, time at which each episode began.
+        failures: (N,) None, or why there is no plan.
+    """
+
+    horizons: Sequence[Horizon | None]
+    start: Array
+    failures: NDArray[np.object_]
+
+
+class NMPC:
+    """At every step the first move of the best motion over the time that is left, from the state observed."""
+
+    control_mode = "joint_velocity"
+    weights = Weights()
+
+    def __init__(self, context: PolicyContext, seed: int = 0) -> None:
+        context.require_mode(self.control_mode)
+        context.require_fields("base_quaternion", "goal_quaternion")
+        self.context = context
+        limits, library = drive_limits(context), shipped_library(True, limited=False)
+        self.controller = Controller(context.arm, limits, context.c, library, self.weights)
+
+    def target(self, observation: Array) -> Target:
+        """Where the goal of one observation (size,) will be: it keeps the velocity observed, if any."""
+        layout, read = self.context.layout, self.context.layout.read
+        twist = np.zeros(6)
+        for part, name in ((twist[:3], "goal_linear_velocity"), (twist[3:], "goal_angular_velocity")):
+            if name in layout.slices:
+                part[:] = read(observation, name)
+        pose = read(observation, "goal_position"), read(observation, "goal_quaternion")
+        return coasting(*pose, twist, float(read(observation, "time")[0]))
+
+    def state(self, observation: Array) -> ArmState:
+        """The arm's state in one observation (size,)."""
+        read = self.context.layout.read
+        names = ("joint_position", "joint_velocity", "base_position", "base_quaternion")
+        return ArmState(float(read(observation, "time")[0]), *(read(observation, name) for name in names))
+
+    def predict(
+        self,
+        observation: Array,
+        state: Following | None = None,
+        episode_start: NDArray[np.bool_] | None = None,
+        deterministic: bool = True,
+    ) -> tuple[Array, Following]:
+        """Actions (N, n) and the motions they begin."""
+        context = self.context
+        observation = context.check_observation(observation)
+        n = len(observation)
+        begins = np.zeros(n, dtype=bool)
+        begins[rows_to_plan(state, episode_start, n)] = True
+        time = context.layout.read(observation, "time")[:, 0]
+        start = time.copy() if state is None else np.where(begins, time, state.start)
+        failures = np.full(n, None, dtype=object) if state is None else state.failures.copy()
+        horizons: list[Horizon | None] = [None] * n if state is None else list(state.horizons)
+        action = np.zeros((n, context.arm.n_joints))
+        for row, seen in enumerate(observation):
+            arm, target = self.state(seen), self.target(seen)
+            if begins[row]:
+                found = self.controller.first_plan(arm, target)
+                failed = isinstance(found, Failure)
+                failures[row] = f"{found.cause}: {found.reason}" if failed else None
+                horizon = None if failed else found
+            else:
+                horizon = horizons[row]
+                horizon = None if horizon is None else self.controller.advance(horizon, arm, target)
+            horizons[row] = horizon
+            if horizon is not None:
+                # The drives reach a rate at the end of the period: the motion's rate there is asked for.
+                rate = horizon.rates(np.array(arm.time + context.control_period))
+                action[row] = np.clip(rate / context.action_scale, -1.0, 1.0)
+        return action, Following(tuple(horizons), start, failures)

@@ -1,0 +1,241 @@
+"""Optimal control of the single arm (`ocp`): the reference that other planners' costs are divided by.
+
+A motion of least eq. 20 of shyam2020 to an inertial pose of the end-effector, by direct collocation with
+Ipopt from several starts: whichever posture it ends in, within all limits, with the base's attitude at the
+end free or as it was at the start, clear of balls if there are any.
+
+Without a bound on accelerations there is no optimum: joints would start at their full rates. What the cost
+then tends to depends on the splines, so that their mesh is part of the figure: `INTERVALS` equal ones.
+"""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from agents.optimal.check import check
+from agents.optimal.library import shipped_library
+from agents.optimal.ocp_solver import METHOD, Solution, Solver, Unsolved
+from agents.optimal.ocp_starts import end_configurations, starting_paths
+from agents.optimal.problem import Motion, Reach
+from agents.optimal.promp_optimal import Planner
+from agents.planning import Cause, Failure, Limits
+from space_envs.dynamics import FloatingRobot
+from space_envs.dynamics.rotations import Array
+from space_envs.dynamics.spheres import link_ends, sphere_gaps
+from space_envs.errors import ConfigurationError
+from space_envs.models.parameters import SINGLE_ARM
+
+STARTS = 8
+ATTEMPTS = 4  # with tighter limits each, where a motion passes them between the nodes
+EQUAL = 1e-3  # relative difference of costs below which two solutions count as one
+TIMES = 16  # durations that are tried where the duration is free
+# rad, rad/s, m and so on, as agents/optimal/check.py measures them.
+TOLERANCES = {
+    "start": 1e-9,
+    "end_rate": 1e-9,
+    "position_error": 1e-5,
+    "rotation_error": 1e-5,
+    "end_attitude": 1e-5,
+    **dict.fromkeys(("position", "rate", "acceleration", "torque", "clearance"), 1e-6),
+}
+
+
+def plan_ocp(
+    model: mujoco.MjModel,
+    robot: FloatingRobot,
+    reach: Reach,
+    limits: Limits = Limits(),
+    *,
+    starts: int = STARTS,
+    free_time: tuple[float, float] | None = None,
+    time_weight: float = 0.0,
+    seed: int = 0,
+) -> Motion | Failure:
+    """The best motion found from several starts, as measured densely, or why there is none.
+
+    Args:
+        model: compiled model of the robot, with which torques are measured.
+        limits: `control` and `coriolis` do not apply.
+        starts: number of motions that are started from; the first is that of the weight-space planner.
+        free_time: lowest and highest duration, s, between which it is chosen in place of reach.duration, so
+            that the cost plus `time_weight` times the duration is least. From rest a slower motion along the
+            same path costs less and keeps every limit: without a weight the highest duration is the answer.
+        time_weight: m^2/s^2.
+        seed: of the random part of the starts.
+
+    Raises:
+        ConfigurationError: for a malformed reach, number of starts or range of durations.
+    """
+    reach = reach.checked(robot)
+    if starts < 1:
+        raise ConfigurationError(f"starts must be at least 1, got {starts}")
+    if free_time is None:
+        return _Search(model, robot, reach, limits, starts, seed).plan()
+    low, high = free_time
+    if not (0.0 < low <= high < np.inf and 0.0 <= time_weight < np.inf):
+        raise ConfigurationError(
+            f"durations must be 0 < low <= high and their weight >= 0, got {free_time} and {time_weight}"
+        )
+    return _timed(
+        _Search(model, robot, replace(reach, duration=high), limits, starts, seed), low, time_weight
+    )
+
+
+def _timed(search: "_Search", low: float, weight: float) -> Motion | Failure:
+    """The motion with the best duration between `low` and that of the search."""
+    reach, high = search.reach, search.reach.duration
+    longest = search.plan()
+    rests = reach.rate is None or not reach.rate.any()
+    if isinstance(longest, Failure) or low == high or (weight == 0.0 and rests):
+        return longest
+    best = longest
+
+    def worth(duration: float) -> float:
+        nonlocal best
+        found = search.at(duration)
+        if isinstance(found, Failure):
+            return 10.0 * (longest.cost + weight * high) * (1.0 + high - duration)
+        value = found.cost + weight * duration
+        if value < best.cost + weight * best.time[-1]:
+            best = found
+        return value
+
+    minimize_scalar(worth, bounds=(low, high), method="bounded", options={"maxiter": TIMES})
+    return best
+
+
+class _Search:
+    """For the best motion of one reach."""
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        robot: FloatingRobot,
+        reach: Reach,
+        limits: Limits,
+        starts: int,
+        seed: int,
+    ) -> None:
+        self.reach = reach
+        self._model, self._robot, self._limits = model, robot, limits
+        self._starts, self._seed = starts, seed
+        self._solver = Solver(robot, reach, limits)
+        self._begin = np.zeros(0)  # variables of the best solution so far
+
+    def plan(self) -> Motion | Failure:
+        failure = self._unfit_start()
+        if failure is not None:
+            return failure
+        ends = end_configurations(
+            self._solver.model, self._robot, self.reach, self._limits, METHOD, self._seed
+        )
+        if isinstance(ends, Failure):
+            return ends
+        at = self._solver.abscissae
+        paths = self._near_optimum(at)
+        paths += starting_paths(self._robot, self.reach, ends, self._starts - len(paths), self._seed, at)
+        solved = [self._solver.solve(self._solver.variables(path)) for path in paths]
+        found: list[Solution] = []
+        converged = [s for s in solved if isinstance(s, Solution)]
+        for solution in sorted(converged, key=lambda s: s.cost):
+            if not found or solution.cost > (1.0 + EQUAL) * found[-1].cost:
+                found.append(solution)
+        if not found:
+            return self._unsolved(paths[0], [s for s in solved if isinstance(s, Unsolved)])
+        failures = []
+        for solution in found:
+            motion = self._accurate(self._solver, solution)
+            if isinstance(motion, Motion):
+                count = f"{len(converged)} of {len(paths)} starts converged, to {len(found)} local optima"
+                return replace(motion, notes=count)
+            failures.append(motion)
+        return failures[0]
+
+    def _near_optimum(self, at: Array) -> list[Array]:
+        """The path of the weight-space planner, which knows the best basins, if it has a motion."""
+        reach, limited = self.reach, self._limits.rate is not None
+        library = shipped_library(reach.keep_attitude, limited)
+        plan = Planner(self._robot, self._limits, library).plan(reach)
+        return [plan.sample(at * reach.duration)[0]] if isinstance(plan, Motion) else []
+
+    def at(self, duration: float) -> Motion | Failure:
+        """The motion with another duration, from the best one found so far."""
+        reach = replace(self.reach, duration=duration)
+        solver = Solver(self._robot, reach, self._limits)
+        solution = solver.solve(self._begin)
+        if isinstance(solution, Unsolved):
+            return Failure(METHOD, Cause.INFEASIBLE, f"no motion of {duration:.2f} s: {solution.status}")
+        return self._accurate(solver, solution)
+
+    def _accurate(self, solver: Solver, solution: Solution) -> Motion | Failure:
+        """The motion as measured, solved again with tighter limits where it passes them between the nodes."""
+        excess: dict[str, float] = {}
+        for _ in range(ATTEMPTS):
+            motion = solver.motion(solution)
+            motion = check(self._model, self._robot, solver.reach, self._limits, motion)
+            excess = {
+                name: value
+                for name, value in motion.violation.items()
+                if value > TOLERANCES.get(name, np.inf)
+                and (name != "end_attitude" or self.reach.keep_attitude)
+            }
+            if not excess:
+                self._begin = solution.variables
+                return motion
+            tighter = solver.tightened(solution, excess)
+            if isinstance(tighter, Unsolved):
+                name = "torque" if "torque" in excess else max(excess, key=lambda key: excess[key])
+                limit = f" within {self._limits.torque} N m" if name == "torque" else ""
+                cause = Cause.COLLISION if name == "clearance" else Cause.INFEASIBLE
+                reason = f"no motion was found{limit} that keeps {name}; it is passed by {excess[name]:.2e}"
+                return Failure(METHOD, cause, reason)
+            solution = tighter
+        name = max(excess, key=lambda key: excess[key] / TOLERANCES[key])
+        reason = f"the motion passes what is allowed in {name} by {excess[name]:.2e} between its nodes"
+        return Failure(METHOD, Cause.INACCURATE, reason)
+
+    def _unfit_start(self) -> Failure | None:
+        reach, limits = self.reach, self._limits
+        rate = np.zeros_like(reach.start) if reach.rate is None else reach.rate
+        if limits.position is not None:
+            beyond = np.maximum(limits.position[:, 0] - reach.start, reach.start - limits.position[:, 1])
+            if beyond.max() > 0.0:
+                joint = int(beyond.argmax()) + 1
+                reason = f"joint {joint} starts {beyond.max():.3f} rad beyond its limit"
+                return Failure(METHOD, Cause.JOINT_LIMIT, reason)
+        if limits.rate is not None and np.abs(rate).max() > limits.rate:
+            joint = int(np.abs(rate).argmax())
+            reason = f"joint {joint + 1} starts at {rate[joint]:.3f} rad/s, {limits.rate} are allowed"
+            return Failure(METHOD, Cause.INFEASIBLE, reason)
+        if reach.spheres is not None and len(reach.spheres):
+            ends = link_ends(self._robot, reach.start, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+            gap = float(sphere_gaps(ends, reach.spheres, SINGLE_ARM.link_radius).min())
+            if gap < 0.0:
+                reason = f"the start is in a collision, {-gap:.3f} m deep in a ball"
+                return Failure(METHOD, Cause.COLLISION, reason)
+        return None
+
+    def _unsolved(self, path: Array, statuses: list[Unsolved]) -> Failure:
+        """Why there is no motion at all: balls, limits that are too low, or the solver."""
+        reach, limits = self.reach, self._limits
+        bare = replace(reach, spheres=None)
+        if reach.spheres is not None:
+            free = Solver(self._robot, bare, limits)
+            if isinstance(free.solve(free.variables(path)), Solution):
+                reason = f"no motion was found that is clear of the {len(reach.spheres)} balls"
+                return Failure(METHOD, Cause.COLLISION, f"{reason}, from {len(statuses)} starts")
+        free = Solver(self._robot, bare, Limits())
+        unlimited = free.solve(free.variables(path))
+        if isinstance(unlimited, Solution):
+            motion = free.motion(unlimited)
+            reason = (
+                f"no motion was found within {limits.rate} rad/s, {limits.acceleration} rad/s^2, "
+                f"{limits.torque} N m and the joint limits; without them one of {reach.duration:.2f} s turns "
+                f"the joints at up to {np.abs(motion.rate).max():.3g} rad/s"
+            )
+            return Failure(METHOD, Cause.INFEASIBLE, reason)
+        least = min(statuses, key=lambda status: status.left)
+        reason = f"Ipopt ended with {least.status} from {len(statuses)} starts and left {least.left:.2e}"
+        return Failure(METHOD, Cause.SOLVER, reason)

@@ -1,0 +1,184 @@
+"""Policies that plan an optimal motion where an episode begins, follow it, and then stay with the goal."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from joblib import Parallel, delayed
+from numpy.typing import NDArray
+
+from agents.gjm import resolved_rate
+from agents.optimal.library import shipped_library
+from agents.optimal.ocp import plan_ocp
+from agents.optimal.problem import Motion, Reach
+from agents.optimal.promp_optimal import Planner
+from agents.planning import Failure, Limits
+from agents.tracking import (
+    DURATION,
+    HOLD_ANGULAR_SPEED,
+    HOLD_GAIN,
+    HOLD_LINEAR_SPEED,
+    TRACKING_GAIN,
+    merged,
+    motion_times,
+    rows_to_plan,
+)
+from space_envs.control import CORIOLIS_SHARE
+from space_envs.dynamics.rotations import Array, conjugate, multiply, rotate
+from space_envs.evaluation.policy import PolicyContext
+
+STARTS = 4  # of the collocation
+PARALLEL_FROM = 4  # rows, from which starting processes pays
+TORQUE_ROOM = 0.9  # share of the torque at which drives give way that a plan uses
+
+
+@dataclass(frozen=True, eq=False)
+class Following:
+    """The plans of N episodes.
+
+    Attributes:
+        position, rate: (N, T, n) rad and rad/s, one sample a control period. start: (N,) s, in the episode.
+        failures: (N,) None, or why there is no plan.
+    """
+
+    position: Array
+    rate: Array
+    start: Array
+    failures: NDArray[np.object_]
+
+
+def drive_limits(context: PolicyContext) -> Limits:
+    """Limits within which the drives follow a motion; a torque that is held over a period needs some room."""
+    torque = float(context.model.actuator_forcerange[0, 1])
+    return Limits(
+        position=context.joint_limits,
+        rate=context.rate_limit,
+        acceleration=context.acceleration_limit,
+        torque=TORQUE_ROOM * torque,
+        coriolis=TORQUE_ROOM * CORIOLIS_SHARE * torque,
+    )
+
+
+def reaches(context: PolicyContext, observation: Array, keep_attitude: bool) -> list[Reach]:
+    """What is asked in each row, in the frame of the base as it is now."""
+
+    def read(name: str) -> Array:
+        return context.layout.read(observation, name)
+
+    back, origin = conjugate(read("base_quaternion")), read("base_position")
+    position = rotate(back, read("goal_position") - origin)
+    quaternion = multiply(back, read("goal_quaternion"))
+    start, rate = read("joint_position"), read("joint_velocity")
+    spheres = None
+    if "obstacle_position" in context.layout.slices:
+        centre = read("obstacle_position").reshape(len(start), -1, 3) - origin[:, None]
+        radius = read("obstacle_radius")[..., None]
+        spheres = np.concatenate([rotate(back[:, None], centre), radius], axis=-1)
+    return [
+        Reach(
+            start[row],
+            position[row],
+            quaternion[row],
+            DURATION,
+            rate[row],
+            keep_attitude,
+            context.c,
+            None if spheres is None else spheres[row],
+        )
+        for row in range(len(start))
+    ]
+
+
+class OptimalPolicy:
+    """Follows what a subclass plans, with feedback of the joint angles. Without a plan the arm rests."""
+
+    control_mode = "joint_velocity"
+    keep_attitude = False
+
+    def __init__(self, context: PolicyContext, seed: int = 0) -> None:
+        context.require_mode(self.control_mode)
+        self.context, self.limits = context, drive_limits(context)
+
+    def plan(self, asked: list[Reach]) -> list[Motion | Failure]:
+        """Plans of all rows."""
+        raise NotImplementedError
+
+    def _plans(self, observation: Array) -> Following:
+        context = self.context
+        asked = reaches(context, observation, self.keep_attitude)
+        times = motion_times(context)
+        position, rate = np.empty((2, len(asked), len(times), context.arm.n_joints))
+        failures = np.full(len(asked), None, dtype=object)
+        for row, (reach, plan) in enumerate(zip(asked, self.plan(asked), strict=True)):
+            if isinstance(plan, Failure):
+                failures[row] = f"{plan.cause}: {plan.reason}"
+                position[row], rate[row] = reach.start, 0.0
+            else:
+                position[row], rate[row], _ = plan.sample(times)
+        return Following(position, rate, context.layout.read(observation, "time")[:, 0], failures)
+
+    def predict(
+        self,
+        observation: Array,
+        state: Following | None = None,
+        episode_start: NDArray[np.bool_] | None = None,
+        deterministic: bool = True,
+    ) -> tuple[Array, Following]:
+        """Actions (N, n) and the plans that they follow."""
+        context = self.context
+        observation = context.check_observation(observation)
+        rows = rows_to_plan(state, episode_start, len(observation))
+        if state is None or rows.size:
+            new = self._plans(observation[rows])
+            state = new if state is None or rows.size == len(observation) else merged(state, new, rows)
+        time = context.layout.read(observation, "time")[:, 0]
+        step = np.rint((time - state.start) / context.control_period).astype(np.int64)
+        last, every = state.position.shape[1] - 1, np.arange(len(observation))
+        now, then = np.minimum(step, last), np.minimum(step + 1, last)
+        error = state.position[every, now] - context.layout.read(observation, "joint_position")
+        # The drives reach a rate at the end of the period: the plan's rate there is what to ask for.
+        rate = state.rate[every, then] + TRACKING_GAIN * error
+        over = np.flatnonzero(step >= last)
+        if over.size:
+            planned = np.array([failure is None for failure in state.failures[over]])
+            hold = resolved_rate(context, observation[over], HOLD_GAIN, HOLD_LINEAR_SPEED, HOLD_ANGULAR_SPEED)
+            rate[over] = hold * planned[:, None]
+        return np.clip(rate / context.action_scale, -1.0, 1.0), state
+
+
+class OptimalControl(OptimalPolicy):
+    """Least eq. 20 by collocation from several starts; the attitude is free."""
+
+    def plan(self, asked: list[Reach]) -> list[Motion | Failure]:
+        """Plans of all rows, about half a second each, on all cores."""
+        context = self.context
+        work = [
+            delayed(plan_ocp)(context.model, context.arm, reach, self.limits, starts=STARTS)
+            for reach in asked
+        ]
+        plans: Any = Parallel(n_jobs=-1 if len(work) >= PARALLEL_FROM else 1)(work)
+        return list(plans)
+
+
+class OptimalControlKept(OptimalControl):
+    """The same with the base's first attitude at the end."""
+
+    keep_attitude = True
+
+
+class PrompOptimal(OptimalPolicy):
+    """Least eq. 20 in the weights of a ProMP, from stored optimal motions; the attitude is free."""
+
+    def __init__(self, context: PolicyContext, seed: int = 0) -> None:
+        super().__init__(context, seed)
+        self._planner = Planner(context.arm, self.limits, shipped_library(self.keep_attitude))
+
+    def plan(self, asked: list[Reach]) -> list[Motion | Failure]:
+        """Plans of all rows, in milliseconds each."""
+        return [self._planner.plan(reach) for reach in asked]
+
+
+class PrompOptimalKept(PrompOptimal):
+    """The same with the base's first attitude at the end."""
+
+    keep_attitude = True

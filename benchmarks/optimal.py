@@ -1,0 +1,229 @@
+"""Plans in ProMP weights against the best that is known: cost, errors, planning time; which start helps."""
+
+import argparse
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from joblib import Parallel, delayed
+from tqdm import tqdm
+
+from agents.optimal.check import check
+from agents.optimal.demonstrations import model_limits
+from agents.optimal.functions import ArmFunctions
+from agents.optimal.library import shipped_library
+from agents.optimal.ocp import plan_ocp
+from agents.optimal.problem import Motion, Reach
+from agents.optimal.promp_optimal import Planner, one_step
+from agents.optimal.sqp import MISS, minimise
+from agents.optimal.weight_space import INTERVALS
+from agents.planning import Failure, Limits
+from benchmarks.machine import machine_class, markdown_table
+from space_envs.dynamics.rotations import Array
+from space_envs.models.single_arm import single_arm_model
+from space_envs.tasks.single_arm import SingleArmTask
+
+NEAR = 16  # stored motions from which the reference is sought, of those that promise most among 48
+DRAWN = 8  # starts of the reference that are drawn
+FINE = 1e-4  # relative gain of an iteration at which the reference is done
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What is asked of the planner."""
+
+    difficulty: str
+    keep_attitude: bool
+    limited: bool
+
+    @property
+    def limits(self) -> Limits:
+        """The model's, or none."""
+        return model_limits() if self.limited else Limits()
+
+    @property
+    def words(self) -> list[str]:
+        """For a table's row."""
+        attitude = "kept" if self.keep_attitude else "free"
+        return [self.difficulty, "model's" if self.limited else "none", attitude]
+
+    def reaches(self, split: str, count: int) -> list[Reach]:
+        """Goals of a split."""
+        task = SingleArmTask(difficulty=self.difficulty)
+        goals = task.goals(split, np.arange(count))
+        return [
+            Reach(task.robot.home, place, turn, keep_attitude=self.keep_attitude).checked(task.robot)
+            for place, turn in zip(goals.position, goals.quaternion, strict=True)
+        ]
+
+
+def best_known(setting: Setting, reach: Reach, number: int, collocation: bool) -> float:
+    """Least cost found, m^2/s, by many starts in the weights and by collocation; infinite if none."""
+    robot = SingleArmTask().robot
+    library = shipped_library(setting.keep_attitude, setting.limited)
+    planner = Planner(robot, setting.limits, library)
+    space, bounds, rows = planner.setting(reach)
+    near = library.nearest(reach, 3 * NEAR)
+    near = near[np.argsort(one_step(space, near, reach.keep_attitude), kind="stable")[:NEAR]]
+    rng = np.random.default_rng(number)
+    free = minimise(space, bounds, np.zeros_like(near[0]), False, rows).y
+    drawn = free + 0.15 * rng.standard_normal((DRAWN, *free.shape))
+    found = [
+        minimise(space, bounds, begin, reach.keep_attitude, rows, enough=FINE) for begin in [*near, *drawn]
+    ]
+    costs = [solution.cost for solution in found if solution.miss < MISS]
+    if collocation:
+        plan = plan_ocp(single_arm_model(), robot, reach, setting.limits)
+        costs += [plan.cost] if isinstance(plan, Motion) else []
+    return min(costs, default=np.inf)
+
+
+def timed(
+    plan: Callable[[Reach], Motion | Failure], asked: list[Reach]
+) -> tuple[list[Motion | Failure], Array]:
+    """Plans and the milliseconds of each, after one that is not counted."""
+    plan(asked[0])
+    plans, times = [], []
+    for reach in asked:
+        before = time.perf_counter()
+        plans.append(plan(reach))
+        times.append(1e3 * (time.perf_counter() - before))
+    return plans, np.array(times)
+
+
+def compared(
+    setting: Setting, asked: list[Reach], plans: list[Motion | Failure], times: Array, best: Array
+) -> tuple[list[str], Counter[str]]:
+    """Cells of a row, and the causes of failures."""
+    model, robot = single_arm_model(), SingleArmTask().robot
+    causes = Counter(str(plan.cause) for plan in plans if isinstance(plan, Failure))
+    checked = [
+        check(model, robot, reach, setting.limits, plan) if isinstance(plan, Motion) else None
+        for reach, plan in zip(asked, plans, strict=True)
+    ]
+    solvable = np.isfinite(best)
+    pairs = [(one, least) for one, least in zip(checked, best, strict=True) if one is not None]
+    ratio = np.array([one.cost / least for one, least in pairs])
+    place, turn, kept = (
+        np.array([one.violation[name] for one, _ in pairs])
+        for name in ("position_error", "rotation_error", "end_attitude")
+    )
+    solved = sum(one is not None for one, ok in zip(checked, solvable, strict=True) if ok)
+    cells = [
+        f"{solved} of {solvable.sum()}",
+        f"{np.median(ratio):.3f}",
+        f"{np.percentile(ratio, 90):.3f}",
+        f"{ratio.max():.2f}",
+        f"{1e3 * place.max():.2f}",
+        f"{np.rad2deg(turn.max()):.3f}",
+        f"{np.rad2deg(kept.max() if setting.keep_attitude else np.median(kept)):.3f}",
+        f"{np.median(times):.1f}",
+        f"{np.percentile(times, 95):.1f}",
+    ]
+    return cells, causes
+
+
+def evaluation_time(repeats: int = 500) -> float:
+    """Milliseconds of the compiled twists with derivatives along a motion: no iteration can do with less."""
+    functions = ArmFunctions.of(SingleArmTask().robot, INTERVALS)
+    q = np.random.default_rng(0).standard_normal((2 * INTERVALS, 7))
+    functions.slopes(q, q)
+    before = time.perf_counter()
+    for _ in range(repeats):
+        functions.slopes(q, q)
+    return 1e3 * (time.perf_counter() - before) / repeats
+
+
+def table_of_targets(goals: dict[str, int], split: str, jobs: int, collocation: bool) -> None:
+    """The planner against the best that is known."""
+    rows, lost = [], []
+    for difficulty, count in goals.items():
+        for limited in (False, True):
+            for keep_attitude in (False, True):
+                setting = Setting(difficulty, keep_attitude, limited)
+                asked = setting.reaches(split, count)
+                planner = Planner(
+                    SingleArmTask().robot, setting.limits, shipped_library(keep_attitude, limited)
+                )
+                plans, times = timed(planner.plan, asked)
+                work = (
+                    delayed(best_known)(setting, reach, number, collocation)
+                    for number, reach in enumerate(asked)
+                )
+                bar = tqdm(total=count, unit="goal", desc=" ".join(setting.words), leave=False)
+                best = []
+                costs: Any = Parallel(n_jobs=jobs, return_as="generator")(work)
+                for cost, plan in zip(costs, plans, strict=True):
+                    best.append(min(cost, plan.cost if isinstance(plan, Motion) else np.inf))
+                    bar.update()
+                bar.close()
+                cells, causes = compared(setting, asked, plans, times, np.array(best))
+                rows.append([*setting.words, *cells])
+                lost += [f"{', '.join(setting.words)}: {n} {cause}" for cause, n in causes.items()]
+    head = ["goals", "limits", "attitude", "solved", "cost ratio, median", "90 %", "worst", "goal error, mm"]
+    head += ["deg", "end attitude, deg", "planning, ms", "95 %"]
+    print(markdown_table(head, rows))
+    print(f"\nFailures: {'; '.join(lost) or 'none'}.")
+
+
+def table_of_starts(count: int) -> None:
+    """What the stored motions are worth, on validation goals within the model's limits."""
+    rows = []
+    for keep_attitude in (False, True):
+        setting = Setting("medium", keep_attitude, True)
+        asked = setting.reaches("validation", count)
+        library, robot = shipped_library(keep_attitude), SingleArmTask().robot
+        ways = {
+            "nothing stored": Planner(robot, setting.limits),
+            "the nearest": Planner(robot, setting.limits, library, nearest=1, tried=1),
+            "the best of 8 near": Planner(robot, setting.limits, library, nearest=8, tried=1),
+            "the best 2 of 8 near": Planner(robot, setting.limits, library, nearest=8, tried=2),
+            "the best 4 of 16 near": Planner(robot, setting.limits, library, nearest=16, tried=4),
+        }
+        results = {name: timed(planner.plan, asked) for name, planner in ways.items()}
+        costs = {
+            name: np.array([plan.cost if isinstance(plan, Motion) else np.inf for plan in plans])
+            for name, (plans, _) in results.items()
+        }
+        best = np.min(list(costs.values()), axis=0)
+        for name, cost in costs.items():
+            ratio, times = cost / best, results[name][1]
+            rows.append(
+                [
+                    setting.words[2],
+                    name,
+                    f"{np.isfinite(cost).sum()} of {count}",
+                    f"{np.median(ratio):.3f}",
+                    f"{np.percentile(ratio, 90):.3f}",
+                    f"{np.median(times):.1f}",
+                ]
+            )
+    head = ["attitude", "starts", "solved", "cost ratio, median", "90 %", "planning, ms"]
+    print(markdown_table(head, rows))
+
+
+def main() -> None:
+    """Print both tables."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument(
+        "--goals", type=int, default=100, help="medium goals; half of easy, hard (default 100)"
+    )
+    parser.add_argument(
+        "--jobs", type=int, default=2, help="processes for the reference (default %(default)s)"
+    )
+    parser.add_argument("--split", default="test", help="default %(default)s")
+    parser.add_argument("--no-ocp", action="store_true", help="leave collocation out of the reference")
+    options = parser.parse_args()
+    half = max(1, options.goals // 2)
+    goals = {"medium": options.goals, "hard": half, "easy": half}
+    table_of_targets(goals, options.split, options.jobs, not options.no_ocp)
+    print(f"\nOne evaluation of the base's twists with derivatives: {evaluation_time():.3f} ms.\n")
+    table_of_starts(half)
+    print(f"\n{machine_class()}, one thread a plan.")
+
+
+if __name__ == "__main__":
+    main()

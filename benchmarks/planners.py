@@ -1,0 +1,91 @@
+"""Planning time against eq. 20 cost and end attitude, for every planner of the single arm, as one plot."""
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from agents.commands.evaluate import main as evaluate
+from agents.registry import policies_for
+from benchmarks.machine import machine_class, markdown_table
+from space_envs.evaluation.drawing import label_points
+from space_envs.files import atomic_write
+
+ENV = "SpaceCapture/SingleArm-v0"
+NO_PLANNERS = ("random", "hold", "gjm", "bc", "ppo")
+BLUE, VERMILION = "#0072b2", "#d55e00"
+
+
+def summary(output: Path, episodes: int, split: str) -> list[dict[str, Any]]:
+    """Rows of all planners, played on medium goals."""
+    names = [name for name in policies_for(ENV) if name not in NO_PLANNERS]
+    arguments = ["--env", ENV, "--policy", *names, "--split", split, "--episodes", str(episodes)]
+    status = evaluate([*arguments, "--output", str(output), "--no-pictures"])
+    if status != 0:
+        raise SystemExit(status)
+    return json.loads((output / "summary.json").read_text())["rows"]
+
+
+def planning_time(row: dict[str, Any]) -> float:
+    """Milliseconds before the first action."""
+    return float(row["timing"]["planning_ms"])
+
+
+def draw(rows: list[dict[str, Any]], path: Path) -> None:
+    """Two panels with a common axis of planning time."""
+    matplotlib.rcParams["svg.hashsalt"] = "planners"
+    figure = Figure(figsize=(10.0, 4.2), layout="constrained")
+    panels = (
+        ("attitude_cost", 1e4, "eq. 20 cost [cm$^2$/s]"),
+        ("final_attitude", 1.0, "attitude left at capture [deg]"),
+    )
+    for number, (key, scale, title) in enumerate(panels):
+        axes: Axes = figure.add_subplot(1, 2, number + 1)
+        places = [
+            (row["policy"], planning_time(row), max(scale * row["figures"][key]["value"], 1e-4))
+            for row in rows
+        ]
+        for name, x, y in places:
+            kept = name.endswith("kept") or name == "nmpc"
+            axes.plot(x, y, "s" if kept else "o", color=VERMILION if kept else BLUE, ms=7)
+        axes.set(xscale="log", yscale="log", xlabel="planning time [ms]", ylabel=title)
+        axes.grid(alpha=0.3)
+        axes.margins(0.12)
+        label_points(axes, places)
+    with atomic_write(path) as temporary:
+        figure.savefig(temporary, format="svg", metadata={"Date": None})
+
+
+def main() -> None:
+    """Play, print the table and draw."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--episodes", type=int, default=100, help="test goals (default %(default)s)")
+    parser.add_argument("--split", default="test", help="default %(default)s")
+    parser.add_argument("--output", type=Path, default=Path("results/planners"), help="default %(default)s")
+    parser.add_argument(
+        "--plot", type=Path, default=Path("docs/images/planners.svg"), help="default %(default)s"
+    )
+    options = parser.parse_args()
+    rows = summary(options.output, options.episodes, options.split)
+    draw(rows, options.plot)
+    table = [
+        [
+            row["policy"],
+            f"{planning_time(row):.1f}",
+            f"{1e4 * row['figures']['attitude_cost']['value']:.1f}",
+            f"{row['figures']['final_attitude']['value']:.3g}",
+            f"{100 * row['figures']['capture@0.1deg']['value']:.0f}",
+        ]
+        for row in sorted(rows, key=lambda row: row["figures"]["attitude_cost"]["value"])
+    ]
+    head = ["planner", "planning, ms", "eq. 20 cost, cm^2/s", "attitude left, deg", "capture@0.1deg, %"]
+    print(markdown_table(head, table))
+    print(f"\n{options.episodes} medium {options.split} goals, {machine_class()}; plot in {options.plot}.")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,36 @@
+"""shyam2020: imitation learning for trajectories of robot arms in space, from our own runs."""
+
+from functools import partial
+
+from tqdm import tqdm
+
+from reproduce.cases import run_cases
+from reproduce.page import Page
+from reproduce.shyam2020.cases import check_count, goal
+from reproduce.shyam2020.runs import case_record, recipe_key, work_out
+from reproduce.shyam2020.tables import step_times
+from reproduce.shyam2020.text import build
+from reproduce.study import Options
+
+
+def reproduce(options: Options) -> Page:
+    """Work out the page's own goal and those of the test split, and make the page of them.
+
+    Raises:
+        ConfigurationError: for more cases than the test split has. SpaceEnvsError: if the output cannot be
+            written.
+    """
+    check_count(options.cases)
+    with tqdm(total=2, desc="own goal", unit="step", disable=not options.progress) as bar:
+        worked = work_out(goal(-1), options.seed)
+        bar.update()
+        steps = step_times(goal(-1), options.seed)
+        bar.update()
+    records = run_cases(
+        partial(case_record, seed=options.seed),
+        options.cases,
+        options.output / "cases" / f"{recipe_key(options.seed)}.jsonl",
+        jobs=options.jobs,
+        progress=options.progress,
+    )
+    return build(options, worked, steps, records)

@@ -1,0 +1,111 @@
+"""What a joint motion does, measured alike for every planner by code that none of them uses to plan."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+
+from agents.inverse_kinematics import JointMotion
+from agents.optimal.check import joint_torques
+from agents.planning import JointPath
+from reproduce.shyam2020.cases import C, Case, context
+from space_envs.dynamics import attitude_cost, roll_out_base
+from space_envs.dynamics.rotations import Array, angle_between, from_matrix, logarithm, multiply, rotate
+
+SAMPLES = 1001  # of a motion; every 10 ms of 10 s
+EVERY = 5  # samples between those at which torques are measured
+IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """A motion of the free-floating robot, K samples.
+
+    Attributes:
+        time: (K,) s. joints, rate, acceleration: (K, 7). twist: (K, 6) of the base [v; w], its own axes.
+        base: (K, 3) m and attitude: (K, 4) of the base, inertial. tip: (K, 3) m, end-effector, inertial.
+        tip_attitude: (4,) of the end-effector at the end.
+        running: (K,) m^2/s, eq. 20 times dt so far.
+    """
+
+    time: Array
+    joints: Array
+    rate: Array
+    acceleration: Array
+    twist: Array
+    base: Array
+    attitude: Array
+    tip: Array
+    tip_attitude: Array
+    running: Array
+
+    @property
+    def angle(self) -> Array:
+        """(K,) rad, of the base from its first attitude."""
+        return angle_between(self.attitude, np.broadcast_to(IDENTITY, self.attitude.shape))
+
+    @property
+    def rotation(self) -> Array:
+        """(K, 3) rad, the base's rotation vector from its first attitude, inertial axes."""
+        return logarithm(self.attitude)
+
+    @property
+    def cost(self) -> float:
+        """Eq. 20 times dt, m^2/s."""
+        return float(self.running[-1])
+
+
+def course(motion: JointMotion | JointPath, samples: int = SAMPLES) -> Course:
+    """Sample one motion densely and roll it out; sampled motions run as cubics between their samples."""
+    if isinstance(motion, JointPath):
+        time = np.linspace(0.0, float(motion.time[-1]), samples)
+        q, rate, acceleration = motion.sample(time)
+    else:
+        nodes = motion.dt * np.arange(len(motion.position))
+        time = np.linspace(0.0, float(nodes[-1]), samples)
+        spline = CubicHermiteSpline(nodes, motion.position, motion.velocity)
+        q, rate, acceleration = spline(time), spline(time, 1), spline(time, 2)
+    robot, dt = context().arm, float(time[1])
+    twist = robot.base_twist(q, rate)
+    base, attitude = roll_out_base(robot, q, rate, dt, twist=twist)
+    local, axes = robot.end_effector_pose(q)
+    integrand = attitude_cost(twist[:, None, :], 1.0, C)
+    running = np.concatenate([[0.0], np.cumsum(0.5 * dt * (integrand[1:] + integrand[:-1]))])
+    return Course(
+        time,
+        q,
+        rate,
+        acceleration,
+        twist,
+        base,
+        attitude,
+        base + rotate(attitude, local),
+        multiply(attitude[-1], from_matrix(axes[-1])),
+        running,
+    )
+
+
+def figures(course: Course, case: Case) -> Mapping[str, float]:
+    """What claims and tables are made of, plain floats.
+
+    cost, m^2/s, eq. 20 times dt; end_attitude, peak_attitude, rad, and shift, m, largest, of the base;
+    position_error, m, and rotation_error, rad, of the end-effector at the end; end_rate, rad/s, of the joints
+    there; peak_rate, rad/s; peak_acceleration, rad/s^2; peak_torque, N m, of any joint.
+    """
+    rows = slice(None, None, EVERY)
+    torque = joint_torques(
+        context().model, course.joints[rows], course.rate[rows], course.acceleration[rows], course.twist[rows]
+    )
+    return {
+        "cost": course.cost,
+        "end_attitude": float(course.angle[-1]),
+        "peak_attitude": float(course.angle.max()),
+        "shift": float(np.linalg.norm(course.base, axis=1).max()),
+        "position_error": float(np.linalg.norm(course.tip[-1] - case.position)),
+        "rotation_error": float(angle_between(course.tip_attitude, case.quaternion)),
+        "end_rate": float(np.abs(course.rate[-1]).max()),
+        "peak_rate": float(np.abs(course.rate).max()),
+        "peak_acceleration": float(np.abs(course.acceleration).max()),
+        "peak_torque": float(np.abs(torque).max()),
+    }

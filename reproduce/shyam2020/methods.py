@@ -1,0 +1,128 @@
+"""The planners that are compared: the paper's, what it is measured against, and what goes beyond it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+
+from agents.inverse_kinematics import JointMotion
+from agents.minimum_jerk import MinimumJerk
+from agents.mpc import ModelPredictive
+from agents.optimal.library import shipped_library
+from agents.optimal.ocp import STARTS, plan_ocp
+from agents.optimal.problem import Motion
+from agents.optimal.promp_optimal import Planner
+from agents.planning import Cause, Failure
+from agents.promp_policy import ConditionalMean, ProMPPolicy
+from agents.tracking import TrajectoryPolicy
+from reproduce.shyam2020.cases import Case, context, limits
+from space_envs.evaluation.figures import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
+
+OLIVE, PLUM = "#7f8f1f", "#7a5ea8"
+
+Found = JointMotion | Motion | Failure
+
+
+@dataclass(frozen=True)
+class Method:
+    """A planner: its name and what it is on the page, and how it plans with a seed for its draws."""
+
+    key: str
+    name: str
+    what: str
+    colour: str
+    plan: Callable[[Case, int], Found]
+
+
+@cache
+def _policy(kind: type[TrajectoryPolicy], seed: int) -> TrajectoryPolicy:
+    return kind(context(), seed)
+
+
+def _planned(kind: type[TrajectoryPolicy]) -> Callable[[Case, int], Found]:
+    """Plan as the policy of the suite does."""
+
+    def plan(case: Case, seed: int) -> Found:
+        motion, goals = _policy(kind, seed).plan(case.observation)
+        if not goals.converged[0]:
+            reason = (
+                f"inverse kinematics left {1000 * goals.position_residual[0]:.2f} mm and "
+                f"{goals.orientation_residual[0]:.2e} rad"
+            )
+            return Failure(kind.__name__, Cause.OUT_OF_REACH, reason)
+        return JointMotion(motion.position[0], motion.velocity[0], motion.dt)
+
+    return plan
+
+
+@cache
+def planner(keep_attitude: bool) -> Planner:
+    """The weight-space planner with the library that is shipped."""
+    return Planner(context().arm, limits(), shipped_library(keep_attitude))
+
+
+def optimal_control(case: Case, keep_attitude: bool = False, starts: int = STARTS) -> Motion | Failure:
+    """Optimal control with the limits of the drives."""
+    return plan_ocp(context().model, context().arm, case.reach(keep_attitude), limits(), starts=starts)
+
+
+METHODS = {
+    method.key: method
+    for method in (
+        Method(
+            "minimum_jerk",
+            "minimum jerk",
+            "quintic joint motion to the joint goal that inverse kinematics finds",
+            BLUE,
+            _planned(MinimumJerk),
+        ),
+        Method(
+            "mpc",
+            "linear-quadratic",
+            "the paper's controller (eq. 12) that its demonstrations come from",
+            SKY,
+            _planned(ModelPredictive),
+        ),
+        Method(
+            "promp_mean",
+            "ProMP, mean",
+            "the mean of the ProMP conditioned on start and goal (eq. 18)",
+            ORANGE,
+            _planned(ConditionalMean),
+        ),
+        Method(
+            "promp",
+            "ProMP, best of 100",
+            "the paper's algorithm (V-D): of 100 samples of the conditioned ProMP the one of least eq. 20",
+            VERMILION,
+            _planned(ProMPPolicy),
+        ),
+        Method(
+            "ocp",
+            "optimal control",
+            "least eq. 20 to the inertial goal pose, posture free, by collocation from several starts",
+            GREEN,
+            lambda case, seed: optimal_control(case),
+        ),
+        Method(
+            "ocp_kept",
+            "optimal control, attitude kept",
+            "the same with the base's first attitude again at the end",
+            OLIVE,
+            lambda case, seed: optimal_control(case, keep_attitude=True),
+        ),
+        Method(
+            "promp_optimal",
+            "ProMP weights, optimal",
+            "least eq. 20 in the weights of the same ten basis functions, from stored optimal motions",
+            PURPLE,
+            lambda case, seed: planner(False).plan(case.reach()),
+        ),
+        Method(
+            "promp_optimal_kept",
+            "ProMP weights, attitude kept",
+            "the same with the base's first attitude again at the end",
+            PLUM,
+            lambda case, seed: planner(True).plan(case.reach(keep_attitude=True)),
+        ),
+    )
+}

@@ -1,0 +1,132 @@
+"""What is worked out about a goal: every planner's motion and its figures, and the algorithm's steps."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import agents
+import promp
+import space_envs
+from agents.inverse_kinematics import JointMotion
+from agents.planning import Failure
+from agents.promp_policy import SAMPLES
+from reproduce.cases import Record, config_key, source_digest
+from reproduce.shyam2020 import cases, measures, sampling
+from reproduce.shyam2020.cases import Case, goal
+from reproduce.shyam2020.measures import Course, course, figures
+from reproduce.shyam2020.methods import METHODS, optimal_control
+from reproduce.shyam2020.sampling import (
+    Drawn,
+    ball_figures,
+    draw,
+    encoding_figures,
+    literal_figures,
+    locked_figures,
+    sample_figures,
+    via_point_figures,
+)
+
+NO_GOAL = "no joint goal was found"
+
+
+@dataclass(frozen=True, eq=False)
+class Worked:
+    """A goal with what figures need; courses are by method, of those that found a motion."""
+
+    case: Case
+    courses: Mapping[str, Course]
+    drawn: Drawn | None
+    record: Record
+
+
+def work_out(case: Case, seed: int) -> Worked:
+    """Plan with every method, measure, and look at the algorithm's steps.
+
+    The record is a plain JSON object: `index`; `goal`; `methods` with the figures of
+    `reproduce.shyam2020.measures.figures`, or cause and reason of a failure; `once`, optimal control from a
+    single start; `samples`, `via_point`, `literal`, `locked`, `encoding`, `ball` as
+    `reproduce.shyam2020.sampling` says, None where they cannot be asked; and `timing`, s, which alone depends
+    on the clock.
+    """
+    _warm(seed)
+    found: dict[str, Any] = {}
+    timing: dict[str, float] = {}
+    courses: dict[str, Course] = {}
+    encoding = None
+    for key, method in METHODS.items():
+        started = perf_counter()
+        motion = method.plan(case, seed)
+        timing[key] = perf_counter() - started
+        if isinstance(motion, Failure):
+            found[key] = {"cause": str(motion.cause), "reason": motion.reason}
+            continue
+        courses[key] = course(motion)
+        found[key] = dict(figures(courses[key], case))
+        if key == "mpc" and isinstance(motion, JointMotion):
+            encoding = encoding_figures(motion)
+    started = perf_counter()
+    once = optimal_control(case, starts=1)
+    timing["once"] = perf_counter() - started
+    drawn = draw(case, seed, SAMPLES)
+    record = {
+        "index": case.index,
+        "goal": {"position": case.position.tolist(), "quaternion": case.quaternion.tolist()},
+        "methods": found,
+        "once": {"cause": str(once.cause), "reason": once.reason}
+        if isinstance(once, Failure)
+        else {"cost": course(once).cost},
+        "samples": sample_figures(drawn) if drawn else None,
+        "via_point": via_point_figures(case, drawn.goal) if drawn else None,
+        "literal": literal_figures(case),
+        "locked": locked_figures(case),
+        "encoding": encoding,
+        "ball": ball_figures(case, drawn) if drawn else None,
+        "timing": timing,
+    }
+    return Worked(case, courses, drawn, record)
+
+
+@cache
+def _warm(seed: int) -> None:
+    """What is compiled or loaded at a planner's first call does not count as planning."""
+    for method in METHODS.values():
+        method.plan(goal(-1), seed)
+
+
+def case_record(index: int, seed: int) -> Record:
+    """The record of a goal of the test split."""
+    return work_out(goal(index), seed).record
+
+
+def recipe(seed: int) -> dict[str, Any]:
+    """All that decides the records."""
+    own, suite = Path(__file__).parent, Path(space_envs.__file__).parent
+    sources = [
+        Path(agents.__file__).parent / "optimal",
+        *(
+            Path(agents.__file__).parent / f"{name}.py"
+            for name in ("inverse_kinematics", "linear_quadratic", "minimum_jerk", "mpc", "promp_policy")
+        ),
+        Path(promp.__file__).parent,
+        suite / "dynamics",
+        suite / "models",
+        suite / "tasks" / "single_arm.py",
+        *(Path(str(module.__file__)) for module in (cases, measures, sampling)),
+        own / "methods.py",
+        own / "runs.py",
+    ]
+    return {
+        "study": "shyam2020",
+        "seed": seed,
+        "sources": source_digest(sources),
+        "versions": {name: version(name) for name in ("numpy", "scipy", "casadi", "mujoco")},
+    }
+
+
+def recipe_key(seed: int) -> str:
+    """Hash of the recipe."""
+    return config_key(recipe(seed))

@@ -1,0 +1,245 @@
+"""The paper's algorithm (V-D) step by step, for what it shows and promises of the single steps."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.inverse_kinematics import JointMotion, floating_inverse_kinematics, inverse_kinematics
+from agents.minimum_jerk import minimum_jerk_profile
+from agents.planning import Failure
+from agents.promp_policy import SAMPLES, ConditionedPrior, shipped_prior
+from agents.tracking import motion_times
+from promp import ProMP, ViaPoint
+from reproduce.shyam2020.cases import Case, context
+from reproduce.shyam2020.measures import IDENTITY, Course, course
+from reproduce.shyam2020.methods import planner
+from space_envs.dynamics import roll_out_base, trajectory_cost
+from space_envs.dynamics.rotations import Array, angle_between, from_matrix, multiply, rotate
+from space_envs.dynamics.spheres import link_ends, sphere_gaps
+from space_envs.models.parameters import SINGLE_ARM
+
+SHOWN = 20  # samples in the paper's figures 3 and 4
+BALL_RADIUS = 0.1  # m, of the ball on the way
+ROOM = 0.03  # m, that the links have from it at start and goal; else the case is not asked about
+PLACES = 50  # times at which places for it are looked for
+BEND = 0.1  # rad, of every joint at the via-point, away from the mean
+
+
+@cache
+def prior() -> ConditionedPrior:
+    """The shipped ProMP, ready to be conditioned on any start and goal."""
+    return ConditionedPrior(shipped_prior(), motion_times(context()))
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """S samples of the conditioned ProMP, as motions of the floating robot.
+
+    Attributes:
+        goal: (7,) rad, the joint goal. weights: (S, 7, nb). motion: (S, T, 7).
+        cost: (S,) m^2/s. attitude: (S, T, 4) and base: (S, T, 3) m of the base. tip: (S, T, 3) m.
+        missed: (S,) m and turned_off: (S,) rad, of the end-effector from the goal pose at the end.
+        within: (S,) bool, whether joint angles, rates and accelerations keep the limits.
+    """
+
+    goal: Array
+    weights: Array
+    motion: JointMotion
+    cost: Array
+    attitude: Array
+    base: Array
+    tip: Array
+    missed: Array
+    turned_off: Array
+    within: NDArray[np.bool_]
+
+    @property
+    def end_attitude(self) -> Array:
+        """(S,) rad."""
+        return angle_between(self.attitude[:, -1], np.broadcast_to(IDENTITY, self.attitude[:, -1].shape))
+
+
+def joint_goal(case: Case) -> Array | None:
+    """The joint goal (7,) to which the conditional mean leads so that the inertial pose is met, if any."""
+    at, start = prior(), case.start[None]
+
+    def motion(goal: Array, rows: NDArray[np.int64]) -> JointMotion:
+        begin = np.repeat(start, len(goal), axis=0)
+        return at.motion(at.weights(begin, np.zeros_like(begin), goal))
+
+    found = floating_inverse_kinematics(
+        context().arm,
+        case.position[None],
+        case.quaternion[None],
+        motion,
+        np.zeros((1, 3)),
+        IDENTITY[None],
+        start,
+        context().joint_limits,
+    )
+    return found.position[0] if found.converged[0] else None
+
+
+def draw(case: Case, seed: int, count: int = SAMPLES) -> Drawn | None:
+    """Samples of the ProMP conditioned on the start and on the joint goal; None where there is no such."""
+    goal = joint_goal(case)
+    if goal is None:
+        return None
+    at, arm = prior(), context().arm
+    mean = at.weights(case.start[None], np.zeros((1, arm.n_joints)), goal[None])[0]
+    weights = mean + at.free.sample(np.random.default_rng(seed), count) - at.free.mean
+    motion = at.motion(weights)
+    twist = arm.base_twist(motion.position, motion.velocity)
+    base, attitude = roll_out_base(arm, motion.position, motion.velocity, motion.dt, twist=twist)
+    local, axes = arm.end_effector_pose(motion.position)
+    tip = base + rotate(attitude, local)
+    turn = multiply(attitude[:, -1], from_matrix(axes[:, -1]))
+    low, high = context().joint_limits.T
+    within = ((motion.position >= low) & (motion.position <= high)).all(axis=(1, 2))
+    within &= (np.abs(motion.velocity) <= context().rate_limit).all(axis=(1, 2))
+    within &= (np.abs(at.acceleration(weights)) <= context().acceleration_limit).all(axis=(1, 2))
+    return Drawn(
+        goal,
+        weights,
+        motion,
+        trajectory_cost(arm, motion.position, motion.velocity, motion.dt, context().c),
+        attitude,
+        base,
+        tip,
+        np.linalg.norm(tip[:, -1] - case.position, axis=1),
+        angle_between(turn, np.broadcast_to(case.quaternion, turn.shape)),
+        within,
+    )
+
+
+def sample_figures(drawn: Drawn) -> dict[str, Any]:
+    """What is told of the samples: every cost, m^2/s, and end attitude, rad, how many keep the limits, what
+    the end-effectors miss at most, m and rad, and the rank correlation of cost and end attitude."""
+    return {
+        "cost": drawn.cost.tolist(),
+        "end_attitude": drawn.end_attitude.tolist(),
+        "within": int(drawn.within.sum()),
+        "missed": float(drawn.missed.max()),
+        "turned_off": float(drawn.turned_off.max()),
+        "rank_correlation": _rank_correlation(drawn.cost, drawn.end_attitude),
+    }
+
+
+def via_point_figures(case: Case, goal: Array) -> dict[str, float]:
+    """How far the ProMP conditioned on start, goal and a via-point passes from them, rad, at most."""
+    bare, rest = shipped_prior(), np.zeros_like(goal)
+    duration = float(prior().times[-1])
+    ends = [ViaPoint(0.0, case.start, rest, duration), ViaPoint(1.0, goal, rest, duration)]
+    between = bare.condition_on(ends).position(0.5) + BEND
+    through = bare.condition_on([*ends, ViaPoint(0.5, between)])
+    asked = ((0.0, case.start), (0.5, between), (1.0, goal))
+    return {"via_point": max(float(np.abs(through.position(z) - value).max()) for z, value in asked)}
+
+
+def literal_figures(case: Case) -> dict[str, float]:
+    """Where the end-effector arrives if the joint goal is found as if the base stayed, m and rad."""
+    at, arm = prior(), context().arm
+    start = case.start[None]
+    found = inverse_kinematics(
+        arm, case.position[None], case.quaternion[None], start, context().joint_limits, start
+    )
+    weights = at.weights(start, np.zeros_like(start), found.position)[0]
+    motion = at.motion(weights)
+    done = course(motion)
+    return {
+        "missed": float(np.linalg.norm(done.tip[-1] - case.position)),
+        "turned_off": float(angle_between(done.tip_attitude, case.quaternion)),
+    }
+
+
+def encoding_figures(motion: JointMotion) -> dict[str, float]:
+    """A motion of the demonstrating controller in the ProMP's weights: largest error over the largest joint
+    displacement, and the numbers that the motion and its weights have."""
+    positions, velocities = motion.position[None], motion.velocity[None]
+    basis, duration = shipped_prior().basis, motion.dt * (len(motion.position) - 1)
+    fitted = ProMP.fit(positions, velocities, duration=duration, basis=basis)
+    error = fitted.position(np.linspace(0.0, 1.0, len(motion.position))) - motion.position
+    size = np.abs(motion.position - motion.position[0]).max()
+    return {
+        "error": float(np.abs(error).max() / size),
+        "numbers": 2 * motion.position.size,
+        "weights": fitted.mean.size,
+    }
+
+
+def locked_figures(case: Case) -> dict[str, int]:
+    """With how many single joints locked where they start the goal can still be met by a minimum jerk."""
+    profile = minimum_jerk_profile(motion_times(context()))
+    start, still = case.start[None], 0
+    for joint in range(len(case.start)):
+        bounds = context().joint_limits.copy()
+        bounds[joint] = case.start[joint]
+
+        def motion(goal: Array, rows: NDArray[np.int64]) -> JointMotion:
+            begin = np.repeat(start, len(goal), axis=0)
+            return profile.motion(begin, np.zeros_like(begin), goal)
+
+        found = floating_inverse_kinematics(
+            context().arm,
+            case.position[None],
+            case.quaternion[None],
+            motion,
+            np.zeros((1, 3)),
+            IDENTITY[None],
+            start,
+            bounds,
+        )
+        still += int(found.converged[0])
+    return {"still": still, "of": len(case.start)}
+
+
+def ball_on_the_way(mean: Course) -> Array | None:
+    """A ball (1, 4) on a link's way along the mean: of the places that the arm passes, the one farthest from
+    where it starts and ends. None where no place is far enough from both."""
+    robot = context().arm
+    ends = link_ends(robot, mean.joints, mean.base, mean.attitude)
+    passed = ends[:: len(ends) // PLACES].reshape(-1, 3)
+    balls = np.column_stack([passed, np.full(len(passed), BALL_RADIUS)])
+    gaps = sphere_gaps(ends[[0, -1]], balls[None], SINGLE_ARM.link_radius).min(axis=(0, 1))
+    best = int(gaps.argmax())
+    return balls[best : best + 1] if gaps[best] >= ROOM else None
+
+
+def ball_figures(case: Case, drawn: Drawn) -> Mapping[str, Any] | None:
+    """A ball on the mean's way: how many samples are clear of it, and whether the weight-space planner finds
+    a motion that is. None where there is no place for one."""
+    ball = ball_on_the_way(course(prior().motion(drawn.weights.mean(axis=0))))
+    if ball is None:
+        return None
+    ends = link_ends(context().arm, drawn.motion.position, drawn.base, drawn.attitude)
+    clear = sphere_gaps(ends, ball, SINGLE_ARM.link_radius).min(axis=(1, 2, 3)) > 0.0
+    usable = clear & drawn.within
+    found = planner(False).plan(case.reach(spheres=ball))
+    refined: dict[str, Any]
+    if isinstance(found, Failure):
+        refined = {"cause": str(found.cause), "reason": found.reason}
+    else:
+        done = course(found)
+        refined = {"cost": done.cost, "gap": float(_gaps(done, ball).min())}
+    return {
+        "clear": int(clear.sum()),
+        "usable": int(usable.sum()),
+        "cost": float(drawn.cost[usable].min()) if usable.any() else None,
+        "optimal": refined,
+    }
+
+
+def _gaps(done: Course, ball: Array) -> Array:
+    """Least gap (K,) m between any link and the ball."""
+    ends = link_ends(context().arm, done.joints, done.base, done.attitude)
+    return sphere_gaps(ends, ball, SINGLE_ARM.link_radius).min(axis=(1, 2))
+
+
+def _rank_correlation(a: Array, b: Array) -> float:
+    """Spearman's, of values that are all different."""
+    first, second = (np.argsort(np.argsort(values)).astype(np.float64) for values in (a, b))
+    return float(np.corrcoef(first, second)[0, 1])

@@ -1,0 +1,325 @@
+"""Scenes of keep-out spheres for a goal of the single arm, and the detours that prove it can be reached.
+
+A goal is where a minimum-jerk joint motion of the floating robot ends. Spheres are drawn around that motion:
+one lies over it, the others lie beside it. A detour is the same kind of motion with a bump on it, whose end
+is corrected until it meets the inertial goal; a scene is kept if one of those that are drawn is clear of all
+spheres, within the limits of rate and acceleration.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from space_envs.dynamics import FloatingRobot, minimum_jerk, roll_out_base
+from space_envs.dynamics.rotations import Array, conjugate, from_matrix, logarithm, multiply, rotate
+from space_envs.dynamics.spheres import link_ends, sphere_gaps
+from space_envs.errors import GoalError
+from space_envs.models.parameters import SINGLE_ARM
+from space_envs.tasks.base import BLOCK
+from space_envs.tasks.common import DIFFICULTIES
+from space_envs.tasks.single_arm import CLEARANCE, NODES, OOD_MASS, OOD_RADIUS, PoseGoals
+
+COUNT = 3  # spheres
+CLUTTERED_SPLIT_SEED = {"train": 20_231, "validation": 20_232, "test": 20_233, "ood": 20_234}
+# Half-width of the box around home that goal configurations are drawn from, rad.
+CLUTTERED_RADIUS = {"easy": 0.45, "medium": 0.7, "hard": 1.0}
+SPHERE_RADIUS = (0.15, 0.35)  # m
+OOD_SPHERE_RADIUS = (0.25, 0.45)  # m
+OVER, BESIDE = 160, 24  # spheres drawn for a scene: over its motion, of which one is taken; beside it, two
+FARTHEST = 0.6  # m, of a sphere beside the motion from the link by which it was drawn
+START_CLEARANCE = 0.10  # m, of links from the spheres at the start
+GOAL_CLEARANCE = 0.06  # m, of links from the spheres at the goal
+WAY_CLEARANCE = 0.03  # m, of links from the spheres all along the detour
+BUS_CLEARANCE = 0.30  # m, of the spheres from the bus at the start
+SPHERES_APART = 0.05  # m, between the surfaces of two spheres
+BLOCKED = 0.03  # m, by which the minimum-jerk motion runs into a sphere
+FAR_ENOUGH = 0.40  # m, least way of the end-effector to a goal, as seen from the satellite
+DURATION = 10.0  # s, of both motions
+LIMIT_SHARE = 0.95  # of the limits of rate and acceleration that a detour may use
+DETOURS = 32  # drawn to find one that is clear
+DENSE_NODES = 201  # at which a detour is checked
+MET = (1e-3, np.deg2rad(0.05))  # m and rad left at the end of a detour
+ATTEMPTS = 4000  # to draw a goal that can be reached
+
+
+@dataclass(frozen=True)
+class ClutteredGoals(PoseGoals):
+    """Grapple poses and keep-out spheres that rest in the inertial frame.
+
+    Attributes:
+        obstacle_position: (K, 3, 3) m, centres. obstacle_radius: (K, 3) m.
+    """
+
+    obstacle_position: Array
+    obstacle_radius: Array
+
+    @property
+    def spheres(self) -> Array:
+        """(K, 3, 4) centres and radii, as `space_envs.dynamics.spheres` takes them, m."""
+        return np.concatenate([self.obstacle_position, self.obstacle_radius[..., None]], axis=-1)
+
+
+def bus_gaps(centre: Array, radius: Array) -> Array:
+    """Gaps (...) in m between spheres, centre (..., 3) m and radius (...) m, and the bus at the origin."""
+    outside = np.maximum(np.abs(centre) - 0.5 * SINGLE_ARM.satellite_side, 0.0)
+    return np.linalg.norm(outside, axis=-1) - radius
+
+
+@dataclass(frozen=True)
+class Scenes:
+    """K goals as drawn, with the joint motions that they come from and all spheres that were drawn.
+
+    Attributes:
+        mass_scale: (K,). start, end: (K, n) rad, of the minimum-jerk motions.
+        position, quaternion: (K, 3) m and (K, 4), goals. links: (K, T, n + 1, 3) m, ends of the links along
+            the motions, inertial frame.
+        spheres: (K, M, 4) m, the first OVER of them over the motions.
+        order: (K, 3), how the three that are taken are arranged, so that their order says nothing.
+    """
+
+    mass_scale: Array
+    start: Array
+    end: Array
+    position: Array
+    quaternion: Array
+    links: Array
+    spheres: Array
+    order: NDArray[np.int64]
+
+    def take(self, rows: NDArray[np.int64]) -> "Scenes":
+        """The scenes of rows (k,)."""
+        return Scenes(**{name: value[rows] for name, value in vars(self).items()})
+
+    def goals(self, chosen: NDArray[np.int64]) -> ClutteredGoals:
+        """Goals with the chosen (K, 3) spheres."""
+        chosen = np.take_along_axis(chosen, self.order, axis=1)
+        spheres = np.take_along_axis(self.spheres, chosen[..., None], axis=1)
+        return ClutteredGoals(
+            mass_scale=self.mass_scale,
+            joint_position=self.start,
+            position=self.position,
+            quaternion=self.quaternion,
+            obstacle_position=spheres[..., :3],
+            obstacle_radius=spheres[..., 3],
+        )
+
+
+def draw_scenes(
+    robot: FloatingRobot,
+    difficulty: str,
+    split: str,
+    indices: NDArray[np.int64],
+    attempts: NDArray[np.int64],
+) -> Scenes:
+    """Scenes (k) from split, index (k,) and attempt (k,); goals are drawn as those of the single arm."""
+    k, n, m, ood = len(indices), robot.n_joints, OVER + BESIDE, split == "ood"
+    displacement, mass_scale = np.empty((k, n)), np.ones(k)
+    place, away, radius = np.empty((k, m, 3)), np.empty((k, m, 3)), np.empty((k, m))
+    order = np.empty((k, COUNT), dtype=np.int64)
+    for row, rng in enumerate(_generators(difficulty, split, indices, attempts)):
+        displacement[row] = rng.uniform(-1.0, 1.0, n)
+        if ood:
+            displacement[row] *= rng.uniform(*OOD_RADIUS) / np.abs(displacement[row]).max()
+            mass_scale[row] = rng.uniform(*OOD_MASS)
+        order[row] = rng.permutation(COUNT)
+        # A time, a link from the third on, a point on it; a way off it.
+        place[row] = rng.uniform([0.2, 2.0, 0.0], [0.8, 7.0, 1.0], (m, 3))
+        place[row, : OVER // 2, 1] = n - 1  # the last link goes farthest
+        radius[row] = rng.uniform(*(OOD_SPHERE_RADIUS if ood else SPHERE_RADIUS), m)
+        direction = rng.normal(size=(m, 3))
+        share, reach = rng.uniform(0.0, 1.0, m), radius[row] + SINGLE_ARM.link_radius
+        over = np.sqrt(share) * (reach - BLOCKED)  # near the rim, since the ends of the motion must be clear
+        distance = np.where(np.arange(m) < OVER, over, reach + share * FARTHEST)
+        away[row] = direction * (distance / np.linalg.norm(direction, axis=-1))[:, None]
+    start = np.broadcast_to(robot.home, (k, n))
+    end = start + CLUTTERED_RADIUS[difficulty] * displacement
+    path, rate, dt = minimum_jerk(start, end, DURATION, NODES)
+    position, quaternion = roll_out_base(robot, path, rate, dt)
+    links = link_ends(robot, path, position, quaternion)
+    node, link = np.rint(place[..., 0] * (NODES - 1)).astype(np.int64), place[..., 1].astype(np.int64)
+    rows = np.arange(k)[:, None]
+    near, far = links[rows, node, link], links[rows, node, link + 1]
+    centre = near + place[..., 2:] * (far - near) + away
+    turned = multiply(quaternion[:, -1], from_matrix(robot.end_effector_pose(end)[1]))
+    return Scenes(
+        mass_scale=mass_scale,
+        start=start,
+        end=end,
+        position=links[:, -1, -1],
+        quaternion=np.where(turned[:, :1] < 0, -turned, turned),
+        links=links,
+        spheres=np.concatenate([centre, radius[..., None]], axis=-1),
+        order=order,
+    )
+
+
+def _generators(
+    difficulty: str, split: str, indices: NDArray[np.int64], attempts: NDArray[np.int64], *more: int
+) -> Iterator[np.random.Generator]:
+    level = DIFFICULTIES.index(difficulty)
+    for index, attempt in zip(indices.tolist(), attempts.tolist(), strict=True):
+        yield np.random.default_rng([CLUTTERED_SPLIT_SEED[split], level, index, attempt, *more])
+
+
+def choose_spheres(robot: FloatingRobot, scenes: Scenes) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Spheres (K, 3) that may stand together, the first of them in the way; (K,) bool, whether there are."""
+    spheres, k = scenes.spheres, len(scenes.end)
+    tip, start = (robot.end_effector_pose(q)[0] for q in (scenes.end, robot.home))
+    goal = (np.abs(tip).max(axis=-1) > 0.5 * SINGLE_ARM.satellite_side + CLEARANCE) & (
+        np.linalg.norm(tip - start, axis=-1) > FAR_ENOUGH
+    )
+    at_ends = sphere_gaps(scenes.links[:, [0, -1]], spheres[:, None], SINGLE_ARM.link_radius).min(axis=2)
+    free = (at_ends > [[START_CLEARANCE], [GOAL_CLEARANCE]]).all(axis=1)
+    free &= bus_gaps(spheres[..., :3], spheres[..., 3]) > BUS_CLEARANCE
+    free &= goal[:, None]
+    chosen = np.zeros((k, COUNT), dtype=np.int64)
+    found = free[:, :OVER].any(axis=1)
+    chosen[:, 0] = free[:, :OVER].argmax(axis=1)
+    free[:, :OVER] = False
+    for place in range(1, COUNT):
+        last = np.take_along_axis(spheres, chosen[:, place - 1, None, None], axis=1)
+        apart = np.linalg.norm(spheres[..., :3] - last[..., :3], axis=-1) - spheres[..., 3] - last[..., 3]
+        free &= apart > SPHERES_APART
+        found &= free.any(axis=1)
+        chosen[:, place] = free.argmax(axis=1)
+    return chosen, found
+
+
+# Detours ---------------------------------------------------------------------------------------------
+
+
+def detour(start: Array, end: Array, via: Array, nodes: int) -> tuple[Array, Array, float]:
+    """Minimum-jerk joint motion with a bump on it, at rest at both ends.
+
+    Args:
+        start, end: (..., n) rad. via: (..., n) rad off the straight way at half time. nodes: T.
+
+    Returns:
+        q, qdot (..., T, n) rad and rad/s and the sampling period, s.
+    """
+    q, qdot, dt = minimum_jerk(start, end, DURATION, nodes)
+    s = np.linspace(0.0, 1.0, nodes)[:, None]
+    bump, slope = 64.0 * (s * (1.0 - s)) ** 3, 192.0 * (s * (1.0 - s)) ** 2 * (1.0 - 2.0 * s) / DURATION
+    return q + bump * via[..., None, :], qdot + slope * via[..., None, :], dt
+
+
+def draw_detours(
+    scenes: Scenes, difficulty: str, split: str, indices: NDArray[np.int64], attempts: NDArray[np.int64]
+) -> Array:
+    """Bumps (k, DETOURS, n) in rad of the detours that are tried on scenes (k)."""
+    vias = np.empty((len(indices), DETOURS, scenes.end.shape[1]))
+    for row, rng in enumerate(_generators(difficulty, split, indices, attempts, 1)):
+        vias[row] = rng.uniform(-1.0, 1.0, vias.shape[1:])
+    # Every other one leads a few joints only off their way.
+    vias[:, ::2] *= np.abs(vias[:, ::2]) > 0.5
+    # The bump is steepest, 3.43 / DURATION, where the motion itself has 1.20 / DURATION of its way a second.
+    spare = LIMIT_SHARE * SINGLE_ARM.rate_limit * DURATION - 1.2 * np.abs(scenes.end - scenes.start)
+    return vias * spare[:, None] / 3.43
+
+
+def way_around(
+    robot: FloatingRobot, goals: ClutteredGoals, end: Array, via: Array
+) -> tuple[Array, NDArray[np.bool_]]:
+    """End configurations (K, n) with which the detours via (K, n) meet the goals, rad.
+
+    Also (K,) bool, whether they do, with rates, accelerations and gaps within their bounds all along.
+
+    Args:
+        end: (K, n) rad, about where the motions end. via: (K, n) rad, as in `detour`.
+    """
+    for _ in range(8):
+        q, qdot, dt = detour(goals.joint_position, end, via, NODES)
+        position, quaternion = _roll_out(robot, q, qdot, dt, goals.mass_scale)
+        error = _pose_error(robot, goals, end, position[:, -1], quaternion[:, -1])
+        end = end + (np.linalg.pinv(robot.generalized_jacobian(end)) @ error[..., None])[..., 0]
+    q, qdot, dt = detour(goals.joint_position, end, via, DENSE_NODES)
+    position, quaternion = _roll_out(robot, q, qdot, dt, goals.mass_scale)
+    error = _pose_error(robot, goals, end, position[:, -1], quaternion[:, -1])
+    links = link_ends(robot, q, position, quaternion)
+    gap = sphere_gaps(links, goals.spheres[:, None], SINGLE_ARM.link_radius).min(axis=(1, 2, 3))
+    acceleration = np.diff(qdot, axis=1) / dt
+    return end, (
+        (np.linalg.norm(error[:, :3], axis=-1) < MET[0])
+        & (np.linalg.norm(error[:, 3:], axis=-1) < MET[1])
+        & (np.abs(qdot).max(axis=(1, 2)) < LIMIT_SHARE * SINGLE_ARM.rate_limit)
+        & (np.abs(acceleration).max(axis=(1, 2)) < LIMIT_SHARE * SINGLE_ARM.acceleration_limit)
+        & (gap > WAY_CLEARANCE)
+    )
+
+
+def find_draws(robot: FloatingRobot, difficulty: str, split: str, block: int) -> NDArray[np.int64]:
+    """Draw the goals of a block until each can be reached; (BLOCK, 2 + COUNT) numbers a goal.
+
+    They are those of the scene, of the detour that leads to the goal, and of the spheres.
+
+    Raises:
+        GoalError: if that does not come to an end.
+    """
+    found = np.zeros((BLOCK, 2 + COUNT), dtype=np.int64)
+    left = np.arange(BLOCK)
+    while len(left) and found[left, 0].max() < ATTEMPTS:
+        # Several attempts at a time where few goals are left: small batches take as long as large ones.
+        ahead = np.arange(max(BLOCK // len(left), 1))
+        index = np.repeat(block * BLOCK + left, len(ahead))
+        attempt = (found[left, :1] + ahead).ravel()
+        scenes = draw_scenes(robot, difficulty, split, index, attempt)
+        spheres, ok = choose_spheres(robot, scenes)
+        rows = np.flatnonzero(ok)
+        usable = scenes.take(rows)
+        vias = draw_detours(usable, difficulty, split, index[rows], attempt[rows])
+        number, ok[rows] = _search(robot, usable, spheres[rows], vias)
+        detours = np.zeros(len(index), dtype=np.int64)
+        detours[rows] = number
+        ok = ok.reshape(len(left), len(ahead))
+        first = np.arange(len(left)) * len(ahead) + ok.argmax(axis=1)
+        some = ok.any(axis=1)
+        found[left] = np.column_stack([attempt[first], detours[first], spheres[first]])
+        found[left[~some], 0] = attempt.reshape(ok.shape)[~some, -1] + 1
+        left = left[~some]
+    if len(left):
+        raise GoalError(f"{len(left)} goals of split {split!r} could not be drawn: no candidate is reachable")
+    return found
+
+
+def _search(
+    robot: FloatingRobot, scenes: Scenes, spheres: NDArray[np.int64], vias: Array
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Number (K,) of the most promising of the detours via (K, D, n), and whether it will do (K,)."""
+    if not len(vias):
+        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.bool_)
+    goals = scenes.goals(spheres)
+    q, qdot, dt = detour(goals.joint_position[:, None], scenes.end[:, None], vias, NODES // 2 + 1)
+    position, quaternion = roll_out_base(robot, q, qdot, dt)
+    links = link_ends(robot, q, position, quaternion)
+    gap = sphere_gaps(links, goals.spheres[:, None, None], SINGLE_ARM.link_radius).min(axis=(2, 3, 4))
+    gap[np.abs(qdot).max(axis=(2, 3)) > LIMIT_SHARE * SINGLE_ARM.rate_limit] = -1.0
+    number = gap.argmax(axis=1)
+    best = vias[np.arange(len(vias)), number]
+    return number, way_around(robot, goals, scenes.end, best)[1]
+
+
+def _pose_error(
+    robot: FloatingRobot, goals: ClutteredGoals, end: Array, position: Array, quaternion: Array
+) -> Array:
+    """Error (K, 6) [m; rad] from the end-effectors to the goals, base axes."""
+    tip, rotation = robot.end_effector_pose(end)
+    back = conjugate(quaternion)
+    turn = logarithm(multiply(multiply(back, goals.quaternion), conjugate(from_matrix(rotation))))
+    return np.concatenate([rotate(back, goals.position - position) - tip, turn], axis=-1)
+
+
+def _roll_out(
+    robot: FloatingRobot, q: Array, qdot: Array, dt: float, mass_scale: Array
+) -> tuple[Array, Array]:
+    """`roll_out_base` of satellites whose mass and inertia are scaled by (K,)."""
+    if (mass_scale == 1.0).all():
+        return roll_out_base(robot, q, qdot, dt)
+    base, coupling = robot.momentum_matrices(q)
+    own = np.zeros((6, 6))  # of the satellite, whose frame is at its centre of mass
+    own[range(3), range(3)] = robot.mass[0]
+    own[3:, 3:] = robot.inertia[0]
+    base = base + (mass_scale - 1.0)[:, None, None, None] * own
+    twist = -np.linalg.solve(base, coupling @ qdot[..., None])[..., 0]
+    return roll_out_base(robot, q, qdot, dt, twist=twist)

@@ -1,0 +1,186 @@
+"""SpaceCapture/SingleArmCluttered: the static grapple pose of the single arm, beyond keep-out spheres.
+
+Three spheres rest in the inertial frame. A link that touches one, which is a capsule of the drawn radius,
+ends the episode as a failure. The satellite itself is not looked at: spheres are 0.3 m from it or
+more at the start, and only on some hard goals it drifts that far. A goal is drawn as that of
+SpaceCapture/SingleArm, the end of a minimum-jerk joint motion; it is kept if that motion runs into a sphere
+and a detour in joint space, within the limits of rate and acceleration, ends at the goal clear of all.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.resources import files
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from space_envs.dynamics.rotations import Array
+from space_envs.dynamics.spheres import link_ends, sphere_gaps
+from space_envs.errors import GoalError
+from space_envs.models.appearance import resize_keep_out
+from space_envs.models.parameters import SINGLE_ARM
+from space_envs.models.single_arm import ModelOptions, single_arm_model
+from space_envs.simulation import Simulation
+from space_envs.tasks.base import BLOCK
+from space_envs.tasks.clutter import COUNT, ClutteredGoals, bus_gaps, draw_scenes
+from space_envs.tasks.common import Field, GoalOption, ObservationLayout
+from space_envs.tasks.single_arm import LAYOUT, MEASURED, SingleArmTask
+
+CLUTTERED_LAYOUT = ObservationLayout(
+    (
+        *LAYOUT.fields,
+        Field("obstacle_position", 3 * COUNT, 10.0, "centres of the keep-out spheres, inertial frame, m"),
+        Field("obstacle_radius", COUNT, 1.0, "of the keep-out spheres, m"),
+    )
+)
+CLUTTERED_SPLIT_SIZE = {"train": 1024, "validation": 128, "test": 512, "ood": 256}
+_PERIOD_SHARES = np.linspace(0.0, 1.0, 9)[1:]  # of a control period before its end, where links are seen
+_ROOT_3 = 3.0**0.5  # largest length of a vector whose components are at most 1
+_FILE = "single_arm_cluttered_draws.npz"
+
+
+@dataclass(frozen=True)
+class SingleArmClutteredTask(SingleArmTask):
+    """The task of the single arm among keep-out spheres."""
+
+    layout = CLUTTERED_LAYOUT
+    split_sizes = CLUTTERED_SPLIT_SIZE
+    goal_options = {
+        **SingleArmTask.goal_options,
+        "obstacle_position": GoalOption(3 * COUNT),
+        "obstacle_radius": GoalOption(COUNT),
+    }
+    collides = True
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The compiled model, shared and read-only."""
+        return single_arm_model(ModelOptions(self.variant, self.step_size, obstacles=COUNT))
+
+    @property
+    def render_model(self) -> mujoco.MjModel:
+        """The same model with its drawn geometry."""
+        return single_arm_model(ModelOptions(self.variant, self.step_size, visual=True, obstacles=COUNT))
+
+    def goal_block(self, split: str, block: int) -> ClutteredGoals:
+        """Goals of a block."""
+        return _goal_block(self.variant, self.difficulty, split, block)
+
+    def given_goals(self, values: Mapping[str, Array], joint_position: Array | None) -> ClutteredGoals:
+        """Goals from the options' numbers; errors as in `check_goals` and `check_spheres`."""
+        pose = super().given_goals(values, joint_position)
+        centre = values["obstacle_position"].reshape(-1, COUNT, 3)
+        goals = ClutteredGoals(
+            **vars(pose), obstacle_position=centre, obstacle_radius=values["obstacle_radius"]
+        )
+        self.check_spheres(goals)
+        return goals
+
+    def check_spheres(self, goals: ClutteredGoals) -> None:
+        """Refuse spheres of a user's goals that no episode could begin or end with.
+
+        Raises:
+            GoalError: for a radius that is none, a sphere that touches the satellite or the arm at the start,
+                or one around the grapple.
+        """
+        radius, centre = goals.obstacle_radius, goals.obstacle_position
+        if not ((radius > 0.0) & (radius <= 1.0)).all():
+            raise GoalError(f"obstacle_radius must lie in (0, 1] m, got {radius.tolist()}")
+        k = len(radius)
+        still = np.zeros((k, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (k, 1))
+        ends = link_ends(self.robot, goals.joint_position, *still)
+        arm = sphere_gaps(ends, goals.spheres, SINGLE_ARM.link_radius).min(axis=-2)
+        grapple = np.linalg.norm(goals.position[:, None] - centre, axis=-1) - radius
+        for gap, what in (
+            (bus_gaps(centre, radius), "touches the satellite at the start"),
+            (arm, "touches the arm at the start"),
+            (grapple, "holds the goal"),
+        ):
+            if (gap <= 0.0).any():
+                row, sphere = np.argwhere(gap <= 0.0)[0]
+                raise GoalError(f"obstacle {sphere + 1} {what}: the gap is {gap[row, sphere]:.3f} m")
+
+    def place(self, simulation: Simulation, rows: NDArray[np.int64], goals: ClutteredGoals) -> None:
+        """Put the grapple and the spheres where the goals say."""
+        super().place(simulation, rows, goals)
+        simulation.mocap_pos[rows, 1 : 1 + COUNT] = goals.obstacle_position
+        surface = np.zeros((len(rows), COUNT, 3))
+        surface[..., 0] = goals.obstacle_radius
+        simulation.place_sites(rows, _SURFACES, surface)
+
+    def dress(
+        self, model: mujoco.MjModel, data: mujoco.MjData | None, goals: ClutteredGoals, row: int
+    ) -> None:
+        """Give the drawn spheres their sizes, and put them and the grapple where the goal says."""
+        super().dress(model, data, goals, row)
+        resize_keep_out(model, goals.obstacle_radius[row].tolist())
+        if data is not None:
+            data.mocap_pos[1 : 1 + COUNT] = goals.obstacle_position[row]
+
+    def observe(self, sensors: Array, time: Array) -> Array:
+        """Observations (N, size) from the model's sensors (N, s) and the time (N,) in s."""
+        observation = super().observe(sensors, time)
+        observation[:, _POSITION] = sensors[:, _CENTRES]
+        observation[:, _RADIUS] = sensors[:, _RADII]
+        return observation
+
+    def collided(self, before: Array, sensors: Array) -> NDArray[np.bool_]:
+        """(N,) bool, whether a link touched a sphere in a control period.
+
+        Between the two ends of the period, those of the links are taken to move straight: that is off by
+        about a millimetre at the limits of rate and acceleration.
+        """
+        # Runs at every step, also for N = 1: what counts here is the number of numpy calls.
+        n = len(sensors)
+        ends = sensors[:, _ENDS].reshape(n, -1, 3)
+        spheres = np.empty((n, COUNT, 4))
+        spheres[..., :3] = sensors[:, _CENTRES].reshape(n, COUNT, 3)
+        spheres[..., 3] = sensors[:, _RADII]
+        gap = sphere_gaps(ends, spheres, SINGLE_ARM.link_radius).reshape(n, -1).min(axis=1)
+        touched = gap <= 0.0
+        # No gap shrinks by more than the ends of the links have moved.
+        step = ends - before[:, _ENDS].reshape(n, -1, 3)
+        near = gap <= _ROOT_3 * np.abs(step).max(axis=(1, 2))
+        if near.any():
+            rows = np.flatnonzero(near & ~touched)
+            way = ends[rows, None] - _PERIOD_SHARES[:, None, None] * step[rows, None]
+            between = sphere_gaps(way, spheres[rows, None], SINGLE_ARM.link_radius)
+            touched[rows] = (between <= 0.0).any(axis=(1, 2, 3))
+        return touched
+
+
+_SURFACES = tuple(f"obstacle{number}_surface" for number in range(1, COUNT + 1))
+_POSITION, _RADIUS = (CLUTTERED_LAYOUT.slices[name] for name in ("obstacle_position", "obstacle_radius"))
+_CENTRES = slice(MEASURED, MEASURED + 3 * COUNT)
+_RADII = slice(_CENTRES.stop, _CENTRES.stop + 3 * COUNT, 3)  # along x of what is measured
+_FIRST_LINK = _RADII.stop
+_TIP = LAYOUT.slices["end_effector_position"]
+# Ends of links 1 and 3 to 7: link 2 of Table I has no length.
+_ENDS = np.concatenate(
+    [
+        *(np.arange(3) + _FIRST_LINK + 3 * link for link in (0, 2, 3, 4, 5, 6)),
+        np.arange(_TIP.start, _TIP.stop),
+    ]
+)
+
+
+@lru_cache(maxsize=1)
+def _frozen() -> dict[str, NDArray[np.int64]]:
+    with np.load(str(files("space_envs") / "tasks" / _FILE), allow_pickle=False) as archive:
+        return {name: archive[name].astype(np.int64) for name in archive.files}
+
+
+def frozen_draws(variant: str, difficulty: str, split: str) -> NDArray[np.int64]:
+    """(size, 5) of a split: numbers of the scene, the detour and the three spheres, as `freeze.py` found."""
+    return _frozen()[f"{variant}_{difficulty}_{split}"]
+
+
+@lru_cache(maxsize=512)
+def _goal_block(variant: str, difficulty: str, split: str, block: int) -> ClutteredGoals:
+    """Goals block * BLOCK ... of a split, from seeds and the stored numbers of draws."""
+    rows = np.arange(block * BLOCK, (block + 1) * BLOCK)
+    draws = frozen_draws(variant, difficulty, split)[rows]
+    robot = SingleArmTask(variant=variant).robot
+    return draw_scenes(robot, difficulty, split, rows, draws[:, 0]).goals(draws[:, 2:])

@@ -1,0 +1,182 @@
+"""Optimal control of the single arm: derivatives, known costs, limits, refusals; measured independently."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from agents.optimal.check import check
+from agents.optimal.ocp import plan_ocp
+from agents.optimal.ocp_model import SingleArm
+from agents.optimal.ocp_solver import Programs
+from agents.optimal.problem import Motion, Reach
+from agents.planning import Cause, Failure, Limits
+from space_envs.dynamics import FloatingRobot, roll_out_base
+from space_envs.dynamics.rotations import rotate
+from space_envs.errors import ConfigurationError
+from space_envs.models.single_arm import single_arm_model
+from space_envs.tasks.single_arm import SingleArmTask
+
+KNOWN = json.loads((Path(__file__).parent / "data" / "single_arm_goals.json").read_text())
+MODEL = single_arm_model()
+
+
+def robot() -> FloatingRobot:
+    return SingleArmTask().robot
+
+
+def drives() -> Limits:
+    return Limits(robot().range, 0.3, 0.25, 60.0)
+
+
+def reach_of(number: int, keep_attitude: bool = False) -> Reach:
+    goal = KNOWN[number]
+    return Reach(
+        robot().home, np.array(goal["position"]), np.array(goal["quaternion"]), keep_attitude=keep_attitude
+    )
+
+
+def planned(reach: Reach, limits: Limits = Limits(), starts: int = 3) -> Motion:
+    motion = plan_ocp(MODEL, robot(), reach, limits, starts=starts)
+    assert isinstance(motion, Motion), motion
+    return motion
+
+
+def check_motion(reach: Reach, limits: Limits, motion: Motion) -> dict[str, float]:
+    """What was measured, after it was found to keep everything."""
+    found = check(MODEL, robot(), reach, limits, motion)
+    assert found.cost == pytest.approx(motion.cost, rel=1e-6)
+    assert found.violation["position_error"] < 1e-4
+    assert found.violation["rotation_error"] < 1e-4
+    assert found.violation["start"] < 1e-8
+    assert found.violation["end_rate"] < 1e-8
+    for name in ("position", "rate", "acceleration", "torque", "clearance"):
+        assert found.violation.get(name, 0.0) < 1e-5, name
+    assert not reach.keep_attitude or found.violation["end_attitude"] < np.deg2rad(0.01)
+    return dict(found.violation)
+
+
+def known_ratio(number: int, keep_attitude: bool, starts: int) -> float:
+    reach = reach_of(number, keep_attitude)
+    motion = planned(reach, starts=starts)
+    check_motion(reach, Limits(), motion)
+    return motion.cost / KNOWN[number]["kept" if keep_attitude else "free"]
+
+
+@pytest.mark.parametrize(("number", "keep_attitude"), [(2, False), (5, True)])
+def test_costs_no_more_than_is_known(number: int, keep_attitude: bool) -> None:
+    assert known_ratio(number, keep_attitude, 3) < 1.02
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("keep_attitude", [False, True])
+@pytest.mark.parametrize("number", range(len(KNOWN)))
+def test_all_known_goals(number: int, keep_attitude: bool) -> None:
+    assert known_ratio(number, keep_attitude, 8) < 1.02
+
+
+@pytest.mark.parametrize("keep_attitude", [False, True])
+def test_limits_are_kept_between_nodes_too(keep_attitude: bool) -> None:
+    reach = reach_of(4, keep_attitude)
+    violation = check_motion(reach, drives(), planned(reach, drives()))
+    # They bind: without them the motion would be another.
+    assert max(violation["rate"] / 0.3, violation["acceleration"] / 0.25) > -1e-2
+
+
+def test_torque_limit_binds_where_accelerations_are_large() -> None:
+    reach = reach_of(4, True)
+    limits = replace(drives(), torque=30.0)
+    motion = planned(reach, limits)
+    violation = check_motion(reach, limits, motion)
+    assert -1.0 < violation["torque"]
+    assert motion.cost > planned(reach, drives()).cost * (1.0 - 1e-3)
+
+
+def test_links_stay_out_of_balls() -> None:
+    bare, limits = reach_of(1), replace(drives(), torque=None)
+    motion = planned(bare, limits)
+    q, qdot, _ = motion.sample(np.linspace(0.0, 5.0, 101))
+    place, turn = roll_out_base(robot(), q, qdot, 0.05)
+    tip = place[-1] + rotate(turn[-1], robot().end_effector_pose(q[-1])[0])
+    reach = replace(bare, spheres=np.array([[*tip, 0.1]]))
+    assert check(MODEL, robot(), reach, limits, motion).violation["clearance"] > 0.05
+    clear = planned(reach, limits)
+    check_motion(reach, limits, clear)
+    assert clear.cost > motion.cost
+
+
+def test_duration_is_free_between_bounds() -> None:
+    reach = reach_of(5)
+    short = plan_ocp(MODEL, robot(), reach, drives(), starts=2, free_time=(8.0, 12.0), time_weight=2e-4)
+    long = plan_ocp(MODEL, robot(), reach, drives(), starts=2, free_time=(8.0, 12.0))
+    assert isinstance(short, Motion)
+    assert isinstance(long, Motion)
+    assert long.time[-1] == pytest.approx(12.0)  # slower costs less
+    assert 8.0 <= short.time[-1] < 12.0
+    assert short.cost > long.cost
+
+
+@pytest.mark.parametrize(
+    ("changes", "limits", "cause"),
+    [
+        ({"position": np.array([0.0, 9.0, 0.0])}, Limits(), Cause.OUT_OF_REACH),
+        ({"duration": 1.0}, Limits(rate=0.3, acceleration=0.25), Cause.INFEASIBLE),
+        ({"rate": np.full(7, 0.5)}, Limits(rate=0.3), Cause.INFEASIBLE),
+        ({"spheres": np.array([[0.0, 0.3, 1.6, 1.0]])}, Limits(), Cause.COLLISION),
+    ],
+)
+def test_refusals_say_why(changes: dict, limits: Limits, cause: Cause) -> None:
+    failure = plan_ocp(MODEL, robot(), replace(reach_of(0), **changes), limits, starts=2)
+    assert isinstance(failure, Failure)
+    assert failure.cause is cause, failure
+    assert any(letter.isdigit() for letter in failure.reason)
+
+
+def test_bad_arguments_are_refused() -> None:
+    with pytest.raises(ConfigurationError, match="starts"):
+        plan_ocp(MODEL, robot(), reach_of(0), starts=0)
+    with pytest.raises(ConfigurationError, match="durations"):
+        plan_ocp(MODEL, robot(), reach_of(0), free_time=(5.0, 4.0))
+
+
+@pytest.mark.parametrize("torque", [False, True])
+def test_derivatives_of_the_program_agree_with_differences(torque: bool) -> None:
+    program = Programs.of(robot()).program(True, torque, 0)
+    rng = np.random.default_rng(0)
+    solver = program.solver
+    x = 0.2 * rng.standard_normal(solver.size1_in("x0"))
+    p = 0.3 * rng.standard_normal(solver.size1_in("p"))
+    slope = solver.get_function("nlp_jac_g")
+    gradient = solver.get_function("nlp_grad_f")
+    hessian = solver.get_function("nlp_hess_l")
+    way = rng.standard_normal(x.shape)
+    weight = rng.standard_normal(slope.size1_out(0))
+
+    def at(where: np.ndarray) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
+        g, jacobian = slope(where, p)
+        f, pull = gradient(where, p)
+        return float(f), pull.full()[:, 0], g.full()[:, 0], jacobian.full()
+
+    high, low, here = at(x + 1e-6 * way), at(x - 1e-6 * way), at(x)
+    scale = np.abs(here[1]).max()
+    assert (high[0] - low[0]) / 2e-6 == pytest.approx(here[1] @ way, rel=1e-5, abs=1e-6 * scale)
+    difference = (high[2] - low[2]) / 2e-6
+    np.testing.assert_allclose(here[3] @ way, difference, rtol=1e-5, atol=1e-6 * np.abs(difference).max())
+    if torque:
+        return  # whose curvature is left out of the Hessian
+    bend = ca.triu2symm(hessian(x, p, 1.7, weight)).full() @ way
+    slopes = [1.7 * side[1] + side[3].T @ weight for side in (high, low)]
+    np.testing.assert_allclose(
+        bend, (slopes[0] - slopes[1]) / 2e-6, rtol=1e-4, atol=1e-5 * np.abs(bend).max()
+    )
+
+
+def test_model_is_that_of_the_robot() -> None:
+    model, rng = SingleArm.of(robot()), np.random.default_rng(3)
+    q = rng.standard_normal(7)
+    mass = robot().mass
+    com = mass[1:] @ robot().kinematics(q).com + mass[0] * robot().com[0]
+    np.testing.assert_allclose(model.com(q).full()[:, 0], com / mass.sum(), atol=1e-12)

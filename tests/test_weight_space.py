@@ -1,0 +1,330 @@
+"""The weight-space planner: its derivatives, its limits and its optima, by independent means."""
+
+import json
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from agents.optimal.check import check
+from agents.optimal.functions import ArmFunctions
+from agents.optimal.inequalities import Spheres, Torques
+from agents.optimal.library import Library, shipped_library
+from agents.optimal.mapped import Mapped
+from agents.optimal.problem import Motion, Reach
+from agents.optimal.promp_optimal import Planner
+from agents.optimal.quadratic import Bounds, Program
+from agents.optimal.weight_space import INTERVALS, WeightSpace
+from agents.planning import Cause, Failure, Limits
+from promp import GaussianBasis
+from promp.errors import StorageError
+from space_envs.dynamics import FloatingRobot, roll_out_base, trajectory_cost
+from space_envs.dynamics.rotations import Array, exponential, to_matrix
+from space_envs.errors import ConfigurationError
+from space_envs.models.single_arm import single_arm_model
+from space_envs.tasks.single_arm import SingleArmTask
+
+# Goals and the least costs known from elsewhere, m^2/s, with the attitude free and kept.
+KNOWN = json.loads((Path(__file__).parent / "data" / "single_arm_goals.json").read_text())
+
+
+def robot() -> FloatingRobot:
+    return SingleArmTask().robot
+
+
+def model_limits() -> Limits:
+    return Limits(robot().range, 0.3, 0.25, 60.0)
+
+
+def reach_of(number: int, keep_attitude: bool = False) -> Reach:
+    goal = KNOWN[number]
+    return Reach(
+        robot().home, np.array(goal["position"]), np.array(goal["quaternion"]), keep_attitude=keep_attitude
+    )
+
+
+def space_of(seed: int, rate: float = 0.1) -> tuple[WeightSpace, Array]:
+    rng = np.random.default_rng(seed)
+    start = robot().home + rng.uniform(-1.0, 1.0, 7)
+    turn = to_matrix(exponential(rng.normal(size=3)))
+    attitude = to_matrix(exponential(0.3 * rng.normal(size=3)))
+    space = WeightSpace(
+        robot(),
+        GaussianBasis(),
+        start,
+        rate * rng.normal(size=7),
+        8.0,
+        rng.normal(size=3),
+        turn,
+        1.3,
+        attitude,
+    )
+    return space, 0.15 * rng.standard_normal((7, space.free))
+
+
+@pytest.mark.parametrize("name", ["slopes", "ending", "torque_slope"])
+def test_compiled_derivatives_agree_with_differences(name: str) -> None:
+    functions, rng = ArmFunctions.of(robot(), INTERVALS), np.random.default_rng(1)
+    q, qdot, qddot = rng.normal(size=(3, 4, 7))
+    pose = np.concatenate([rng.normal(size=3), to_matrix(exponential(rng.normal(size=3))).T.ravel()])
+    pose = np.broadcast_to(pose, (4, 12))
+    turns = [to_matrix(exponential(0.4 * rng.normal(size=3))).T.ravel() for _ in range(2)]
+    goal = np.broadcast_to(np.concatenate([rng.normal(size=3), *turns]), (4, 21))
+    weight = rng.normal(size=(4, 7))
+    for joint in range(7):
+        step = 1e-6 * np.eye(7)[joint]
+        if name == "slopes":
+            slope = functions.slopes(q, qdot)[1]
+            difference = (functions.twist(q + step, qdot)[0] - functions.twist(q - step, qdot)[0]) / 2e-6
+            np.testing.assert_allclose(slope[..., joint], difference, atol=1e-8)
+            difference = (functions.twist(q, qdot + step)[0] - functions.twist(q, qdot - step)[0]) / 2e-6
+            np.testing.assert_allclose(slope[..., 7 + joint], difference, atol=1e-8)
+        elif name == "ending":
+            slope = functions.ending(q, pose, goal)[1]
+            sides = [functions.ending(q + sign * step, pose, goal)[0] for sign in (1, -1)]
+            np.testing.assert_allclose(slope[..., 6 + joint], (sides[0] - sides[1]) / 2e-6, atol=1e-7)
+        else:
+            (slope,) = functions.torque_slope(q, qdot, qddot, weight)
+            for part in range(3):
+                moved = [np.array([q, qdot, qddot]) for _ in range(2)]
+                moved[0][part] += step
+                moved[1][part] -= step
+                high, low = (functions.torque(*side)[0] for side in moved)
+                difference = ((high - low) * weight).sum(axis=1) / 2e-6
+                np.testing.assert_allclose(slope[:, 7 * part + joint], difference, rtol=1e-6, atol=1e-5)
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 10_000))
+def test_what_a_motion_does_is_differentiated_exactly(seed: int) -> None:
+    space, y = space_of(seed)
+    at = space.disturbance(y[None])
+    way = np.random.default_rng(seed + 1).standard_normal(y.shape)
+    high, low = (space.disturbance((y + sign * 1e-6 * way)[None]) for sign in (1, -1))
+    for name in ("residual", "miss"):
+        difference = (getattr(high, name) - getattr(low, name))[0] / 2e-6
+        slope = getattr(at, f"{name}_slope")[0] @ way.ravel()
+        np.testing.assert_allclose(slope, difference, atol=2e-7 * max(1.0, np.abs(slope).max()))
+    cost, miss = space.values(y[None])
+    assert cost == pytest.approx(at.cost, rel=1e-12)
+    np.testing.assert_allclose(miss, at.miss, atol=1e-12)
+
+
+def test_torque_and_sphere_rows_agree_with_differences() -> None:
+    space, y = space_of(3, rate=0.0)
+    ends = robot().end_effector_pose(space.even_fixed[0])[0]
+    spheres = np.array([[*(ends[25] + [0.1, 0.2, 0.1]), 0.3], [0.3, 1.0, 1.0, 0.1]])
+    for rows in (Torques(space, 5.0), Spheres(space, robot(), spheres, 0.05)):
+        at = space.disturbance(y[None])
+        matrix, low, _ = rows.linear(y, at, 1.0)
+        assert len(low) > 5
+        missing = np.maximum(low, 0.0)
+        if isinstance(rows, Spheres):
+            # Those that are broken sum to the violation, and so do their changes.
+            broken = low > 1e-3
+            assert broken.any()
+            assert rows.violation(y) == pytest.approx(missing.sum(), rel=1e-9)
+            way = np.random.default_rng(0).standard_normal(y.shape)
+            sides = [rows.violation(y + sign * 1e-6 * way) for sign in (1, -1)]
+            # The base's pose is taken as straight between intervals, which its derivative is not quite.
+            expected = -(matrix[low > 0.0] @ way.ravel()).sum()
+            assert (sides[0] - sides[1]) / 2e-6 == pytest.approx(expected, rel=2e-3)
+        else:
+            way = np.random.default_rng(0).standard_normal(y.shape)
+            high, lower = (rows.linear(y + sign * 1e-6 * way, at, 1.0)[1] for sign in (1, -1))
+            assert len(high) == len(lower) == len(low)
+            np.testing.assert_allclose(-(high - lower) / 2e-6, matrix @ way.ravel(), rtol=1e-4, atol=1e-4)
+
+
+def test_roll_out_is_that_of_numpy() -> None:
+    space, y = space_of(5)
+    weights = space.weights(y).T
+    basis, phase = GaussianBasis(), np.linspace(0.0, 1.0, 4001)
+    q, qdot = basis.value(phase) @ weights, basis.derivative(phase) @ weights / 8.0
+    position, quaternion = roll_out_base(robot(), q, qdot, 8.0 / 4000)
+    pose = space.poses(y[None])[0, -1]
+    np.testing.assert_allclose(pose[:3], position[-1], atol=2e-4)
+    np.testing.assert_allclose(pose[3:].reshape(3, 3).T, to_matrix(quaternion[-1]), atol=2e-4)
+    cost = trajectory_cost(robot(), q, qdot, 8.0 / 4000, 1.3)
+    assert space.values(y[None])[0][0] == pytest.approx(cost, rel=5e-3)
+
+
+def test_ends_are_met_by_every_coordinate() -> None:
+    space, y = space_of(6)
+    basis, weights = GaussianBasis(), space.weights(y).T
+    np.testing.assert_allclose(basis.value(0.0) @ weights, space.even_fixed[0, 0], atol=1e-9)
+    np.testing.assert_allclose(basis.derivative(1.0) @ weights, 0.0, atol=1e-9)
+    np.testing.assert_allclose(space.coordinates(space.weights(y)), y, atol=1e-9)
+    # A unit of y adds a unit of the integral of the squared rate.
+    phase = np.linspace(0.0, 1.0, 2001)
+    rate = basis.derivative(phase) @ (weights - space.fixed.T)
+    assert (rate**2).mean(axis=0).sum() == pytest.approx((y**2).sum(), rel=1e-2)
+
+
+def test_virtual_machine_gives_what_compiled_code_gives() -> None:
+    functions, rng = ArmFunctions.of(robot(), INTERVALS), np.random.default_rng(2)
+    q, qdot = rng.normal(size=(2, 3, 5, 7))
+    for function in (functions.slopes, functions.twist):
+        slow = Mapped(function.function)
+        for ours, theirs in zip(function(q, qdot), slow(q, qdot), strict=True):
+            np.testing.assert_allclose(ours, theirs, rtol=1e-12, atol=1e-12)
+    with pytest.raises(ValueError, match="shape"):
+        functions.twist(q, qdot[..., :6])
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 10_000))
+def test_steps_keep_bounds_and_equations_and_are_least(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    rows, fixed = rng.normal(size=(3, 9, 3)), np.zeros((3, 9, 2))
+    bounds = Bounds(rows, fixed, np.full((3, 2), -1.0), np.full((3, 2), 1.0))
+    root = rng.normal(size=(6, 6))
+    hessian, gradient = root @ root.T + 0.1 * np.eye(6), 3.0 * rng.normal(size=6)
+    equations, right = rng.normal(size=(1, 6)), np.array([0.05])
+    y = np.zeros((2, 3))
+    found = Program(bounds).solve(hessian, gradient, equations, right, y)
+    assert found is not None
+    step, _ = found
+    np.testing.assert_allclose(equations @ step, right, atol=1e-6)
+    assert bounds.excess(step.reshape(2, 3)).max() < 2e-4
+    # No feasible direction of descent among many: the problem is convex.
+    here = 0.5 * step @ hessian @ step + gradient @ step
+    null = np.linalg.svd(equations)[2][1:]
+    for way in rng.standard_normal((200, 5)) @ null:
+        other = step + 0.05 * way
+        if bounds.excess(other.reshape(2, 3)).max() <= 0.0:
+            assert 0.5 * other @ hessian @ other + gradient @ other > here - 1e-4 * abs(here) - 1e-6
+
+
+def test_contradicting_bounds_have_no_step() -> None:
+    rows = np.stack([np.eye(3)] * 3)
+    bounds = Bounds(rows, np.zeros((3, 3, 2)), np.full((3, 2), -1.0), np.full((3, 2), 1.0))
+    equations = np.zeros((1, 6))
+    equations[0, 0] = 1.0
+    assert Program(bounds).solve(np.eye(6), np.zeros(6), equations, np.array([3.0]), np.zeros((2, 3))) is None
+
+
+@cache
+def planner(keep_attitude: bool, limited: bool) -> Planner:
+    limits = model_limits() if limited else Limits()
+    return Planner(robot(), limits, shipped_library(keep_attitude, limited), nearest=16, tried=4)
+
+
+@pytest.mark.parametrize("keep_attitude", [False, True])
+@pytest.mark.parametrize("number", range(len(KNOWN)))
+def test_known_goals_cost_hardly_more_than_is_known(number: int, keep_attitude: bool) -> None:
+    reach = reach_of(number, keep_attitude)
+    plan = planner(keep_attitude, False).plan(reach)
+    assert isinstance(plan, Motion)
+    measured = check(single_arm_model(), robot(), reach, Limits(), plan)
+    assert measured.cost == pytest.approx(plan.cost, rel=0.01)
+    assert measured.cost <= 1.05 * KNOWN[number]["kept" if keep_attitude else "free"]
+    assert measured.violation["position_error"] < 1e-3
+    assert measured.violation["rotation_error"] < np.deg2rad(0.05)
+    assert not keep_attitude or measured.violation["end_attitude"] < np.deg2rad(0.05)
+
+
+@pytest.mark.parametrize("keep_attitude", [False, True])
+def test_limits_of_the_model_are_kept(keep_attitude: bool) -> None:
+    for number in range(len(KNOWN)):
+        reach = reach_of(number, keep_attitude)
+        plan = planner(keep_attitude, True).plan(reach)
+        assert isinstance(plan, Motion)
+        violation = check(single_arm_model(), robot(), reach, model_limits(), plan).violation
+        assert violation["position"] <= 0.0
+        assert violation["rate"] <= 1e-4 * 0.3
+        assert violation["acceleration"] <= 1e-2 * 0.25
+        assert violation["torque"] <= 1e-2 * 60.0
+        assert violation["position_error"] < 1e-3
+        assert violation["start"] < 1e-9
+        assert violation["end_rate"] < 1e-9
+        assert not keep_attitude or violation["end_attitude"] < np.deg2rad(0.05)
+
+
+def test_torque_limit_binds_and_is_kept() -> None:
+    model, bare = single_arm_model(), planner(False, True).plan(reach_of(1))
+    assert isinstance(bare, Motion)
+    most = 60.0 + check(model, robot(), reach_of(1), model_limits(), bare).violation["torque"]
+    limits = replace(model_limits(), torque=0.8 * most)
+    plan = Planner(robot(), limits, shipped_library(False)).plan(reach_of(1))
+    assert isinstance(plan, Motion)
+    assert plan.cost > bare.cost
+    assert check(model, robot(), reach_of(1), limits, plan).violation["torque"] < 0.01 * most
+
+
+def test_without_a_library_it_starts_from_rest() -> None:
+    for keep_attitude in (False, True):
+        reach = reach_of(2, keep_attitude)
+        plan = Planner(robot(), Limits()).plan(reach)
+        assert isinstance(plan, Motion)
+        assert check(single_arm_model(), robot(), reach, Limits(), plan).violation["position_error"] < 1e-3
+
+
+def test_from_a_moving_start() -> None:
+    reach = replace(reach_of(2), rate=np.full(7, 0.02), start=robot().home + 0.1, duration=8.0)
+    plan = planner(False, True).plan(reach)
+    assert isinstance(plan, Motion)
+    violation = check(single_arm_model(), robot(), reach, model_limits(), plan).violation
+    assert violation["start"] < 1e-9
+    assert violation["position_error"] < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("changes", "limits", "cause"),
+    [
+        ({"position": np.array([0.0, 9.0, 0.0])}, Limits(), Cause.OUT_OF_REACH),
+        ({"duration": 0.5}, Limits(rate=0.3, acceleration=0.25), Cause.INFEASIBLE),
+    ],
+)
+def test_refusals_say_why(changes: dict, limits: Limits, cause: Cause) -> None:
+    failure = Planner(robot(), limits).plan(replace(reach_of(0), **changes))
+    assert isinstance(failure, Failure)
+    assert failure.cause is cause, failure
+    assert any(letter.isdigit() for letter in failure.reason)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"start": np.zeros(6)}, "start"),
+        ({"quaternion": np.zeros(4)}, "quaternion"),
+        ({"duration": -1.0}, "duration"),
+        ({"position": np.array([np.nan, 0.0, 0.0])}, "position"),
+        ({"spheres": np.array([[0.0, 0.0, 0.0, -1.0]])}, "radii"),
+    ],
+)
+def test_bad_problems_are_refused_before_work(changes: dict, message: str) -> None:
+    with pytest.raises(ConfigurationError, match=message):
+        Planner(robot()).plan(replace(reach_of(0), **changes))
+
+
+def test_library_file_is_checked(tmp_path: Path) -> None:
+    library = shipped_library(True)
+    path = tmp_path / "library.npz"
+    library.save(path)
+    again = Library.load(path)
+    assert np.array_equal(again.coordinates, library.coordinates)
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(StorageError):
+        Library.load(path)
+    reach = Reach(robot().home, library.position[5], library.quaternion[5])
+    assert np.array_equal(library.nearest(reach, 1)[0], library.coordinates[5])
+
+
+def test_shipped_motions_lead_to_their_goals() -> None:
+    for keep_attitude in (False, True):
+        library = shipped_library(keep_attitude)
+        for number in range(0, len(library.cost), len(library.cost) // 5):
+            turn = to_matrix(library.quaternion[number])
+            space = WeightSpace(
+                robot(), GaussianBasis(), robot().home, np.zeros(7), 10.0, library.position[number], turn, 1.0
+            )
+            cost, miss = space.values(library.coordinates[number][None])
+            assert cost[0] == pytest.approx(library.cost[number], rel=1e-4)
+            assert np.abs(miss[0, : 9 if keep_attitude else 6]).max() < 1e-4
