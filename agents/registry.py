@@ -62,6 +62,16 @@ POLICIES: dict[str, Entry] = {
         "the same with the attitude kept at the end",
         tasks=SINGLE_ARM,
     ),
+    "promp_demonstrated": Entry(
+        "agents.promp_demonstrated:PrompDemonstrated",
+        "best of 100 samples of ProMPs of optimal demonstrations, conditioned in task space",
+        tasks=SINGLE_ARM[:1],
+    ),
+    "promp_avoiding": Entry(
+        "agents.promp_avoiding:PrompAvoiding",
+        "samples of a ProMP that keep out of spheres, the best refined",
+        tasks=SINGLE_ARM[1:],
+    ),
     "nmpc": Entry(
         "agents.nmpc_policy:NMPC",
         "receding horizon in weights, attitude kept at its end, the observed state fed back",

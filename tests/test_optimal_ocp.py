@@ -13,10 +13,13 @@ from agents.optimal.ocp import plan_ocp
 from agents.optimal.ocp_model import SingleArm
 from agents.optimal.ocp_solver import Programs
 from agents.optimal.problem import Motion, Reach
+from agents.optimal_policies import OptimalControlKept
 from agents.planning import Cause, Failure, Limits
 from space_envs.dynamics import FloatingRobot, roll_out_base
 from space_envs.dynamics.rotations import rotate
+from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError
+from space_envs.evaluation.policy import PolicyContext
 from space_envs.models.single_arm import single_arm_model
 from space_envs.tasks.single_arm import SingleArmTask
 
@@ -53,7 +56,7 @@ def check_motion(reach: Reach, limits: Limits, motion: Motion) -> dict[str, floa
     assert found.violation["rotation_error"] < 1e-4
     assert found.violation["start"] < 1e-8
     assert found.violation["end_rate"] < 1e-8
-    for name in ("position", "rate", "acceleration", "torque", "clearance"):
+    for name in ("position", "rate", "acceleration", "torque", "coriolis", "clearance"):
         assert found.violation.get(name, 0.0) < 1e-5, name
     assert not reach.keep_attitude or found.violation["end_attitude"] < np.deg2rad(0.01)
     return dict(found.violation)
@@ -95,13 +98,22 @@ def test_torque_limit_binds_where_accelerations_are_large() -> None:
     assert motion.cost > planned(reach, drives()).cost * (1.0 - 1e-3)
 
 
+def test_coriolis_forces_are_limited_on_their_own() -> None:
+    reach = reach_of(4, True)
+    bare = check_motion(reach, replace(drives(), coriolis=100.0), planned(reach, drives()))
+    most = 0.6 * (100.0 + bare["coriolis"])
+    limits = replace(drives(), coriolis=most)
+    violation = check_motion(reach, limits, planned(reach, limits))
+    assert -0.1 * most < violation["coriolis"]
+
+
 def test_links_stay_out_of_balls() -> None:
-    bare, limits = reach_of(1), replace(drives(), torque=None)
+    bare, limits = reach_of(2), replace(drives(), torque=None)
     motion = planned(bare, limits)
-    q, qdot, _ = motion.sample(np.linspace(0.0, 5.0, 101))
-    place, turn = roll_out_base(robot(), q, qdot, 0.05)
+    q, qdot, _ = motion.sample(np.linspace(0.0, 4.0, 101))
+    place, turn = roll_out_base(robot(), q, qdot, 0.04)
     tip = place[-1] + rotate(turn[-1], robot().end_effector_pose(q[-1])[0])
-    reach = replace(bare, spheres=np.array([[*tip, 0.1]]))
+    reach = replace(bare, spheres=np.array([[*(tip + [0.08, 0.0, 0.0]), 0.1]]))
     assert check(MODEL, robot(), reach, limits, motion).violation["clearance"] > 0.05
     clear = planned(reach, limits)
     check_motion(reach, limits, clear)
@@ -119,13 +131,31 @@ def test_duration_is_free_between_bounds() -> None:
     assert short.cost > long.cost
 
 
+def test_tracked_in_the_simulation_it_ends_where_it_was_planned() -> None:
+    env = CaptureVectorEnv("SpaceCapture/SingleArm-v0", 2, hold_time=100.0)
+    context = PolicyContext.from_env(env)
+    policy = OptimalControlKept(context)
+    observation, _ = env.reset(options={"split": "validation", "index": np.arange(2)})
+    state, start = None, None
+    for _ in range(101):
+        action, state = policy.predict(observation, state, start)
+        start = np.zeros(2, dtype=bool)
+        observation, *_ = env.step(action)
+    assert state is not None
+    assert state.failures.tolist() == [None, None]
+    quaternion = context.layout.read(observation, "base_quaternion")
+    assert np.linalg.norm(quaternion[:, 1:], axis=1).max() < np.sin(np.deg2rad(0.05))  # of half the angle
+    assert np.abs(context.layout.read(observation, "position_error")).max() < 2e-3
+
+
 @pytest.mark.parametrize(
     ("changes", "limits", "cause"),
     [
         ({"position": np.array([0.0, 9.0, 0.0])}, Limits(), Cause.OUT_OF_REACH),
         ({"duration": 1.0}, Limits(rate=0.3, acceleration=0.25), Cause.INFEASIBLE),
         ({"rate": np.full(7, 0.5)}, Limits(rate=0.3), Cause.INFEASIBLE),
-        ({"spheres": np.array([[0.0, 0.3, 1.6, 1.0]])}, Limits(), Cause.COLLISION),
+        ({"spheres": np.array([[0.0, 0.3, 1.6, 1.0]])}, Limits(), Cause.COLLISION),  # at the start
+        ({"spheres": np.array([[*KNOWN[0]["position"], 0.1]])}, Limits(), Cause.COLLISION),  # at the goal
     ],
 )
 def test_refusals_say_why(changes: dict, limits: Limits, cause: Cause) -> None:
@@ -142,9 +172,9 @@ def test_bad_arguments_are_refused() -> None:
         plan_ocp(MODEL, robot(), reach_of(0), free_time=(5.0, 4.0))
 
 
-@pytest.mark.parametrize("torque", [False, True])
-def test_derivatives_of_the_program_agree_with_differences(torque: bool) -> None:
-    program = Programs.of(robot()).program(True, torque, 0)
+@pytest.mark.parametrize(("loads", "balls"), [((), 2), ((True, False), 0)])
+def test_derivatives_of_the_program_agree_with_differences(loads: tuple[bool, ...], balls: int) -> None:
+    program = Programs.of(robot()).program(True, loads, balls)
     rng = np.random.default_rng(0)
     solver = program.solver
     x = 0.2 * rng.standard_normal(solver.size1_in("x0"))
@@ -165,7 +195,7 @@ def test_derivatives_of_the_program_agree_with_differences(torque: bool) -> None
     assert (high[0] - low[0]) / 2e-6 == pytest.approx(here[1] @ way, rel=1e-5, abs=1e-6 * scale)
     difference = (high[2] - low[2]) / 2e-6
     np.testing.assert_allclose(here[3] @ way, difference, rtol=1e-5, atol=1e-6 * np.abs(difference).max())
-    if torque:
+    if loads:
         return  # whose curvature is left out of the Hessian
     bend = ca.triu2symm(hessian(x, p, 1.7, weight)).full() @ way
     slopes = [1.7 * side[1] + side[3].T @ weight for side in (high, low)]

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from agents.optimal.functions import ArmFunctions
 from agents.optimal.weight_space import INTERVALS, Disturbance, WeightSpace
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array

@@ -22,12 +22,13 @@ from agents.optimal.problem import Motion, Reach
 from agents.optimal.promp_optimal import Planner
 from agents.planning import Cause, Failure, Limits
 from space_envs.dynamics import FloatingRobot
-from space_envs.dynamics.rotations import Array
+from space_envs.dynamics.rotations import Array, to_matrix
 from space_envs.dynamics.spheres import link_ends, sphere_gaps
 from space_envs.errors import ConfigurationError
 from space_envs.models.parameters import SINGLE_ARM
 
 STARTS = 8
+AROUND = 6  # more starts by random ways where balls leave none
 ATTEMPTS = 4  # with tighter limits each, where a motion passes them between the nodes
 EQUAL = 1e-3  # relative difference of costs below which two solutions count as one
 TIMES = 16  # durations that are tried where the duration is free
@@ -38,7 +39,7 @@ TOLERANCES = {
     "position_error": 1e-5,
     "rotation_error": 1e-5,
     "end_attitude": 1e-5,
-    **dict.fromkeys(("position", "rate", "acceleration", "torque", "clearance"), 1e-6),
+    **dict.fromkeys(("position", "rate", "acceleration", "torque", "coriolis", "clearance"), 1e-6),
 }
 
 
@@ -57,7 +58,7 @@ def plan_ocp(
 
     Args:
         model: compiled model of the robot, with which torques are measured.
-        limits: `control` and `coriolis` do not apply.
+        limits: `control` does not apply.
         starts: number of motions that are started from; the first is that of the weight-space planner.
         free_time: lowest and highest duration, s, between which it is chosen in place of reach.duration, so
             that the cost plus `time_weight` times the duration is least. From rest a slower motion along the
@@ -137,6 +138,12 @@ class _Search:
         paths = self._near_optimum(at)
         paths += starting_paths(self._robot, self.reach, ends, self._starts - len(paths), self._seed, at)
         solved = [self._solver.solve(self._solver.variables(path)) for path in paths]
+        blocked = not any(isinstance(s, Solution) for s in solved)
+        if blocked and self.reach.spheres is not None:
+            # A way straight through a ball has no side to give way to: random ones have.
+            more = starting_paths(self._robot, self.reach, ends, 2 * AROUND, self._seed + 1, at)[1::2]
+            paths += more
+            solved += [self._solver.solve(self._solver.variables(path)) for path in more]
         found: list[Solution] = []
         converged = [s for s in solved if isinstance(s, Solution)]
         for solution in sorted(converged, key=lambda s: s.cost):
@@ -186,10 +193,9 @@ class _Search:
                 return motion
             tighter = solver.tightened(solution, excess)
             if isinstance(tighter, Unsolved):
-                name = "torque" if "torque" in excess else max(excess, key=lambda key: excess[key])
-                limit = f" within {self._limits.torque} N m" if name == "torque" else ""
+                name = max(excess, key=lambda key: excess[key] / TOLERANCES[key])
                 cause = Cause.COLLISION if name == "clearance" else Cause.INFEASIBLE
-                reason = f"no motion was found{limit} that keeps {name}; it is passed by {excess[name]:.2e}"
+                reason = f"no motion was found that keeps {name}; the nearest passes it by {excess[name]:.2e}"
                 return Failure(METHOD, cause, reason)
             solution = tighter
         name = max(excess, key=lambda key: excess[key] / TOLERANCES[key])
@@ -210,11 +216,16 @@ class _Search:
             reason = f"joint {joint + 1} starts at {rate[joint]:.3f} rad/s, {limits.rate} are allowed"
             return Failure(METHOD, Cause.INFEASIBLE, reason)
         if reach.spheres is not None and len(reach.spheres):
-            ends = link_ends(self._robot, reach.start, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
-            gap = float(sphere_gaps(ends, reach.spheres, SINGLE_ARM.link_radius).min())
-            if gap < 0.0:
-                reason = f"the start is in a collision, {-gap:.3f} m deep in a ball"
-                return Failure(METHOD, Cause.COLLISION, reason)
+            still = np.array([1.0, 0.0, 0.0, 0.0])
+            ends = link_ends(self._robot, reach.start, np.zeros(3), still)
+            # The last link's place at the end is given with the goal.
+            _, axes = self._robot.end_effector_pose(reach.start)
+            last = reach.position + to_matrix(reach.quaternion) @ axes.T @ (ends[-2] - ends[-1])
+            for when, points in (("the start", ends), ("the goal", np.stack([last, reach.position]))):
+                gap = float(sphere_gaps(points, reach.spheres, SINGLE_ARM.link_radius).min())
+                if gap < 0.0:
+                    reason = f"{when} is in a collision: a link is {-gap:.3f} m deep in a ball"
+                    return Failure(METHOD, Cause.COLLISION, reason)
         return None
 
     def _unsolved(self, path: Array, statuses: list[Unsolved]) -> Failure:

@@ -34,7 +34,7 @@ class Programs:
     def __init__(self, robot: FloatingRobot) -> None:
         self.robot, self.model = robot, SingleArm.of(robot)
         self.mesh = Mesh.graded(INTERVALS, 1.0, 0)
-        self._built: dict[tuple[bool, bool, int], Program] = {}
+        self._built: dict[tuple[bool, tuple[bool, ...], int], Program] = {}
 
     @classmethod
     def of(cls, robot: FloatingRobot) -> "Programs":
@@ -53,14 +53,18 @@ class Programs:
         """Joint torques."""
         return Torque(self.robot)
 
-    def program(self, moving: bool, torque: bool, spheres: int) -> Program:
-        """The program with or without limits on rates and accelerations and on torques, and with balls."""
-        key = moving, torque, spheres
+    def program(self, moving: bool, loads: tuple[bool, ...], spheres: int) -> Program:
+        """The program with or without limits on rates and accelerations, those on torques, and with balls.
+
+        Args:
+            loads: as of `build`.
+        """
+        key = moving, loads, spheres
         if key not in self._built:
             options = {"print_time": False, "ipopt": _IPOPT}
-            at_torque = self.torque if torque else None
+            torque = self.torque if loads else None
             n = self.robot.n_joints
-            self._built[key] = build(self.model, at_torque, n, self.mesh, moving, spheres, options)
+            self._built[key] = build(self.model, torque, loads, n, self.mesh, moving, spheres, options)
         return self._built[key]
 
 
@@ -88,7 +92,7 @@ class Solver:
         self.reach, self.model, self._limits = reach, self._programs.model, limits
         self._robot = robot
         self._spheres = np.zeros((0, 4)) if reach.spheres is None else reach.spheres
-        self._torque: float | None = None  # N m; None while the program does without
+        self._loads: dict[str, float] = {}  # N m, of the limits on torques that the program has by now
         self._moving = limits.rate is not None or limits.acceleration is not None
         self._clear = CLEAR
         mesh = self._programs.mesh
@@ -107,7 +111,9 @@ class Solver:
 
     def solve(self, begin: Array) -> Solution | Unsolved:
         """Solve from variables."""
-        program = self._programs.program(self._moving, self._torque is not None, len(self._spheres))
+        program = self._programs.program(
+            self._moving, tuple(name == "torque" for name in self._loads), len(self._spheres)
+        )
         low, high = self._sides(program)
         size, n = len(begin), program.joints
         low_x, high_x = np.full(size, -np.inf), np.full(size, np.inf)
@@ -141,9 +147,12 @@ class Solver:
 
     def tightened(self, solution: Solution, excess: dict[str, float]) -> Solution | Unsolved:
         """Solve again from a solution, asking for more of what was measured to be passed."""
-        if "torque" in excess and self._limits.torque is not None:
-            now = self._limits.torque if self._torque is None else self._torque - MORE * excess["torque"]
-            self._torque = now
+        for name in ("torque", "coriolis"):
+            if name in excess:
+                known = name in self._loads
+                self._loads[name] = (
+                    self._loads[name] - MORE * excess[name] if known else getattr(self._limits, name)
+                )
         if "clearance" in excess:
             self._clear += MORE * excess["clearance"]
         return self.solve(solution.variables)
@@ -166,7 +175,7 @@ class Solver:
         t, n, limits = self.reach.duration, program.joints, self._limits
         rate = np.inf if limits.rate is None else limits.rate * t * (1.0 - ROOM)
         acceleration = np.inf if limits.acceleration is None else limits.acceleration * t**2 * (1.0 - ROOM)
-        torque = np.inf if self._torque is None else self._torque * t**2 * (1.0 - ROOM)
+        loads = [np.full(program.torques, load * t**2 * (1.0 - ROOM)) for load in self._loads.values()]
         equal = np.zeros(3 * INTERVALS + 6)
         rates, accelerations = program.linear
         even = np.concatenate(
@@ -174,7 +183,7 @@ class Solver:
                 equal,
                 np.full(rates * n, rate),
                 np.full(accelerations * n, acceleration),
-                np.full(program.torques, torque),
+                *loads,
             ]
         )
         least = self._spheres[:, 3] + SINGLE_ARM.link_radius + self._clear

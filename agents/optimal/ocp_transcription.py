@@ -19,6 +19,7 @@ from scipy.sparse import csc_matrix
 from agents.optimal.ocp_model import GAUSS, ORDER, SingleArm, Torque
 from agents.splines import DEGREE, Mesh, Terms
 from space_envs.dynamics.rotations import Array
+from space_envs.errors import ConfigurationError
 
 GIVEN = 2  # leading coefficients that put the start at its angles and rates
 SCALE = 100.0  # of the objective, so that it is of order one
@@ -37,7 +38,8 @@ class Program:
     (3 N), end pose (6), rates and accelerations (rows of `linear`, n each), torques and clearances.
 
     Attributes:
-        linear: numbers of rows for rates and for accelerations. torques, clearances: numbers of constraints.
+        linear: numbers of rows for rates and for accelerations. torques: number of constraints for each limit
+            on them. clearances: number of constraints.
     """
 
     mesh: Mesh
@@ -91,6 +93,7 @@ class _Point:
 def build(
     model: SingleArm,
     torque: Torque | None,
+    loads: tuple[bool, ...],
     n: int,
     mesh: Mesh,
     moving: bool,
@@ -100,7 +103,9 @@ def build(
     """The program of a robot with n joints.
 
     Args:
-        torque: None leaves torques free. moving: whether there are rows for rates and accelerations.
+        loads: for each limit on torques whether it is on all that a joint needs, or else on what rates alone
+            need; none leaves torques free, and `torque` is not used.
+        moving: whether there are rows for rates and accelerations.
         spheres: number of balls.
         options: of CasADi's `nlpsol` for Ipopt.
     """
@@ -175,15 +180,20 @@ def build(
         (3 * count, 6, end, model.ending.slope(*last, *end_given)),
     ]
     begin = 3 * count + 6 + rows.numel()
-    torques = clearances = 0
-    if torque is not None:
-        times = np.sort(np.concatenate([mesh.breaks, mesh.middles]))
-        state = [coefficients @ ca.DM(csc_matrix(mesh.basis(times, k).T)) for k in range(3)]
-        g.append(ca.vec(torque.value.map(len(times))(*state)))
-        torques = n * len(times)
-        points = [_spline_point(layout, mesh, t, (0, 1, 2)) for t in times]
-        blocks.append((begin, n, points, torque.slope.map(len(times))(*state)))
-        begin += torques
+    clearances = 0
+    times = np.sort(np.concatenate([mesh.breaks, mesh.middles]))
+    state = [coefficients @ ca.DM(csc_matrix(mesh.basis(times, k).T)) for k in range(3)]
+    for accelerating in loads:
+        if torque is None:
+            raise ConfigurationError("limits on torques need the torques")
+        given_state = state if accelerating else [*state[:2], ca.MX(n, len(times))]
+        g.append(ca.vec(torque.value.map(len(times))(*given_state)))
+        points = [_spline_point(layout, mesh, t, (0, 1, 2) if accelerating else (0, 1)) for t in times]
+        slope = torque.slope.map(len(times))(*given_state)
+        if not accelerating:
+            slope = slope[:, [k * 3 * n + i for k in range(len(times)) for i in range(2 * n)]]
+        blocks.append((begin, n, points, slope))
+        begin += n * len(times)
     at_breaks = coefficients @ ca.DM(csc_matrix(mesh.basis(mesh.breaks[1:], 0).T))
     break_points = [
         _joined(_spline_point(layout, mesh, t, (0,)), layout.attitude(k + 1))
@@ -239,7 +249,9 @@ def build(
         },
     )
     both = ca.Function("slopes", [x, p], [gradient, slopes])
-    return Program(mesh, solver, values, both, n, (len(rates), len(accelerations)), torques, clearances)
+    return Program(
+        mesh, solver, values, both, n, (len(rates), len(accelerations)), n * len(times), clearances
+    )
 
 
 def _at_gauss_points(mesh: Mesh) -> tuple[Array, Array]:

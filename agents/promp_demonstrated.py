@@ -1,0 +1,31 @@
+"""The paper's ProMP with optimal demonstrations, conditioned on the goal in task space, as policies."""
+
+from agents.optimal.demonstrated import DemonstratedPlanner
+from agents.optimal.library import shipped_library
+from agents.optimal.problem import Motion, Reach
+from agents.optimal_policies import OptimalPolicy
+from agents.planning import Failure
+from space_envs.evaluation.policy import PolicyContext
+
+
+class PrompDemonstrated(OptimalPolicy):
+    """Best of the samples of ProMPs fitted to optimal motions by eq. 20; the attitude is free.
+
+    Args:
+        context, seed: as of every policy. All episodes share the samples' draws, which the seed fixes.
+    """
+
+    def __init__(self, context: PolicyContext, seed: int = 0) -> None:
+        super().__init__(context, seed)
+        library = shipped_library(self.keep_attitude)
+        self._planner = DemonstratedPlanner(context.arm, self.limits, library, seed=seed)
+
+    def plan(self, asked: list[Reach]) -> list[Motion | Failure]:
+        """Plans of all rows."""
+        return [self._planner.plan(reach) for reach in asked]
+
+
+class PrompDemonstratedKept(PrompDemonstrated):
+    """The same with the base's first attitude at the end."""
+
+    keep_attitude = True

@@ -1,0 +1,213 @@
+"""ProMPs fitted to optimal motions: goals, limits and costs of their plans, and ways around spheres."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from agents.optimal.avoiding import AvoidingPlanner
+from agents.optimal.check import check
+from agents.optimal.demonstrated import GROUP, MET, UNLIKE, DemonstratedPlanner
+from agents.optimal.demonstrations import model_limits
+from agents.optimal.inequalities import Spheres
+from agents.optimal.library import shipped_library
+from agents.optimal.problem import Motion, Reach
+from agents.planning import Cause, Failure
+from agents.promp_avoiding import PrompAvoiding
+from agents.promp_demonstrated import PrompDemonstrated, PrompDemonstratedKept
+from agents.promp_policy import ProMPPolicy
+from promp import ProMP, ViaPoint
+from space_envs.dynamics import FloatingRobot, roll_out_base, trajectory_cost
+from space_envs.dynamics.rotations import Array
+from space_envs.dynamics.spheres import link_ends, sphere_gaps
+from space_envs.envs import CaptureVectorEnv
+from space_envs.evaluation.policy import PolicyContext
+from space_envs.models.parameters import SINGLE_ARM
+from space_envs.models.single_arm import single_arm_model
+from space_envs.tasks.single_arm import SingleArmTask
+from space_envs.tasks.single_arm_cluttered import SingleArmClutteredTask
+
+GOALS = 6
+
+
+def robot() -> FloatingRobot:
+    return SingleArmTask().robot
+
+
+@cache
+def planner(keep_attitude: bool = False) -> DemonstratedPlanner:
+    return DemonstratedPlanner(robot(), model_limits(), shipped_library(keep_attitude))
+
+
+def reach_of(number: int, keep_attitude: bool = False) -> Reach:
+    goals = SingleArmTask().goals("validation", np.arange(GOALS))
+    reach = Reach(robot().home, goals.position[number], goals.quaternion[number], keep_attitude=keep_attitude)
+    return reach.checked(robot())
+
+
+def cluttered(number: int) -> Reach:
+    goals = SingleArmClutteredTask().goals("validation", np.arange(GOALS))
+    start, place, turn = goals.joint_position, goals.position, goals.quaternion
+    return Reach(start[number], place[number], turn[number], spheres=goals.spheres[number])
+
+
+def measured(reach: Reach, plan: Motion | Failure) -> Motion:
+    assert isinstance(plan, Motion), plan
+    return check(single_arm_model(), robot(), reach.checked(robot()), model_limits(), plan)
+
+
+def assert_within_limits(plan: Motion) -> None:
+    violation = plan.violation
+    assert violation["position_error"] < 1e-3
+    assert violation["rotation_error"] < np.deg2rad(0.05)
+    assert violation["position"] <= 0.0
+    assert violation["rate"] <= 0.03 * SINGLE_ARM.rate_limit
+    assert violation["acceleration"] <= 0.03 * SINGLE_ARM.acceleration_limit
+    assert violation["torque"] <= 0.03 * SINGLE_ARM.torque_limit
+    assert violation["start"] < 1e-9
+    assert violation["end_rate"] < 1e-9
+
+
+def test_plans_meet_goals_within_limits_and_beat_linear_quadratic_demonstrations() -> None:
+    env = CaptureVectorEnv("SpaceCapture/SingleArm-v0", GOALS)
+    context = PolicyContext.from_env(env)
+    observation, _ = env.reset(options={"split": "validation", "index": np.arange(GOALS)})
+    other, _ = ProMPPolicy(context).plan(context.check_observation(observation))
+    cost = trajectory_cost(robot(), other.position, other.velocity, other.dt)
+    share = []
+    for number in range(GOALS):
+        plan = planner().plan(reach_of(number))
+        found = measured(reach_of(number), plan)
+        assert_within_limits(found)
+        assert isinstance(plan, Motion)
+        assert found.cost == pytest.approx(plan.cost, rel=0.03)
+        share.append(found.cost / cost[number])
+    assert np.median(share) < 0.7
+
+
+def test_attitude_is_kept_where_it_is_asked_for() -> None:
+    plans = [planner(True).plan(reach_of(number, True)) for number in range(GOALS)]
+    solved = [number for number, plan in enumerate(plans) if isinstance(plan, Motion)]
+    assert len(solved) >= 0.6 * GOALS
+    for number in solved:
+        found = measured(reach_of(number, True), plans[number])
+        assert_within_limits(found)
+        assert found.violation["end_attitude"] < np.deg2rad(0.05)
+    for plan in plans:
+        if isinstance(plan, Failure):
+            assert plan.cause in (Cause.INFEASIBLE, Cause.SOLVER)
+
+
+def test_samples_are_worth_drawing_and_several_groups_too() -> None:
+    def costs(**changes: int) -> Array:
+        made = DemonstratedPlanner(robot(), model_limits(), shipped_library(False), **changes)
+        plans = [made.plan(reach_of(number)) for number in range(GOALS)]
+        return np.array([plan.cost if isinstance(plan, Motion) else np.inf for plan in plans])
+
+    best = costs()
+    assert (best <= costs(samples=0) * (1.0 + 1e-9)).all()
+    assert np.median(best / costs(groups=1)) < 1.0
+
+
+def test_samples_of_the_conditioned_promp_meet_the_goal() -> None:
+    reach = reach_of(1)
+    space, bounds, _ = planner().planner.setting(reach)
+    for found in planner().distributions(reach, space, bounds).found:
+        assert np.abs(space.values(space.coordinates(found.promp.mean[None]))[1][0, :6]).max() < 1e-8
+        samples, met = found.project(found.promp.sample(np.random.default_rng(0), 30), MET)
+        assert met.mean() > 0.9
+        assert np.abs(space.values(space.coordinates(samples[met]))[1][:, :6]).max() <= 1e-5
+
+
+def test_moving_to_another_start_is_conditioning_on_it() -> None:
+    home, start, rate = robot().home, robot().home + 0.05, np.full(7, 0.01)
+    at_home = replace(reach_of(2), start=home)
+    moved = replace(at_home, start=start, rate=rate)
+    spaces = [planner().planner.setting(reach)[0] for reach in (at_home, moved)]
+    priors = [
+        planner().priors(reach, space)[0] for reach, space in zip((at_home, moved), spaces, strict=True)
+    ]
+    # Starts that vary by the quietest functions, independently of the rest.
+    ways = np.kron(np.eye(7), spaces[0].shapes.fixed[:, :2])
+    wide = ProMP(priors[0].mean, priors[0].covariance + 0.04 * ways @ ways.T)
+    found = wide.condition_on([ViaPoint(0.0, start, rate, duration=10.0)])
+    np.testing.assert_allclose(found.mean, priors[1].mean, atol=1e-6)
+    np.testing.assert_allclose(found.covariance, priors[1].covariance, atol=1e-7)
+    assert UNLIKE > 0.0
+    assert priors[0].factor.deviations.size == 7 * spaces[0].free > GROUP
+
+
+def test_goals_out_of_reach_are_refused() -> None:
+    failure = planner().plan(replace(reach_of(0), position=np.array([0.0, 9.0, 0.0])))
+    assert isinstance(failure, Failure)
+    assert failure.cause is Cause.SOLVER
+    assert any(letter.isdigit() for letter in failure.reason)
+
+
+def test_gaps_on_the_way_are_those_of_another_roll_out() -> None:
+    reach = cluttered(0).checked(robot())
+    space, _, _ = planner().planner.setting(reach)
+    assert reach.spheres is not None
+    y = 0.02 * np.random.default_rng(0).standard_normal((3, 7, space.free))
+    gaps = Spheres(space, robot(), reach.spheres, SINGLE_ARM.link_radius).gaps(y)
+    fine = np.linspace(0.0, 1.0, 401)
+    basis = space.shapes.basis
+    for one, gap in zip(space.weights(y), gaps, strict=True):
+        q, qdot = basis.value(fine) @ one.T, basis.derivative(fine) @ one.T / 10.0
+        ends = link_ends(robot(), q, *roll_out_base(robot(), q, qdot, 10.0 / 400))
+        expected = sphere_gaps(ends, reach.spheres, SINGLE_ARM.link_radius)
+        np.testing.assert_allclose(gap, expected[:: 400 // (len(gap) - 1)], atol=3e-3)
+
+
+def test_ways_around_spheres_are_clear_and_within_limits() -> None:
+    avoiding = AvoidingPlanner(robot(), model_limits(), shipped_library(False))
+    blind = []
+    for number in range(3):
+        reach = cluttered(number)
+        blind.append(measured(reach, planner().plan(reach)).violation["clearance"])
+        found = measured(reach, avoiding.plan(reach))
+        assert_within_limits(found)
+        assert found.violation["clearance"] < -2e-3
+    assert max(blind) > 0.01  # a motion that does not look runs into a sphere
+
+
+def test_a_sphere_around_the_goal_is_a_collision_that_is_told() -> None:
+    reach = reach_of(3)
+    blocked = replace(reach, spheres=np.append(reach.position, 0.2)[None])
+    failure = AvoidingPlanner(robot(), model_limits(), shipped_library(False)).plan(blocked)
+    assert isinstance(failure, Failure)
+    assert failure.cause in (Cause.COLLISION, Cause.SOLVER)
+
+
+@pytest.mark.parametrize("kind", [PrompDemonstrated, PrompDemonstratedKept])
+def test_policies_follow_their_plans(kind: type[PrompDemonstrated]) -> None:
+    env = CaptureVectorEnv("SpaceCapture/SingleArm-v0", 4, hold_time=100.0)
+    policy = kind(PolicyContext.from_env(env))
+    observation, _ = env.reset(options={"split": "validation", "index": np.arange(4)})
+    state, start = None, None
+    for _ in range(101):
+        action, state = policy.predict(observation, state, start)
+        start = np.zeros(4, dtype=bool)
+        observation, *_ = env.step(action)
+    assert state is not None
+    planned = np.array([failure is None for failure in state.failures])
+    assert planned.any()
+    miss = np.linalg.norm(policy.context.layout.read(observation, "position_error"), axis=1)
+    assert miss[planned].max() < 5e-3
+    if policy.keep_attitude:
+        turn = policy.context.layout.read(observation, "base_quaternion")
+        assert np.rad2deg(2.0 * np.arccos(np.abs(turn[planned, 0]).clip(0.0, 1.0))).max() < 0.1
+
+
+def test_the_avoiding_policy_sees_the_spheres() -> None:
+    env = CaptureVectorEnv("SpaceCapture/SingleArmCluttered-v0", 1)
+    policy = PrompAvoiding(PolicyContext.from_env(env))
+    observation, _ = env.reset(options={"split": "validation", "index": np.array([1])})
+    _, state = policy.predict(observation)
+    assert state.failures[0] is None
+    reach = cluttered(1)
+    assert reach.spheres is not None
+    base = roll_out_base(robot(), state.position[0], state.rate[0], policy.context.control_period)
+    ends = link_ends(robot(), state.position[0], *base)
+    assert sphere_gaps(ends, reach.spheres, SINGLE_ARM.link_radius).min() > 2e-3
