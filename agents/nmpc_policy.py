@@ -16,7 +16,7 @@ from space_envs.evaluation.policy import PolicyContext
 
 
 @dataclass(frozen=True, eq=False)
-class Following:
+class Receding:
     """What N episodes plan; never changed in place.
 
     Attributes:
@@ -62,10 +62,10 @@ class NMPC:
     def predict(
         self,
         observation: Array,
-        state: Following | None = None,
+        state: Receding | None = None,
         episode_start: NDArray[np.bool_] | None = None,
         deterministic: bool = True,
-    ) -> tuple[Array, Following]:
+    ) -> tuple[Array, Receding]:
         """Actions (N, n) and the motions they begin."""
         context = self.context
         observation = context.check_observation(observation)
@@ -92,4 +92,4 @@ class NMPC:
                 # The drives reach a rate at the end of the period: the motion's rate there is asked for.
                 rate = horizon.rates(np.array(arm.time + context.control_period))
                 action[row] = np.clip(rate / context.action_scale, -1.0, 1.0)
-        return action, Following(tuple(horizons), start, failures)
+        return action, Receding(tuple(horizons), start, failures)

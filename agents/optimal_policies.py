@@ -1,6 +1,5 @@
 """Policies that plan an optimal motion where an episode begins, follow it, and then stay with the goal."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,9 +18,10 @@ from agents.tracking import (
     HOLD_GAIN,
     HOLD_LINEAR_SPEED,
     TRACKING_GAIN,
-    merged,
+    Following,
+    continued,
+    following,
     motion_times,
-    rows_to_plan,
 )
 from space_envs.control import CORIOLIS_SHARE
 from space_envs.dynamics.rotations import Array, conjugate, multiply, rotate
@@ -30,21 +30,6 @@ from space_envs.evaluation.policy import PolicyContext
 STARTS = 4  # of the collocation
 PARALLEL_FROM = 4  # rows, from which starting processes pays
 TORQUE_ROOM = 0.9  # share of the torque at which drives give way that a plan uses
-
-
-@dataclass(frozen=True, eq=False)
-class Following:
-    """The plans of N episodes.
-
-    Attributes:
-        position, rate: (N, T, n) rad and rad/s, one sample a control period. start: (N,) s, in the episode.
-        failures: (N,) None, or why there is no plan.
-    """
-
-    position: Array
-    rate: Array
-    start: Array
-    failures: NDArray[np.object_]
 
 
 def drive_limits(context: PolicyContext) -> Limits:
@@ -104,18 +89,10 @@ class OptimalPolicy:
         raise NotImplementedError
 
     def _plans(self, observation: Array) -> Following:
-        context = self.context
-        asked = reaches(context, observation, self.keep_attitude)
-        times = motion_times(context)
-        position, rate = np.empty((2, len(asked), len(times), context.arm.n_joints))
-        failures = np.full(len(asked), None, dtype=object)
-        for row, (reach, plan) in enumerate(zip(asked, self.plan(asked), strict=True)):
-            if isinstance(plan, Failure):
-                failures[row] = f"{plan.cause}: {plan.reason}"
-                position[row], rate[row] = reach.start, 0.0
-            else:
-                position[row], rate[row], _ = plan.sample(times)
-        return Following(position, rate, context.layout.read(observation, "time")[:, 0], failures)
+        asked = reaches(self.context, observation, self.keep_attitude)
+        plans = [(reach.start, plan) for reach, plan in zip(asked, self.plan(asked), strict=True)]
+        start = self.context.layout.read(observation, "time")[:, 0]
+        return following(plans, motion_times(self.context), start)
 
     def predict(
         self,
@@ -125,24 +102,15 @@ class OptimalPolicy:
         deterministic: bool = True,
     ) -> tuple[Array, Following]:
         """Actions (N, n) and the plans that they follow."""
-        context = self.context
+        context, read = self.context, self.context.layout.read
         observation = context.check_observation(observation)
-        rows = rows_to_plan(state, episode_start, len(observation))
-        if state is None or rows.size:
-            new = self._plans(observation[rows])
-            state = new if state is None or rows.size == len(observation) else merged(state, new, rows)
-        time = context.layout.read(observation, "time")[:, 0]
-        step = np.rint((time - state.start) / context.control_period).astype(np.int64)
-        last, every = state.position.shape[1] - 1, np.arange(len(observation))
-        now, then = np.minimum(step, last), np.minimum(step + 1, last)
-        error = state.position[every, now] - context.layout.read(observation, "joint_position")
-        # The drives reach a rate at the end of the period: the plan's rate there is what to ask for.
-        rate = state.rate[every, then] + TRACKING_GAIN * error
-        over = np.flatnonzero(step >= last)
+        state = continued(state, observation, episode_start, self._plans)
+        time, angle = read(observation, "time")[:, 0], read(observation, "joint_position")
+        now, _, rate, over = state.reference(time, context.control_period)
+        rate = rate + TRACKING_GAIN * (now - angle)
         if over.size:
-            planned = np.array([failure is None for failure in state.failures[over]])
             hold = resolved_rate(context, observation[over], HOLD_GAIN, HOLD_LINEAR_SPEED, HOLD_ANGULAR_SPEED)
-            rate[over] = hold * planned[:, None]
+            rate[over] = hold * state.planned[over, None]
         return np.clip(rate / context.action_scale, -1.0, 1.0), state
 
 

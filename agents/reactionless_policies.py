@@ -15,7 +15,7 @@ from agents.reactionless.free import plan_free
 from agents.reactionless.ocp import plan_ocp
 from agents.reactionless.problem import Capture, Plan
 from agents.reactionless_rate import limited, track_rates
-from agents.tracking import merged, rows_to_plan
+from agents.tracking import Following, continued, following
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.reactionless import keep_attitude
 from space_envs.dynamics.rotations import Array, conjugate, logarithm, multiply, rotate
@@ -26,22 +26,6 @@ MEETING = 20.0  # s after the start of the episode, when every plan ends
 TRACKING_GAIN = 1.0  # 1/s, of the joint error while a plan is followed
 ATTITUDE_GAIN = 0.3  # 1/s, of the attitude that is left
 PARALLEL_FROM = 8  # plans; fewer are made in this process
-
-
-@dataclass(frozen=True, eq=False)
-class Following:
-    """The plans of N episodes; unchanged from step to step.
-
-    Attributes:
-        position, rate: (N, T + 1, n) rad and rad/s, one sample a control period.
-        start: (N,) s, time in the episode at which each plan begins.
-        failures: (N,) None, or why there is no plan.
-    """
-
-    position: Array
-    rate: Array
-    start: Array
-    failures: NDArray[np.object_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,16 +122,8 @@ class ReactionlessPlanner:
         else:
             plans = list(Parallel(n_jobs=-1)(delayed(self.plan)(task) for task in tasks))
         times = np.arange(self._samples + 1) * self.context.control_period
-        n = self.context.arm.n_joints
-        position, rate = np.empty((2, len(tasks), len(times), n))
-        failures = np.full(len(tasks), None, dtype=object)
-        for row, (task, plan) in enumerate(zip(tasks, plans, strict=True)):
-            if isinstance(plan, Failure):
-                failures[row] = f"{plan.cause}: {plan.reason}"
-                position[row], rate[row] = task.capture.start, 0.0
-            else:
-                position[row], rate[row], _ = plan.sample(np.minimum(times, plan.time[-1]))
-        return Following(position, rate, self.reader.field(observation, "time")[:, 0], failures)
+        asked = [(task.capture.start, plan) for task, plan in zip(tasks, plans, strict=True)]
+        return following(asked, times, self.reader.field(observation, "time")[:, 0])
 
     def predict(
         self,
@@ -159,26 +135,16 @@ class ReactionlessPlanner:
         """Actions (N, n) and the plans that they follow."""
         context, reader = self.context, self.reader
         observation = context.check_observation(observation)
-        rows = rows_to_plan(state, episode_start, len(observation))
-        if state is None or rows.size:
-            new = self._plans(observation[rows])
-            state = new if state is None or rows.size == len(observation) else merged(state, new, rows)
-        time = reader.field(observation, "time")[:, 0]
-        step = np.rint((time - state.start) / context.control_period).astype(np.int64)
-        last = self._samples
-        every = np.arange(len(observation))
-        now, then = np.minimum(step, last), np.minimum(step + 1, last)
-        # The drives reach a rate at the end of the period: the plan's rate there is what to ask for.
-        error = state.position[every, now] - reader.field(observation, "joint_position")
-        rate = state.rate[every, then] + TRACKING_GAIN * error
-        turning = context.arm.base_map(state.position[every, then])[:, 3:]
+        state = continued(state, observation, episode_start, self._plans)
+        time, angle = reader.field(observation, "time")[:, 0], reader.field(observation, "joint_position")
+        now, then, rate, over = state.reference(time, context.control_period)
+        rate = rate + TRACKING_GAIN * (now - angle)
+        turning = context.arm.base_map(then)[:, 3:]
         attitude = logarithm(reader.quaternion(observation, "base"))
         rate = keep_attitude(turning, rate, -ATTITUDE_GAIN * attitude)
         action = np.clip(rate / context.action_scale, -1.0, 1.0)
-        over = np.flatnonzero(step >= last)
         if over.size:
-            planned = np.array([failure is None for failure in state.failures[over]])
-            rate = track_rates(reader, observation[over]) * planned[:, None]
+            rate = track_rates(reader, observation[over]) * state.planned[over, None]
             action[over] = limited(reader, observation[over], rate)
         return action, state
 

@@ -1,5 +1,6 @@
 """What planners share: plan where an episode starts, follow the plan, then stay with the goal."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, TypeVar
 
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 
 from agents.gjm import resolved_rate
 from agents.inverse_kinematics import JointGoals, JointMotion
+from agents.planning import Failure, JointPath
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import PolicyError
 from space_envs.evaluation.policy import PolicyContext
@@ -35,6 +37,56 @@ class Plan:
     velocity: Array
     start: Array
     goals: JointGoals
+
+
+@dataclass(frozen=True, eq=False)
+class Following:
+    """The optimal plans of N episodes; unchanged from step to step.
+
+    Attributes:
+        position, rate: (N, T + 1, n) rad and rad/s, one sample a control period.
+        start: (N,) s, time in the episode at which each plan begins.
+        failures: (N,) None, or why there is no plan.
+    """
+
+    position: Array
+    rate: Array
+    start: Array
+    failures: NDArray[np.object_]
+
+    @property
+    def planned(self) -> NDArray[np.bool_]:
+        """Rows (N,) that have a plan."""
+        return np.array([failure is None for failure in self.failures], dtype=bool)
+
+    def reference(self, time: Array, period: float) -> tuple[Array, Array, Array, NDArray[np.int64]]:
+        """What the plans ask at times (N,) s into the episodes and one control period, s, later.
+
+        Returns:
+            Angles (N, n) rad now; angles and rates (N, n) rad/s then, since the drives reach a rate at the
+            end of a period; indices of the rows whose plan is over.
+        """
+        step = np.rint((time - self.start) / period).astype(np.int64)
+        last, every = self.position.shape[1] - 1, np.arange(len(step))
+        now, then = (every, np.minimum(step, last)), (every, np.minimum(step + 1, last))
+        return self.position[now], self.position[then], self.rate[then], np.flatnonzero(step >= last)
+
+
+def following(asked: Sequence[tuple[Array, JointPath | Failure]], times: Array, start: Array) -> Following:
+    """What the plans of N episodes ask at sampling times (T + 1,) s; without a plan the arm rests.
+
+    Args:
+        asked: joint angles (n,) rad at the start and the plan, of each episode. start: (N,) s.
+    """
+    position, rate = np.empty((2, len(asked), len(times), len(asked[0][0])))
+    failures = np.full(len(asked), None, dtype=object)
+    for row, (rest, plan) in enumerate(asked):
+        if isinstance(plan, Failure):
+            failures[row] = f"{plan.cause}: {plan.reason}"
+            position[row], rate[row] = rest, 0.0
+        else:
+            position[row], rate[row], _ = plan.sample(times)
+    return Following(position, rate, start, failures)
 
 
 def motion_times(context: PolicyContext) -> Array:
@@ -75,6 +127,20 @@ def merged(old: State, new: State, rows: NDArray[np.int64]) -> State:
     return type(old)(**values)
 
 
+def continued(
+    state: State | None,
+    observation: Array,
+    episode_start: NDArray[np.bool_] | None,
+    plan: Callable[[Array], State],
+) -> State:
+    """The state with the rows planned anew whose episode begins; errors as in `rows_to_plan`."""
+    rows = rows_to_plan(state, episode_start, len(observation))
+    if state is not None and not rows.size:
+        return state
+    new = plan(observation[rows])
+    return new if state is None or rows.size == len(observation) else merged(state, new, rows)
+
+
 def hold_rate(
     context: PolicyContext, observation: Array, goals: JointGoals, rows: NDArray[np.int64]
 ) -> Array:
@@ -99,6 +165,11 @@ class TrajectoryPolicy:
         """Motions (N, T, n), sampled at `motion_times`, and the joint goals they end at."""
         raise NotImplementedError
 
+    def _plans(self, observation: Array) -> Plan:
+        motion, goals = self.plan(observation)
+        start = self.context.layout.read(observation, "time")[:, 0]
+        return Plan(motion.position, motion.velocity, start, goals)
+
     def follow(self, observation: Array, plan: Plan, step: Steps) -> Array:
         """Joint rates (N, n), rad/s, for the end of the control period, `step` (N,) periods into the plan.
 
@@ -121,11 +192,7 @@ class TrajectoryPolicy:
         context, read = self.context, self.context.layout.read
         observation = context.check_observation(observation)
         time = read(observation, "time")[:, 0]
-        rows = rows_to_plan(state, episode_start, len(observation))
-        if state is None or rows.size:
-            motion, goals = self.plan(observation[rows])
-            new = Plan(motion.position, motion.velocity, time[rows], goals)
-            state = new if state is None or rows.size == len(observation) else merged(state, new, rows)
+        state = continued(state, observation, episode_start, self._plans)
         step = np.rint((time - state.start) / context.control_period).astype(np.int64)
         rate = self.follow(observation, state, step)
         over = np.flatnonzero(step >= state.position.shape[1] - 1)

@@ -20,10 +20,10 @@ NO_PLANNERS = ("random", "hold", "gjm", "bc", "ppo")
 BLUE, VERMILION = "#0072b2", "#d55e00"
 
 
-def summary(output: Path, episodes: int, split: str) -> list[dict[str, Any]]:
-    """Rows of all planners, played on medium goals."""
-    names = [name for name in policies_for(ENV) if name not in NO_PLANNERS]
-    arguments = ["--env", ENV, "--policy", *names, "--split", split, "--episodes", str(episodes)]
+def summary(env: str, output: Path, episodes: int, split: str) -> list[dict[str, Any]]:
+    """Rows of all planners of an id, played on medium goals."""
+    names = [name for name in policies_for(env) if name not in NO_PLANNERS]
+    arguments = ["--env", env, "--policy", *names, "--split", split, "--episodes", str(episodes)]
     status = evaluate([*arguments, "--output", str(output), "--no-pictures"])
     if status != 0:
         raise SystemExit(status)
@@ -63,6 +63,7 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
 def main() -> None:
     """Play, print the table and draw."""
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--env", default=ENV, help="id; the plot is drawn for %(default)s alone")
     parser.add_argument("--episodes", type=int, default=100, help="test goals (default %(default)s)")
     parser.add_argument("--split", default="test", help="default %(default)s")
     parser.add_argument("--output", type=Path, default=Path("results/planners"), help="default %(default)s")
@@ -70,21 +71,24 @@ def main() -> None:
         "--plot", type=Path, default=Path("docs/images/planners.svg"), help="default %(default)s"
     )
     options = parser.parse_args()
-    rows = summary(options.output, options.episodes, options.split)
-    draw(rows, options.plot)
+    rows = summary(options.env, options.output, options.episodes, options.split)
+    if options.env == ENV:
+        draw(rows, options.plot)
     table = [
         [
             row["policy"],
             f"{planning_time(row):.1f}",
             f"{1e4 * row['figures']['attitude_cost']['value']:.1f}",
             f"{row['figures']['final_attitude']['value']:.3g}",
+            f"{100 * row['figures']['success']['value']:.0f}",
             f"{100 * row['figures']['capture@0.1deg']['value']:.0f}",
         ]
         for row in sorted(rows, key=lambda row: row["figures"]["attitude_cost"]["value"])
     ]
-    head = ["planner", "planning, ms", "eq. 20 cost, cm^2/s", "attitude left, deg", "capture@0.1deg, %"]
+    head = ["planner", "planning, ms", "eq. 20 cost, cm^2/s", "attitude left, deg", "captured, %"]
+    head += ["with at most 0.1 deg, %"]
     print(markdown_table(head, table))
-    print(f"\n{options.episodes} medium {options.split} goals, {machine_class()}; plot in {options.plot}.")
+    print(f"\n{options.episodes} medium {options.split} goals, {machine_class()}.")
 
 
 if __name__ == "__main__":

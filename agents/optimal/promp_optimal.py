@@ -17,12 +17,12 @@ from space_envs.dynamics.rotations import Array, to_matrix
 from space_envs.models.parameters import SINGLE_ARM
 
 METHOD = "promp_optimal"
-ROOM = (
-    0.99  # share of rates and accelerations that is used at the sampling times; between them is a little more
-)
+ROOM = 0.99  # share of rates and accelerations used at the sampling times; between them is a little more
 ANGLE_ROOM = 1e-3  # rad, kept from the joint limits
 NEAREST = 8  # stored motions that are looked at
 TRIED = 1  # of them, that are improved; the others follow where these do not lead to the goal
+MOST = 2  # of them, that are improved where costs disappoint
+DISAPPOINTING = 1.5  # times what the best of them promised, or a quarter of them cost, from which a cost does
 BROKEN = 1e-2  # share of a torque, or m, that a solution may lack in sum over the motion
 PERTURBED = 6  # starts around the attitude-free motion where nothing stored leads to the goal
 SPREAD = 0.1  # of these, in coordinates (the root of the integral of a joint's squared rate, per function)
@@ -114,11 +114,15 @@ class Planner:
         if self._library is None:
             return []
         keep = reach.keep_attitude
-        starts = self._library.nearest(reach, self._nearest)
+        near = self._library.order(reach.position, reach.quaternion)[: self._nearest]
+        starts = self._library.coordinates[near]
+        promise = one_step(space, starts, keep)
+        hoped = max(promise.min(), float(np.quantile(self._library.cost[near], 0.25)))
         found: list[Solution] = []
-        for number, k in enumerate(np.argsort(one_step(space, starts, keep), kind="stable")):
-            if number >= self._tried and _best(found) is not None:
-                break
+        for number, k in enumerate(np.argsort(promise, kind="stable")):
+            if number >= self._tried and (best := _best(found)) is not None:
+                if number >= MOST or best.cost <= DISAPPOINTING * hoped:
+                    break
             found.append(minimise(space, bounds, starts[k], keep, rows))
         if rows and _best(found) is None:
             # Torques and balls bend the way; without them the goal is met first.

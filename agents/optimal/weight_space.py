@@ -16,7 +16,7 @@ from agents.optimal.functions import ArmFunctions
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
 
-INTERVALS = 12  # of the base's roll-out, with two Gauss points each
+INTERVALS = 16  # of the base's roll-out, with two Gauss points each
 SAMPLES = 101  # at which limits are kept
 _FINE = 401
 

@@ -1,0 +1,95 @@
+"""A satellite whose mass and inertia are not what the planner knows: feedback against following a plan."""
+
+import argparse
+
+import numpy as np
+from tqdm import tqdm
+
+from agents.registry import make_policy
+from agents.tracking import DURATION
+from benchmarks.machine import machine_class, markdown_table
+from space_envs.dynamics.rotations import Array
+from space_envs.envs import CaptureVectorEnv
+from space_envs.evaluation.policy import PolicyContext
+
+POLICIES = ("nmpc", "promp_optimal_kept")
+SCALES = (0.9, 1.0, 1.1)
+BATCH = 50  # episodes simulated together
+ALLOWED = 0.3  # deg, of the attitude that an episode may leave
+
+
+def play(name: str, scale: float, goals: Array, split: str) -> dict[str, Array]:
+    """Episodes on medium goals with the satellite's mass and inertia scaled; arrays (K,).
+
+    position, rotation, attitude: m, deg and deg when a planned motion is over. captured; left: deg of
+    attitude at the end of the episode. planned: whether there was a plan.
+    """
+    n = len(goals)
+    env = CaptureVectorEnv("SpaceCapture/SingleArm-v0", n, split=split, autoreset_mode="disabled")
+    observation, _ = env.reset(seed=0, options={"index": goals})
+    rows = np.arange(n)
+    env.simulation.scale_base(rows, np.full(n, scale))
+    env.simulation.refresh(rows)
+    env.drive.reset(rows)
+    policy, state = make_policy(name, PolicyContext.from_env(env), 0), None
+    task, over = env.task, round(DURATION / env.task.control_period)
+    running = np.ones(n, dtype=bool)
+    made: dict[str, Array] = {}
+    attitude, outcome = np.zeros(n), np.full(n, "running", dtype=object)
+    for step in range(1, task.horizon + 1):
+        action, state = policy.predict(observation, state)
+        observation, _, _, _, info = env.step(action)
+        attitude = np.where(running, np.rad2deg(task.attitude(observation)), attitude)
+        outcome = np.where(running, info["outcome"], outcome)
+        running &= outcome == "running"
+        if step == over:
+            norms = task.norms(observation)
+            made |= {"position": norms[:, 0], "rotation": np.rad2deg(norms[:, 1]), "attitude": attitude}
+        if step >= over and not running.any():
+            break
+    planned = np.array([failure is None for failure in state.failures])
+    env.close()
+    return made | {"captured": outcome == "captured", "left": attitude, "planned": planned}
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--goals", type=int, default=100, help="medium goals (default %(default)s)")
+    parser.add_argument("--split", default="test", help="default %(default)s")
+    options = parser.parse_args()
+    rows = []
+    with tqdm(total=len(POLICIES) * len(SCALES) * options.goals, unit="episode", leave=False) as bar:
+        for name in POLICIES:
+            for scale in SCALES:
+                parts = []
+                for first in range(0, options.goals, BATCH):
+                    goals = np.arange(first, min(first + BATCH, options.goals))
+                    parts.append(play(name, scale, goals, options.split))
+                    bar.update(len(goals))
+                made = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
+                planned = made["planned"]
+                good = made["captured"] & (made["left"] <= ALLOWED)
+                at_end = [np.median(made[key][planned]) for key in ("position", "rotation", "attitude")]
+                rows.append(
+                    [
+                        f"`{name}`",
+                        f"{scale:g}",
+                        f"{planned.sum()}",
+                        f"{1e3 * at_end[0]:.2f}" if name != "nmpc" else "-",
+                        f"{at_end[1]:.3f}" if name != "nmpc" else "-",
+                        f"{at_end[2]:.3f}" if name != "nmpc" else "-",
+                        f"{made['captured'].sum()}",
+                        f"{good.sum()}",
+                        f"{np.median(made['left'][planned]):.3f}",
+                        f"{made['left'][planned].max():.3f}",
+                    ]
+                )
+    head = ["policy", "mass and inertia", "planned", "plan's end, mm", "deg", "attitude, deg"]
+    head += ["captured", f"with at most {ALLOWED:g} deg", "attitude left, median, deg", "worst, deg"]
+    print(markdown_table(head, rows))
+    print(f"\n{options.goals} medium {options.split} goals, {machine_class()}.")
+
+
+if __name__ == "__main__":
+    main()
