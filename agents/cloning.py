@@ -39,7 +39,9 @@ class Cloning:
 
     def __init__(self, folder: RunFolder, settings: Settings, parameters: BC) -> None:
         self.settings, self.parameters = settings, parameters
-        self.context = PolicyContext.from_env(CaptureVectorEnv(settings.env_id, **settings.environment))
+        self.context = PolicyContext.from_env(
+            CaptureVectorEnv(settings.env_id, **settings.environment), jobs=-1
+        )
         self.expert = make_policy(parameters.expert, self.context, settings.seed)
         self.env = CaptureVectorEnv(
             settings.env_id,

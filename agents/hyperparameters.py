@@ -24,7 +24,8 @@ class Hyperparameters:
     Attributes:
         num_envs: episodes simulated together. steps: control steps of all of them together.
         learning_rate: of Adam. batch_size: samples in one of its steps.
-        hidden: widths of the hidden layers, of actor and critic alike. activation: tanh or relu.
+        hidden: widths of the hidden layers, of actor and critic alike.
+        activation: of the hidden layers, one of `agents.network.ACTIVATIONS`.
         gamma: discount per control step.
         interval: steps between validations, each followed by a checkpoint.
         minutes: limit on the wall time, all in all; None is no limit.

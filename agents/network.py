@@ -4,15 +4,25 @@ Rows are multiplied in blocks of a fixed size, so that the result for an observa
 many others are evaluated with it.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import erf, expit
 
 from space_envs.errors import PolicyError, unknown_name
 
 Floats = NDArray[np.float32]
-ACTIVATIONS = ("tanh", "relu")
+# As torch computes them, with its default parameters.
+ACTIVATIONS: dict[str, Callable[[Floats], Floats]] = {
+    "tanh": np.tanh,
+    "relu": lambda x: np.maximum(x, 0.0),
+    "leaky_relu": lambda x: np.where(x > 0.0, x, 0.01 * x),
+    "elu": lambda x: np.where(x > 0.0, x, np.expm1(np.minimum(x, 0.0))),
+    "silu": lambda x: x * expit(x),
+    "gelu": lambda x: 0.5 * x * (1.0 + erf(x / 2.0**0.5)),
+}
 LOG_DEVIATION = (-20.0, 2.0)  # bounds, those of stable-baselines3's SAC
 _BLOCK = 16  # rows in one matrix product
 
@@ -24,7 +34,7 @@ class Network:
     Attributes:
         weights, biases: of the hidden layers and of the mean, (in, out) and (out,), float32.
         deviation_weight, deviation_bias: (last hidden, m) and (m,), the log standard deviation's layer.
-        activation: of the hidden layers, tanh or relu.
+        activation: of the hidden layers, one of `ACTIVATIONS`.
         squash: whether an action is the tanh of its Gaussian variable (SAC, TD3) or clipped (PPO).
     """
 
@@ -70,8 +80,7 @@ class Network:
         x[:count] = features
         x = x.reshape(-1, _BLOCK, self.inputs)
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
-            x = x @ weight + bias
-            x = np.tanh(x) if self.activation == "tanh" else np.maximum(x, 0.0)
+            x = ACTIVATIONS[self.activation](x @ weight + bias)
         mean = (x @ self.weights[-1] + self.biases[-1]).reshape(-1, self.outputs)[:count]
         if generator is not None:
             log = (x @ self.deviation_weight + self.deviation_bias).reshape(-1, self.outputs)[:count]

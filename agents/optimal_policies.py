@@ -28,7 +28,6 @@ from space_envs.dynamics.rotations import Array, conjugate, multiply, rotate
 from space_envs.evaluation.policy import PolicyContext
 
 STARTS = 4  # of the collocation
-PARALLEL_FROM = 4  # rows, from which starting processes pays
 TORQUE_ROOM = 0.9  # share of the torque at which drives give way that a plan uses
 
 
@@ -118,13 +117,13 @@ class OptimalControl(OptimalPolicy):
     """Least eq. 20 by collocation from several starts; the attitude is free."""
 
     def plan(self, asked: list[Reach]) -> list[Motion | Failure]:
-        """Plans of all rows, about half a second each, on all cores."""
+        """Plans of all rows, about half a second each, in as many processes as the context allows."""
         context = self.context
         work = [
             delayed(plan_ocp)(context.model, context.arm, reach, self.limits, starts=STARTS)
             for reach in asked
         ]
-        plans: Any = Parallel(n_jobs=-1 if len(work) >= PARALLEL_FROM else 1)(work)
+        plans: Any = Parallel(n_jobs=context.jobs)(work)
         return list(plans)
 
 

@@ -25,7 +25,6 @@ from space_envs.models.parameters import DUAL_ARM_PLANAR, DUAL_ARM_SPATIAL
 MEETING = 20.0  # s after the start of the episode, when every plan ends
 TRACKING_GAIN = 1.0  # 1/s, of the joint error while a plan is followed
 ATTITUDE_GAIN = 0.3  # 1/s, of the attitude that is left
-PARALLEL_FROM = 8  # plans; fewer are made in this process
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,10 +116,7 @@ class ReactionlessPlanner:
 
     def _plans(self, observation: Array) -> Following:
         tasks = self.tasks(observation)
-        if len(tasks) < PARALLEL_FROM:
-            plans: list[Any] = [self.plan(task) for task in tasks]
-        else:
-            plans = list(Parallel(n_jobs=-1)(delayed(self.plan)(task) for task in tasks))
+        plans: Any = Parallel(n_jobs=self.context.jobs)(delayed(self.plan)(task) for task in tasks)
         times = np.arange(self._samples + 1) * self.context.control_period
         asked = [(task.capture.start, plan) for task, plan in zip(tasks, plans, strict=True)]
         return following(asked, times, self.reader.field(observation, "time")[:, 0])

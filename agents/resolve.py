@@ -2,47 +2,68 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from agents.learned_policy import LearnedPolicy, policy_path
 from agents.policy_file import load_policy_file
 from agents.registry import POLICIES, control_mode, make_policy
+from agents.sb3_policy import StableBaselinesPolicy, load_network
 from space_envs.errors import unknown_name
-from space_envs.evaluation.policy import Policy, PolicyContext
+from space_envs.evaluation.policy import DEFAULT_CONTROL_MODE, Policy, PolicyContext
+
+ZIP = ".zip"  # suffix of what stable-baselines3 saves
 
 
 @dataclass(frozen=True)
 class ResolvedPolicy:
-    """A policy that exists: its name in tables, the control mode it acts in, how it is built."""
+    """A policy that exists. It is plain data, so that another process can build it too.
+
+    Attributes:
+        name: in tables. control_mode: that it acts in.
+        source: registered name or `package.module:Class`; or the absolute path of a file.
+    """
 
     name: str
     control_mode: str
-    build: Callable[[PolicyContext, int], Policy]
+    source: str | Path
+
+    def build(self, context: PolicyContext, seed: int) -> Policy:
+        """The policy for an environment.
+
+        Raises:
+            ConfigurationError, PolicyError: if it cannot be loaded or does not fit the environment.
+        """
+        if isinstance(self.source, str):
+            return make_policy(self.source, context, seed)
+        if self.source.suffix == ZIP:
+            return StableBaselinesPolicy(context, seed, self.source)
+        return LearnedPolicy.from_path(self.source, context, seed)
 
     def factory(self, seed: int) -> Callable[[PolicyContext], Policy]:
         """Builds the policy with a seed."""
-        return lambda context: self.build(context, seed)
+        return partial(self.build, seed=seed)
 
 
 def resolve_policy(name: str, mode: str | None = None) -> ResolvedPolicy:
-    """Find a policy by its registered name, as `package.module:Class`, or as the folder of a run.
+    """Find a policy by its registered name, as `package.module:Class`, or as a run's folder or a file.
 
     Args:
-        name: what the user wrote. mode: control mode to use instead of the policy's own.
+        name: what the user wrote; a file is one of `train.py`, or a zip of stable-baselines3.
+        mode: control mode to use instead of the policy's own.
 
     Raises:
         ConfigurationError: if there is nothing of that name. PolicyError: if it cannot be loaded.
     """
-    if name not in POLICIES and ":" not in name:
-        path = Path(name)
-        if not path.exists():
-            raise unknown_name("policy", name, [*POLICIES, "package.module:Class", "a run's folder"])
-        file = load_policy_file(policy_path(path))
-        return ResolvedPolicy(
-            path.stem if path.is_file() else path.resolve().name,
-            mode or file.control_mode,
-            lambda context, seed: LearnedPolicy(context, seed, file),
-        )
-    return ResolvedPolicy(
-        name, mode or control_mode(name), lambda context, seed: make_policy(name, context, seed)
-    )
+    if name in POLICIES or ":" in name:
+        return ResolvedPolicy(name, mode or control_mode(name), name)
+    path = Path(name)
+    if not path.exists():
+        valid = [*POLICIES, "package.module:Class", "a run's folder", f"a {ZIP} of stable-baselines3"]
+        raise unknown_name("policy", name, valid)
+    label = path.stem if path.is_file() else path.resolve().name
+    if path.is_file() and path.suffix == ZIP:
+        load_network(path)
+        return ResolvedPolicy(label, mode or DEFAULT_CONTROL_MODE, path.resolve())
+    file = policy_path(path).resolve()
+    return ResolvedPolicy(label, mode or load_policy_file(file).control_mode, file)

@@ -1,8 +1,10 @@
 """A satellite whose mass and inertia are not what the planner knows: feedback against following a plan."""
 
 import argparse
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from tqdm import tqdm
 
 from agents.registry import make_policy
@@ -18,7 +20,7 @@ BATCH = 50  # episodes simulated together
 ALLOWED = 0.3  # deg, of the attitude that an episode may leave
 
 
-def play(name: str, scale: float, goals: Array, split: str) -> dict[str, Array]:
+def play(name: str, scale: float, goals: NDArray[np.int64], split: str) -> dict[str, Array]:
     """Episodes on medium goals with the satellite's mass and inertia scaled; arrays (K,).
 
     position, rotation, attitude: m, deg and deg when a planned motion is over. captured; left: deg of
@@ -31,7 +33,8 @@ def play(name: str, scale: float, goals: Array, split: str) -> dict[str, Array]:
     env.simulation.scale_base(rows, np.full(n, scale))
     env.simulation.refresh(rows)
     env.drive.reset(rows)
-    policy, state = make_policy(name, PolicyContext.from_env(env), 0), None
+    policy = make_policy(name, PolicyContext.from_env(env), 0)
+    state: Any = None
     task, over = env.task, round(DURATION / env.task.control_period)
     running = np.ones(n, dtype=bool)
     made: dict[str, Array] = {}

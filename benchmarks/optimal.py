@@ -5,7 +5,6 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from joblib import Parallel, delayed
@@ -60,8 +59,8 @@ class Setting:
         ]
 
 
-def best_known(setting: Setting, reach: Reach, number: int, collocation: bool) -> float:
-    """Least cost found, m^2/s, by many starts in the weights and by collocation; infinite if none."""
+def best_known(setting: Setting, reach: Reach, number: int, collocation: bool) -> tuple[float, float]:
+    """Least costs found, m^2/s, by many starts in the weights, and by collocation; infinite if none."""
     robot = SingleArmTask().robot
     library = shipped_library(setting.keep_attitude, setting.limited)
     planner = Planner(robot, setting.limits, library)
@@ -75,10 +74,8 @@ def best_known(setting: Setting, reach: Reach, number: int, collocation: bool) -
         minimise(space, bounds, begin, reach.keep_attitude, rows, enough=FINE) for begin in [*near, *drawn]
     ]
     costs = [solution.cost for solution in found if solution.miss < MISS]
-    if collocation:
-        plan = plan_ocp(single_arm_model(), robot, reach, setting.limits)
-        costs += [plan.cost] if isinstance(plan, Motion) else []
-    return min(costs, default=np.inf)
+    plan = plan_ocp(single_arm_model(), robot, reach, setting.limits) if collocation else None
+    return min(costs, default=np.inf), plan.cost if isinstance(plan, Motion) else np.inf
 
 
 def timed(
@@ -97,16 +94,17 @@ def timed(
 def compared(
     setting: Setting, asked: list[Reach], plans: list[Motion | Failure], times: Array, best: Array
 ) -> tuple[list[str], Counter[str]]:
-    """Cells of a row, and the causes of failures."""
+    """Cells of a row, and the causes of failures; best costs (K, 2) in the weights and by collocation."""
     model, robot = single_arm_model(), SingleArmTask().robot
     causes = Counter(str(plan.cause) for plan in plans if isinstance(plan, Failure))
     checked = [
         check(model, robot, reach, setting.limits, plan) if isinstance(plan, Motion) else None
         for reach, plan in zip(asked, plans, strict=True)
     ]
-    solvable = np.isfinite(best)
+    solvable = np.isfinite(np.asarray(best.min(axis=1)))
     pairs = [(one, least) for one, least in zip(checked, best, strict=True) if one is not None]
-    ratio = np.array([one.cost / least for one, least in pairs])
+    ratio = np.array([one.cost / min(least[0], one.cost) for one, least in pairs])
+    beside = [one.cost / least[1] for one, least in pairs if np.isfinite(least[1])]
     place, turn, kept = (
         np.array([one.violation[name] for one, _ in pairs])
         for name in ("position_error", "rotation_error", "end_attitude")
@@ -117,6 +115,7 @@ def compared(
         f"{np.median(ratio):.3f}",
         f"{np.percentile(ratio, 90):.3f}",
         f"{ratio.max():.2f}",
+        f"{np.median(beside):.3f}" if beside else "-",
         f"{1e3 * place.max():.2f}",
         f"{np.rad2deg(turn.max()):.3f}",
         f"{np.rad2deg(kept.max() if setting.keep_attitude else np.median(kept)):.3f}",
@@ -155,15 +154,15 @@ def table_of_targets(goals: dict[str, int], split: str, jobs: int, collocation: 
                 )
                 bar = tqdm(total=count, unit="goal", desc=" ".join(setting.words), leave=False)
                 best = []
-                costs: Any = Parallel(n_jobs=jobs, return_as="generator")(work)
-                for cost, plan in zip(costs, plans, strict=True):
-                    best.append(min(cost, plan.cost if isinstance(plan, Motion) else np.inf))
+                for costs in Parallel(n_jobs=jobs, return_as="generator")(work):
+                    best.append(costs)
                     bar.update()
                 bar.close()
                 cells, causes = compared(setting, asked, plans, times, np.array(best))
                 rows.append([*setting.words, *cells])
                 lost += [f"{', '.join(setting.words)}: {n} {cause}" for cause, n in causes.items()]
-    head = ["goals", "limits", "attitude", "solved", "cost ratio, median", "90 %", "worst", "goal error, mm"]
+    head = ["goals", "limits", "attitude", "solved", "cost ratio, median", "90 %", "worst", "to ocp, median"]
+    head += ["goal error, mm"]
     head += ["deg", "end attitude, deg", "planning, ms", "95 %"]
     print(markdown_table(head, rows))
     print(f"\nFailures: {'; '.join(lost) or 'none'}.")

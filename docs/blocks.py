@@ -12,6 +12,7 @@ from agents.registry import POLICIES, policies_for
 from docs.reading import attributes, comments, number, summary, table
 from docs.robots import links, planar_links, spatial_links
 from space_envs import control
+from space_envs.evaluation.schema import record_schema
 from space_envs.evaluation.tables import COLUMNS, NOTE
 from space_envs.registration import ENTRIES
 from space_envs.tasks.base import CaptureTask, DriveLimits
@@ -118,6 +119,24 @@ def columns() -> str:
     return f"{table(('column', 'unit', 'better', 'meaning'), rows)}\n\n{NOTE}"
 
 
+def record_fields() -> str:
+    """Fields of a record, from its JSON schema; those of the object `timing` behind it."""
+    rows = []
+    for name, about in record_schema()["properties"].items():
+        inner = [(f"{name}.{each}", said) for each, said in about.get("properties", {}).items()]
+        for field, said in ((name, about), *inner):
+            kind = said.get("type", "string")
+            rows.append(
+                (f"`{field}`", " or ".join(kind) if isinstance(kind, list) else kind, said["description"])
+            )
+    return table(("field", "type", "meaning"), rows)
+
+
+def outcomes() -> str:
+    """How an episode may end."""
+    return ", ".join(f"`{outcome}`" for outcome in record_schema()["properties"]["outcome"]["enum"]) + "."
+
+
 BLOCKS: dict[str, Callable[[], str]] = {
     function.__name__.replace("_", "-"): function
     for function in (
@@ -133,5 +152,7 @@ BLOCKS: dict[str, Callable[[], str]] = {
         task_hooks,
         task_members,
         columns,
+        record_fields,
+        outcomes,
     )
 }

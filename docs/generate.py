@@ -16,6 +16,8 @@ from pathlib import Path
 
 from docs.blocks import BLOCKS
 from docs.environment import environment_page
+from space_envs.evaluation.records import SCHEMA_VERSION
+from space_envs.evaluation.schema import schema_text
 from space_envs.files import atomic_write_text
 from space_envs.registration import ENTRIES
 
@@ -37,6 +39,7 @@ def pages() -> dict[Path, str]:
     wanted = {
         DOCS / "environments" / f"{env_id.split('/')[-1]}.md": environment_page(env_id) for env_id in ENTRIES
     }
+    wanted[DOCS / "schema" / f"record-v{SCHEMA_VERSION}.json"] = schema_text()
     for path in sorted(DOCS.glob("*.md")):
         wanted[path] = _filled(path.read_text(encoding="utf-8"), "generated", _block)
     return wanted

@@ -1,11 +1,16 @@
-"""A made-up but plausible evaluation, for the tests of statistics, records and report."""
+"""A made-up but plausible evaluation, and a real short one, for the tests of statistics and report."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from space_envs.evaluation.records import EpisodeRecord, EvaluationResult
+from agents.resolve import resolve_policy
+from space_envs.evaluation.records import Entrant, EpisodeRecord, EvaluationResult, Task, Timing
+from space_envs.evaluation.rollout import Rollout
 from space_envs.evaluation.traces import Traces
+from space_envs.evaluation.units import Unit, play
+from space_envs.registration import make_task
+from space_envs.tasks.base import CaptureTask
 
 HOSTILE = "<img src=x onerror=alert(1)>"
 
@@ -35,10 +40,15 @@ CHARACTERS = {
 }
 
 
+def timed(planning_ms: float | None, action_ms: float) -> Timing:
+    """On a processor that is made up."""
+    return Timing(planning_ms=planning_ms, action_ms=action_ms, processor="made up", threads=1)
+
+
 def make_record(**changes: object) -> EpisodeRecord:
     """A captured episode with the fields changed as asked."""
     values: dict[str, object] = {
-        "schema": 1,
+        "schema": 2,
         "env_id": "SpaceCapture/SingleArm-v0",
         "policy": "mpc",
         "control_mode": "joint_velocity",
@@ -66,9 +76,14 @@ def make_record(**changes: object) -> EpisodeRecord:
         "collisions": 0,
         "clipped_actions": 0,
         "momentum_drift": 1e-7,
-        "timing": {"planning_ms": 20.0, "action_ms": 0.5},
+        "timing": timed(20.0, 0.5),
     }
     return EpisodeRecord(**(values | changes))  # type: ignore[arg-type]
+
+
+def entrant(policy: str) -> Entrant:
+    """Of the made-up evaluation."""
+    return make_record(policy=policy).entrant
 
 
 def make_records(
@@ -98,10 +113,10 @@ def make_records(
                 peak_attitude=character.peak * noise,
                 final_attitude=character.final * noise,
                 attitude_cost=character.cost * noise,
-                timing={
-                    "planning_ms": None if planning is None else planning * generator.lognormal(0, 0.1),
-                    "action_ms": character.action_ms * generator.lognormal(0, 0.1),
-                },
+                timing=timed(
+                    None if planning is None else planning * generator.lognormal(0, 0.1),
+                    character.action_ms * generator.lognormal(0, 0.1),
+                ),
             )
         )
     return records
@@ -144,7 +159,7 @@ def make_result(
     chosen = {policy: CHARACTERS[policy] for policy in policies} | (extra or {})
     for policy, character in chosen.items():
         records += make_records(policy, character, episodes, seeds, generator)
-        traces[policy] = make_traces(character, generator)
+        traces[entrant(policy)] = make_traces(character, generator)
     return EvaluationResult(
         records=records,
         traces=traces,
@@ -156,8 +171,27 @@ def make_result(
             "versions": {"python": "3.11.9", "mujoco": "4.0.0", "numpy": "2.4.6", "gymnasium": "1.4.0"},
             "machine": {"processor": "an x86-64 with 2 cores", "threads": 2, "system": "Linux"},
         },
-        pictures={"mpc": [make_picture(step / 5) for step in range(6)]} if pictures else {},
+        pictures={entrant("mpc"): [make_picture(step / 5) for step in range(6)]} if pictures else {},
     )
+
+
+@dataclass(frozen=True)
+class PlayedEpisodes:
+    """Real episodes of a built-in policy, rows and records in one order."""
+
+    task: CaptureTask
+    rollout: Rollout
+    records: list[EpisodeRecord]
+
+
+def make_played(policy: str, episodes: int, env_id: str = "SpaceCapture/SingleArm-v0") -> PlayedEpisodes:
+    """Episodes of the test split, played now."""
+    player = resolve_policy(policy)
+    indices = tuple(range(episodes))
+    unit = Unit(player, Task(env_id, "medium", "test"), None, seed=0, first=0, indices=indices)
+    part = play(unit)
+    records = [replace(record, timing=timed(1.0, 0.1)) for record in part.records]
+    return PlayedEpisodes(make_task(env_id, unit.keywords), part.rollout, records)
 
 
 def make_picture(phase: float) -> np.ndarray:

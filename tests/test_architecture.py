@@ -38,6 +38,8 @@ LONGER = {
 }
 # Tests that ask where a cache would be for users who do not exist.
 MADE_UP_PATHS = {"tests/test_compiled.py", "tests/test_architecture.py"}
+# Messages of the harness to a process that it started itself, and back; as multiprocessing does it.
+BETWEEN_OWN_PROCESSES = {"space_envs/evaluation/policy_process.py"}
 # Running code from text is what these tests are about.
 MAY_EXECUTE = {"tests/test_docs.py"}
 MACHINE_PATH = re.compile(r"(?<![\w.])/(?:home|root|Users|work|mnt|tmp|data|opt)/\w|(?<!\w)[A-Z]:\\")
@@ -97,16 +99,18 @@ def test_no_text_or_file_is_executed(name):
         unpickles = {
             other for other in imported(module, "") if other.split(".")[0] in ("pickle", "dill", "shelve")
         }
-        assert not unpickles, f"{name} imports {unpickles}"
+        assert not unpickles or name in BETWEEN_OWN_PROCESSES, f"{name} imports {unpickles}"
     for function, call in calls(module):
         if name not in MAY_EXECUTE:
             assert function not in ("eval", "exec", "compile", "os.system"), (
                 f"{name}:{call.lineno} calls {function}"
             )
         if not name.startswith("tests/"):
-            assert not re.fullmatch(r"\w*pickle\.loads?|joblib\.load|torch\.load|th\.load", function), (
-                f"{name}:{call.lineno} calls {function}"
-            )
+            unpickles = re.fullmatch(r"\w*pickle\.loads?|joblib\.load", function)
+            assert not unpickles or name in BETWEEN_OWN_PROCESSES, f"{name}:{call.lineno} calls {function}"
+            if re.fullmatch(r"torch\.load|th\.load", function):
+                given = {keyword.arg: ast.unparse(keyword.value) for keyword in call.keywords}
+                assert given.get("weights_only") == "True", f"{name}:{call.lineno} may unpickle"
         for keyword in call.keywords:
             true = isinstance(keyword.value, ast.Constant) and keyword.value.value is True
             assert not (keyword.arg == "shell" and true), f"{name}:{call.lineno} runs a shell"

@@ -13,6 +13,7 @@ from pathlib import Path
 import gymnasium as gym
 import pytest
 
+from agents.commands.evaluate import COMMANDS
 from agents.commands.evaluate import main as evaluate
 from docs import generate
 from docs.blocks import BLOCKS
@@ -114,15 +115,16 @@ def helps() -> dict[str, str]:
     return {}
 
 
-def help_of(target: str, kept: dict[str, str], capsys, monkeypatch) -> str:
-    if target not in kept:
-        monkeypatch.setattr(sys, "argv", [target, "--help"])
+def help_of(target: str, kept: dict[str, str], capsys, monkeypatch, inner: str = "") -> str:
+    """Of a script or module, or of a command inside it."""
+    if (name := f"{target} {inner}") not in kept:
+        monkeypatch.setattr(sys, "argv", [target, *inner.split(), "--help"])
         run = runpy.run_path if target.endswith(".py") else runpy.run_module
         with pytest.raises(SystemExit) as ended:
             run(str(ROOT / target) if target.endswith(".py") else target, run_name="__main__")
         assert ended.value.code in (0, None)
-        kept[target] = capsys.readouterr().out
-    return kept[target]
+        kept[name] = capsys.readouterr().out
+    return kept[name]
 
 
 @pytest.mark.filterwarnings("ignore:.*found in sys.modules:RuntimeWarning")
@@ -146,7 +148,8 @@ def test_commands_exist_with_their_options(page, command, helps, capsys, monkeyp
             assert spec and spec.origin and "argparse" in Path(spec.origin).read_text(encoding="utf-8")
     elif words[0] not in ("train.py", "evaluate.py"):
         return
-    usage = help_of(words[0], helps, capsys, monkeypatch)
+    inner = words[1] if words[0] == "evaluate.py" and set(words[1:2]) & set(COMMANDS) else ""
+    usage = help_of(words[0], helps, capsys, monkeypatch, inner)
     for option in (word for word in words[1:] if word.startswith("-")):
         assert re.search(rf"(?<![\w-]){option}(?![\w-])", usage), f"{page}: {words[0]} has no option {option}"
 

@@ -9,7 +9,6 @@ import pytest
 
 from agents.commands.evaluate import main
 from agents.resolve import resolve_policy
-from space_envs.errors import PolicyError
 from space_envs.evaluation.metrics import episode_metrics
 from space_envs.evaluation.records import read_records, records_without_timing
 from space_envs.evaluation.rollout import roll_out, split_indices, time_policy
@@ -63,13 +62,16 @@ def test_same_seed_same_bytes_apart_from_timing(tmp_path, capsys):
     a, b = (read_records(tmp_path / folder / "records.jsonl") for folder in ("a", "b"))
     assert records_without_timing(a) == records_without_timing(b)
     assert len(a) == 8
-    for name in ("gjm", "random"):
-        files = [(tmp_path / folder / "traces" / f"{name}.npz").read_bytes() for folder in ("a", "b")]
-        assert files[0] == files[1]
+    for kind in ("traces", "states"):
+        names = [sorted(path.name for path in (tmp_path / folder / kind).iterdir()) for folder in ("a", "b")]
+        assert names[0] == names[1]
+        assert len(names[0]) == 2
     summaries = [json.loads((tmp_path / folder / "summary.json").read_text()) for folder in ("a", "b")]
     for summary in summaries:
         assert summary["provenance"].pop("timing")
+        assert summary["checksums"].pop("records.jsonl")  # its lines have timing too
         assert summary["provenance"].pop("command")
+        assert len(summary["checksums"]) == 4  # traces and states
         for row in summary["rows"]:
             row.pop("timing")
     assert summaries[0] == summaries[1]
@@ -140,10 +142,19 @@ def test_why_there_was_no_plan_is_the_reason_of_a_lost_episode():
     assert rollout.reason == [None, "out of reach"] * 3
 
 
-@pytest.mark.parametrize(("name", "message"), [("Raises", "out of ideas"), ("Misshapen", r"shape \(7,\)")])
-def test_a_policy_that_raises_or_misshapes_is_named(name, message):
-    with pytest.raises(PolicyError, match=message):
-        rollout_of(f"{__name__}:{name}")
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("Raises", "it raised RuntimeError: out of ideas (step 0)"),
+        ("Misshapen", "it returned actions of shape (7,), expected (1, 7) (step 0)"),
+    ],
+)
+def test_a_policy_that_raises_or_misshapes_loses_its_episodes(name, reason):
+    rollout, task = rollout_of(f"{__name__}:{name}", episodes=2)
+    assert rollout.outcome == ["policy_error"] * 2
+    assert rollout.reason == [reason] * 2
+    assert (rollout.length == 0).all()
+    assert all(np.isfinite(value).all() for value in episode_metrics(rollout, task).values())
 
 
 class Ticking(Nan):
@@ -169,14 +180,18 @@ def test_timing_tells_planning_from_acting(monkeypatch, first, planning):
     ("arguments", "message"),
     [
         (["--policy", "gmj"], "Did you mean 'gjm'"),
-        (["--policy", "gjm", "gjm"], "named twice: gjm"),
+        (["--policy", "gjm", "gjm"], "policy given twice: gjm"),
         (["--policy", "no_such_module:Policy"], "no_such_module"),
         (["--env", "SpaceCapture/SingelArm-v0"], "Did you mean 'SpaceCapture/SingleArm-v0'"),
         (["--split", "tets"], "Did you mean 'test'"),
         (["--difficulty", "hrad"], "Did you mean 'hard'"),
         (["--episodes", "513"], "1..512"),
         (["--episodes", "0"], "1..512"),
-        (["--seed", "-1"], "seed must not be negative"),
+        (["--seeds", "4-2"], "seeds are numbers and ranges"),
+        (["--jobs", "0"], "jobs must be at least 1"),
+        (["--backend", "lokey"], "Did you mean 'loky'"),
+        (["--time-limit", "-1"], "must be positive"),
+        (["--planning-limit", "1"], "goes with --time-limit"),
         (["--control-mode", "torque"], "Did you mean 'joint_torque'"),
         (["--policy", "hold", "gjm", "--control-mode", "joint_torque"], "control mode 'joint_velocity'"),
     ],

@@ -11,7 +11,7 @@ import pytest
 from agents.optimal.check import check
 from agents.optimal.ocp import plan_ocp
 from agents.optimal.ocp_model import SingleArm
-from agents.optimal.ocp_solver import Programs
+from agents.optimal.ocp_solver import Programs, Solution, Solver, Unsolved
 from agents.optimal.problem import Motion, Reach
 from agents.optimal_policies import OptimalControlKept
 from agents.planning import Cause, Failure, Limits
@@ -96,6 +96,18 @@ def test_torque_limit_binds_where_accelerations_are_large() -> None:
     violation = check_motion(reach, limits, motion)
     assert -1.0 < violation["torque"]
     assert motion.cost > planned(reach, drives()).cost * (1.0 - 1e-3)
+
+
+def test_a_limit_passed_by_more_than_it_is_stays_a_limit() -> None:
+    """Between the nodes a torque may be passed by more than its limit, which must not turn negative."""
+    reach = reach_of(2).checked(robot())
+    solver = Solver(robot(), reach, drives())
+    path = planned(reach, drives()).sample(solver.abscissae * reach.duration)[0]
+    solution = solver.solve(solver.variables(path))
+    for _ in range(3):
+        assert isinstance(solution, Solution)
+        solution = solver.tightened(solution, {"torque": 1000.0})
+    assert isinstance(solution, Solution | Unsolved)
 
 
 def test_coriolis_forces_are_limited_on_their_own() -> None:

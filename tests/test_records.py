@@ -14,6 +14,7 @@ from synthetic_results import CHARACTERS, make_record, make_result, make_traces
 
 from space_envs.errors import ConfigurationError
 from space_envs.evaluation.records import (
+    UNTIMED,
     EpisodeRecord,
     read_records,
     records_without_timing,
@@ -25,13 +26,17 @@ FIELDS = (
     "schema env_id policy control_mode difficulty split index episode seed config_hash captured outcome "
     "reason time_to_capture steps episode_return position_error orientation_error peak_attitude "
     "final_attitude attitude_cost base_angular_impulse kinetic_energy_integral mechanical_work peak_power "
-    "collisions clipped_actions momentum_drift timing"
+    "collisions clipped_actions momentum_drift timing checksum"
 ).split()
+
+
+def timing(**changes: object) -> dict[str, object]:
+    return {"planning_ms": None, "action_ms": 1.0, "processor": "made up", "threads": 1} | changes
 
 
 def test_keys_stand_in_the_order_of_the_schema() -> None:
     assert list(json.loads(make_record().to_json())) == FIELDS
-    assert list(json.loads(make_record().to_json())["timing"]) == ["planning_ms", "action_ms"]
+    assert list(json.loads(make_record().to_json())["timing"]) == list(timing())
 
 
 def test_round_trip_and_equal_bytes(tmp_path: Path) -> None:
@@ -63,17 +68,17 @@ def test_numpy_scalars_and_integers_become_plain_numbers() -> None:
 
 
 def test_timing_is_the_only_difference_between_two_clocks() -> None:
-    slow = make_record(timing={"planning_ms": 900.0, "action_ms": 80.0})
+    slow = make_record(timing=timing(planning_ms=900.0, action_ms=80.0))
     assert slow != make_record()
     assert records_without_timing([slow]) == records_without_timing([make_record()])
     assert records_without_timing([make_record(steps=3)]) != records_without_timing([make_record()])
-    assert list(records_without_timing([slow])[0]) == FIELDS[:-1]
+    assert list(records_without_timing([slow])[0]) == [name for name in FIELDS if name != "timing"]
 
 
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"schema": 2}, "schema"),
+        ({"schema": 1}, "schema"),
         ({"outcome": "captred", "captured": False, "time_to_capture": None}, "Did you mean 'captured'"),
         ({"outcome": "timeout"}, "captured is True"),
         ({"captured": False, "outcome": "timeout"}, "time_to_capture"),
@@ -89,8 +94,10 @@ def test_timing_is_the_only_difference_between_two_clocks() -> None:
         ({"policy": ""}, "policy must not be empty"),
         ({"policy": 3}, "policy must be str"),
         ({"timing": {"planning_ms": 1.0}}, "timing"),
-        ({"timing": {"planning_ms": 1.0, "action_ms": -1.0}}, "timing.action_ms"),
-        ({"timing": {"planning_ms": 1.0, "action_ms": math.nan}}, "timing.action_ms"),
+        ({"timing": timing(action_ms=-1.0)}, "timing.action_ms"),
+        ({"timing": timing(action_ms=math.nan)}, "timing.action_ms"),
+        ({"timing": timing(threads=1.5)}, "timing.threads must be int"),
+        ({"checksum": "0123456789abcdef"}, "the record was edited"),
     ],
 )
 def test_bad_records_name_their_field(changes: dict[str, object], said: str) -> None:
@@ -106,7 +113,7 @@ def test_an_episode_that_diverged_may_lack_values() -> None:
         time_to_capture=None,
         final_attitude=None,
         position_error=None,
-        timing={"planning_ms": None, "action_ms": None},
+        timing=UNTIMED,
     )
     assert EpisodeRecord.from_json(record.to_json()) == record
     assert '"final_attitude": null' in record.to_json()
@@ -127,6 +134,8 @@ GOOD = make_record().to_json()
         (GOOD.replace('"steps": 125', '"steps": 125, "steps": 1'), "twice"),
         (GOOD.replace('"steps"', '"step"'), "Did you mean 'steps'"),
         (GOOD.replace('"steps": 125, ', ""), "missing field steps"),
+        (GOOD.replace('"steps": 125', '"steps": 124'), "the record was edited"),
+        (GOOD.replace(make_record().checksum, ""), "checksum must not be empty"),
     ],
 )
 def test_bad_lines_name_file_and_line(tmp_path: Path, line: str, said: str) -> None:

@@ -4,6 +4,8 @@ import math
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
+from scipy.special import ndtri
 from scipy.stats import binomtest, trim_mean
 
 from space_envs.errors import ConfigurationError
@@ -12,6 +14,10 @@ from space_envs.evaluation.statistics import (
     capture_rate,
     interquartile_mean,
     median,
+    named_generator,
+    resampled_counts,
+    share_bootstrap,
+    strata_groups,
     stratified_bootstrap,
     wilson_interval,
 )
@@ -90,21 +96,131 @@ def test_bootstrap_repeats_with_its_generator_alone() -> None:
     assert stratified_bootstrap(values, strata, np.random.default_rng(6)) != first
 
 
-@pytest.mark.parametrize(("episodes", "seeds"), [(50, 1), (50, 5), (20, 4)])
-@pytest.mark.parametrize("name", ["normal", "exponential"])
+# Means of the quantile functions over u in 1/4..3/4: by symmetry, in closed form, by quadrature.
+TRUTHS = {
+    "normal": 0.0,
+    "exponential": 2 * (0.5 + 0.25 * math.log(0.25) - 0.75 * math.log(0.75)),
+    "lognormal": 2 * quad(lambda u: math.exp(ndtri(u)), 0.25, 0.75)[0],
+}
+
+
+@pytest.mark.parametrize(("episodes", "seeds"), [(100, 1), (100, 5), (50, 1), (50, 5), (20, 4)])
+@pytest.mark.parametrize("name", ["normal", "exponential", "lognormal"])
 def test_bootstrap_coverage(episodes: int, seeds: int, name: str) -> None:
     # At 20 episodes in 4 strata plain percentiles cover 90 %.
     generator = np.random.default_rng(11)
-    draw = generator.normal if name == "normal" else generator.exponential
-    # Of infinitely many values: 0 by symmetry, and twice the integral of -log(1 - u) over u in 1/4..3/4.
-    truth = 0.0 if name == "normal" else 2 * (0.5 + 0.25 * math.log(0.25) - 0.75 * math.log(0.75))
+    draw = getattr(generator, name)
     trials, hits = 1500, 0
     for _ in range(trials):
         estimate = stratified_bootstrap(
             draw(size=episodes), np.arange(episodes) % seeds, generator, resamples=400
         )
-        hits += estimate.low <= truth <= estimate.high
+        hits += estimate.low <= TRUTHS[name] <= estimate.high
     assert 0.93 <= hits / trials <= 0.97
+
+
+def test_bootstrap_coverage_where_seeds_differ() -> None:
+    # Strata with means of their own: pooling them would cover nearly always.
+    generator = np.random.default_rng(12)
+    strata = np.arange(100) % 5
+    trials, hits, pooled = 1000, 0, 0
+    for _ in range(trials):
+        values = generator.normal(size=100) + 3.0 * strata
+        estimate = stratified_bootstrap(values, strata, generator, mean, resamples=400)
+        hits += estimate.low <= 6.0 <= estimate.high
+        estimate = stratified_bootstrap(values, np.zeros(100), generator, mean, resamples=400)
+        pooled += estimate.low <= 6.0 <= estimate.high
+    assert 0.93 <= hits / trials <= 0.97
+    assert pooled / trials > 0.99
+
+
+def test_resampled_counts_draw_inside_groups() -> None:
+    groups = strata_groups(np.array([7, 3, 7, 3, 3, 9, 1]))
+    # In the order of the strata, those of one value pooled at the end.
+    assert [group.tolist() for group in groups] == [[1, 3, 4], [0, 2], [6, 5]]
+    times = np.concatenate(list(resampled_counts(groups, np.random.default_rng(0), 4000)))
+    assert times.shape == (4000, 7)
+    for group in groups:
+        assert np.all(times[:, group].sum(axis=1) == group.size)
+    # Binomial(size, 1 / size) for each value.
+    np.testing.assert_allclose(times.mean(axis=0), 1, atol=0.06)
+    np.testing.assert_allclose(times.var(axis=0)[[1, 3, 4]], 2 / 3, atol=0.06)
+
+
+def test_resampled_counts_come_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("space_envs.evaluation.statistics._CHUNK", 50)
+    pieces = list(resampled_counts([np.arange(10)], np.random.default_rng(0), 23))
+    assert [len(piece) for piece in pieces] == [5, 5, 5, 5, 3]
+    assert np.all(np.concatenate(pieces).sum(axis=1) == 10)
+
+
+def test_share_by_hand() -> None:
+    # Three of twelve and 0, 0, 1, 1: 5 of 16. Variances 12 (1/4) (3/4), times 12 / 11, and 4 (1/2) (1/2).
+    values = np.repeat([[1.0], [0.0]], [3, 9], axis=0)
+    found = share_bootstrap(values, np.zeros(12), np.random.default_rng(0), resamples=40_000)
+    reach = 1.959964 * math.sqrt(2.25 * 12 / 11 + 1)
+    assert found.value[0] == 0.25
+    assert (found.low[0], found.high[0]) == pytest.approx(((5 - reach) / 16, (5 + reach) / 16), abs=0.005)
+
+
+@pytest.mark.parametrize(("count", "won"), [(100, 100), (100, 0), (100, 97), (30, 30), (500, 250)])
+def test_share_is_near_wilson(count: int, won: int) -> None:
+    values = (np.arange(count) < won).astype(float)[:, None]
+    found, wilson = (
+        share_bootstrap(values, np.zeros(count), np.random.default_rng(0)),
+        wilson_interval(won, count),
+    )
+    assert found.value[0] == wilson.value
+    np.testing.assert_allclose([found.low[0], found.high[0]], [wilson.low, wilson.high], atol=1.2 / count)
+
+
+def test_shares_of_one_episode_have_the_whole_range() -> None:
+    found = share_bootstrap(np.array([[1.0, 0.5]]), np.zeros(1), np.random.default_rng(0))
+    assert [found.value.tolist(), found.low.tolist(), found.high.tolist()] == [[1, 0.5], [0, 0], [1, 1]]
+
+
+def test_shares_do_not_depend_on_other_columns() -> None:
+    values = np.random.default_rng(1).integers(3, size=(40, 6)) / 2
+    strata = np.arange(40) % 4
+    together = share_bootstrap(values, strata, np.random.default_rng(0))
+    alone = share_bootstrap(values[:, 2:3], strata, np.random.default_rng(0))
+    assert (together.low[2], together.high[2]) == (alone.low[0], alone.high[0])
+
+
+@pytest.mark.parametrize(("episodes", "seeds"), [(100, 1), (100, 5), (30, 1), (20, 4), (10, 5)])
+def test_share_coverage(episodes: int, seeds: int) -> None:
+    # Shares lie on a lattice, so that the coverage of each rate jumps; the mean over rates is what counts.
+    generator = np.random.default_rng(13)
+    rates = np.linspace(0.02, 0.98, 25)
+    strata = np.arange(episodes) % seeds
+    hits = []
+    for _ in range(120):
+        found = share_bootstrap(
+            (generator.random((episodes, 25)) < rates).astype(float), strata, generator, resamples=1000
+        )
+        hits.append((found.low <= rates) & (rates <= found.high))
+    assert 0.93 <= np.mean(hits) <= 0.97
+
+
+def test_share_coverage_of_rare_failures() -> None:
+    # Percentiles of resamples do not see what did not happen: they cover 63 % at 1 in 100, 87 % at 2.
+    generator = np.random.default_rng(14)
+    rare = np.array([0.004, 0.006, 0.008, 0.01, 0.015, 0.02, 0.03])
+    rates = np.concatenate([rare, 1 - rare])
+    hits = []
+    for _ in range(300):
+        won = (generator.random((100, 14)) < rates).astype(float)
+        found = share_bootstrap(won, np.zeros(100), generator, resamples=1000)
+        hits.append((found.low <= rates) & (rates <= found.high))
+    assert 0.93 <= np.mean(hits) <= 0.97
+    assert np.min(np.mean(hits, axis=0)) >= 0.89
+
+
+def test_named_generators() -> None:
+    first = named_generator(5, "a", "bc").random(3)
+    assert np.array_equal(named_generator(5, "a", "bc").random(3), first)
+    for other in (named_generator(6, "a", "bc"), named_generator(5, "ab", "c"), named_generator(5, "a")):
+        assert not np.array_equal(other.random(3), first)
 
 
 def test_wilson_by_hand() -> None:
@@ -158,6 +274,11 @@ def test_capture_rate_counts_failures_and_attitude() -> None:
         lambda: stratified_bootstrap(np.ones(3), np.ones(2), np.random.default_rng(0)),
         lambda: stratified_bootstrap(np.ones((3, 3)), np.ones((3, 3)), np.random.default_rng(0)),
         lambda: stratified_bootstrap(np.ones(3), np.ones(3), np.random.default_rng(0), resamples=0),
+        lambda: share_bootstrap(np.ones(3), np.ones(3), np.random.default_rng(0)),
+        lambda: share_bootstrap(np.ones((3, 2)), np.ones(2), np.random.default_rng(0)),
+        lambda: share_bootstrap(np.ones((0, 2)), np.ones(0), np.random.default_rng(0)),
+        lambda: share_bootstrap(np.full((3, 2), 0.7), np.ones(3), np.random.default_rng(0)),
+        lambda: share_bootstrap(np.ones((3, 2)), np.ones(3), np.random.default_rng(0), resamples=0),
     ],
 )
 def test_bad_input_is_refused(call) -> None:

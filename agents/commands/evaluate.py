@@ -1,177 +1,189 @@
-"""`evaluate.py`: play policies on an id's split and write records, tables and a report."""
+"""`evaluate.py`: play policies on splits of ids and write records, tables and a report."""
 
 import argparse
-import shlex
+import os
 import sys
-from datetime import UTC, datetime
+from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
-from time import perf_counter
 
-import numpy as np
-from rich.console import Console
-
-from agents.registry import POLICIES, check_task, policies_for
-from agents.resolve import ResolvedPolicy, resolve_policy
+from agents.commands.choice import check_fit, choose_policies, distinct
+from agents.commands.evaluation import Options, dry_run, run
+from agents.registry import POLICIES
+from agents.resolve import ResolvedPolicy
+from agents.seeds import parse_seeds
 from space_envs.control import CONTROL_MODES
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError, SpaceEnvsError, unknown_name
-from space_envs.evaluation.leaderboard import build_rows
-from space_envs.evaluation.metrics import episode_records, episode_traces
-from space_envs.evaluation.pictures import capture_pictures
-from space_envs.evaluation.policy import PolicyContext
-from space_envs.evaluation.provenance import provenance
-from space_envs.evaluation.records import EpisodeRecord, EvaluationResult, Timing
-from space_envs.evaluation.report import BOOTSTRAP_SEED, write_report
-from space_envs.evaluation.rollout import Rollout, roll_out, split_indices, time_policy
-from space_envs.evaluation.tables import to_terminal
-from space_envs.evaluation.traces import Traces
+from space_envs.evaluation.parallel import BACKENDS, check_backend
+from space_envs.evaluation.policy_process import TimeLimits
+from space_envs.evaluation.records import Task
+from space_envs.evaluation.runner import Evaluation
+from space_envs.evaluation.units import task_keywords
 from space_envs.models.parameters import VARIANTS
-from space_envs.registration import ENTRIES, make_task
+from space_envs.registration import ENTRIES
 from space_envs.tasks.common import DIFFICULTIES, SPLITS
 
-TIMED_EPISODES = 5
 DEFAULT_ENV = "SpaceCapture/SingleArm-v0"
+COMMANDS = ("compare", "show", "replay", "dataset")
+DESCRIPTION = """\
+Play policies on splits of ids; write one record an episode, a leaderboard (terminal, Markdown, CSV, LaTeX)
+and a self-contained HTML report.
+
+  evaluate.py --policy gjm promp runs/mine my_package.planner:Planner --episodes 200
+  evaluate.py --env all --split test ood --seeds 0-4 --jobs 8
+  evaluate.py ... --resume              go on with an evaluation that was stopped or killed
+
+  evaluate.py show RESULTS              print the table again
+  evaluate.py compare RESULTS...        merge result folders into one leaderboard
+  evaluate.py replay RESULTS ...        look at an episode, or write a video of it
+  evaluate.py dataset ...               write episodes as npz or as Minari datasets
+
+Records do not depend on the number of jobs nor on the backend. A policy that raises, returns NaN or another
+shape, or takes too long, loses that episode, and the rest goes on.
+"""
 
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
     out = argparse.ArgumentParser(
-        prog="evaluate.py",
-        description="Play policies on a split of an environment; write one record an episode, a leaderboard "
-        "(terminal, Markdown, CSV) and a self-contained HTML report.",
-        epilog="Example: evaluate.py --policy gjm promp runs/mine my_package.planner:Planner --episodes 200",
+        prog="evaluate.py", description=DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    out.add_argument(
-        "--env", default=DEFAULT_ENV, metavar="ID", help=f"environment id (default {DEFAULT_ENV})"
-    )
-    out.add_argument(
+    add = out.add_argument
+    what = f"environment ids, or 'all' (default {DEFAULT_ENV})"
+    add("--env", nargs="+", default=[DEFAULT_ENV], metavar="ID", help=what)
+    add(
         "--policy",
         nargs="+",
         default=["all"],
         metavar="NAME",
-        help="built-in policies, 'all' for every one of them (default), your own as package.module:Class, or "
-        "the folder of a run of train.py",
+        help="built-in policies, 'all' for every one of them (default), 'experts' for the planners, your own as "
+        "package.module:Class, "
+        "the folder of a run of train.py, or a zip of stable-baselines3",
     )
-    out.add_argument("--split", default="test", help=f"{', '.join(SPLITS)} (default test)")
-    out.add_argument("--difficulty", default="medium", help=f"{', '.join(DIFFICULTIES)} (default medium)")
-    out.add_argument(
-        "--variant", help=f"inertias of the single arm's model: {', '.join(VARIANTS)} (default paper)"
-    )
-    out.add_argument(
-        "--control-mode",
-        help=f"{', '.join(CONTROL_MODES)}; by default what each policy was made for",
-        metavar="MODE",
-    )
-    out.add_argument("--episodes", type=int, default=100, help="different goals of the split (default 100)")
-    out.add_argument("--seed", type=int, default=0, help="of goals, policies and intervals (default 0)")
-    out.add_argument(
-        "--output", type=Path, default=Path("results/evaluation"), help="folder (default %(default)s)"
-    )
-    out.add_argument("--no-pictures", action="store_true", help="do not draw captures for the report")
-    out.add_argument("--list", action="store_true", help="list ids and built-in policies, and stop")
+    add("--split", nargs="+", default=["test"], metavar="NAME", help=f"{', '.join(SPLITS)} (default test)")
+    what = f"{', '.join(DIFFICULTIES)} (default medium)"
+    add("--difficulty", nargs="+", default=["medium"], metavar="NAME", help=what)
+    add("--variant", help=f"inertias of the single arm's model: {', '.join(VARIANTS)} (default paper)")
+    what = f"{', '.join(CONTROL_MODES)}; by default what each policy was made for"
+    add("--control-mode", help=what, metavar="MODE")
+    add("--episodes", type=int, default=100, help="different goals of each split, a seed (default 100)")
+    what = "of goals and policies, such as 3, 0-4 or 0,2,5-7; strata of the intervals (default 0)"
+    add("--seeds", "--seed", default="0", metavar="LIST", help=what)
+    add("--output", type=Path, default=Path("results/evaluation"), help="folder (default %(default)s)")
+    add("--resume", action="store_true", help="go on with what the folder holds of the same evaluation")
+    cores = len(os.sched_getaffinity(0))
+    add("--jobs", type=int, default=cores, metavar="N", help=f"processes (default {cores}, the cores)")
+    add("--backend", default="loky", help=f"{', '.join(BACKENDS)} (default loky: this machine)")
+    add("--address", help="of a Ray or Dask cluster that runs already")
+    what = "that each call of a policy may take; then episodes are played one at a time"
+    add("--time-limit", type=float, metavar="SECONDS", help=what)
+    what = "that the first call of an episode, which plans, may take (default as --time-limit)"
+    add("--planning-limit", type=float, metavar="SECONDS", help=what)
+    add("--dry-run", action="store_true", help="say what would be played and how long it takes, and stop")
+    add("--no-pictures", action="store_true", help="do not draw captures for the report")
+    add("--videos", action="store_true", help="write an mp4 of each policy's best episode")
+    add("--list", action="store_true", help="list ids and built-in policies, and stop")
     return out
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit status."""
-    options = parser().parse_args(arguments)
+    given = sys.argv[1:] if arguments is None else arguments
+    if given and given[0] in COMMANDS:
+        return import_module(f"agents.commands.{given[0]}").main(given[1:])
+    options = parser().parse_args(given)
     try:
         if options.list:
             _list()
             return 0
-        run(options, sys.argv[1:] if arguments is None else arguments)
+        evaluation, chosen = _checked(options, given)
+        if options.dry_run:
+            dry_run(evaluation, chosen)
+        else:
+            run(evaluation, chosen)
     except SpaceEnvsError as error:
         print(f"evaluate.py: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print("evaluate.py: stopped; nothing was written", file=sys.stderr)
+        print("evaluate.py: stopped; the same command with --resume goes on from here", file=sys.stderr)
         return 130
     return 0
 
 
-def run(options: argparse.Namespace, arguments: list[str]) -> None:
-    """Evaluate as the options say.
+def _checked(options: argparse.Namespace, arguments: list[str]) -> tuple[Evaluation, Options]:
+    """What is played and how, after everything that can be wrong about it was looked at.
 
     Raises:
-        SpaceEnvsError: for anything in the options that is not valid, before an episode is played.
+        SpaceEnvsError: for anything that is not valid.
     """
-    if options.env not in ENTRIES:
-        raise unknown_name("environment id", options.env, ENTRIES)
-    if options.seed < 0:
-        raise ConfigurationError(f"seed must not be negative, got {options.seed}")
-    keywords = {"difficulty": options.difficulty, "split": options.split}
-    if options.variant is not None:
-        keywords["variant"] = options.variant
-    task = make_task(options.env, keywords)
-    indices = split_indices(task, options.split, options.episodes, options.seed)
-    policies = _policies(options)
-    for policy in policies:
-        # One that does not fit the environment says so before the first episode of any.
-        env = CaptureVectorEnv(options.env, 1, policy.control_mode, **keywords)
-        policy.build(PolicyContext.from_env(env), options.seed)
-    try:
-        options.output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigurationError(f"cannot write to {options.output}: {error.strerror}") from None
-    started = perf_counter()
-    records: list[EpisodeRecord] = []
-    traces: dict[str, Traces] = {}
-    rollouts: dict[str, Rollout] = {}
-    for policy in policies:
-        environment = {"env_id": options.env, "control_mode": policy.control_mode, **keywords}
-        rollout = roll_out(
-            policy.factory(options.seed), environment, options.split, indices, options.seed, policy.name
-        )
-        timed = time_policy(
-            policy.factory(options.seed), environment, options.split, indices[:TIMED_EPISODES]
-        )
-        timing = Timing(planning_ms=timed.planning, action_ms=timed.action)
-        records += episode_records(
-            rollout, task, options.env, policy.name, policy.control_mode, options.split, options.seed, timing
-        )
-        traces[policy.name], rollouts[policy.name] = episode_traces(rollout, task), rollout
-    pictures, note = ({}, "Pictures were switched off with --no-pictures.")
-    if not options.no_pictures:
-        pictures, note = capture_pictures(task, rollouts)
-    about = provenance(shlex.join(["evaluate.py", *arguments]), options.env, options.seed, task)
-    about["timing"] = {
-        "finished": datetime.now(UTC).isoformat(timespec="seconds"),
-        "seconds": round(perf_counter() - started, 1),
-    }
-    result = EvaluationResult(records, traces, about, pictures, note)
-    paths = write_report(result, options.output)
-    console = Console()
-    to_terminal(build_rows(records, np.random.default_rng(BOOTSTRAP_SEED)), console)
-    console.print()
-    for label, path in (
-        ("Report", paths.html),
-        ("Leaderboard", paths.markdown),
-        ("Table", paths.csv),
-        ("Records", paths.records),
-        ("Summary", paths.summary),
+    env_ids = list(ENTRIES) if options.env == ["all"] else options.env
+    for title, names, known in (
+        ("environment id", env_ids, ENTRIES),
+        ("split", options.split, SPLITS),
+        ("difficulty", options.difficulty, DIFFICULTIES),
     ):
-        console.print(f"{label + ':':13}{path}", highlight=False, soft_wrap=True, markup=False)
-
-
-def _policies(options: argparse.Namespace) -> list[ResolvedPolicy]:
-    names: list[str] = []
-    for name in options.policy:
-        names += policies_for(options.env) if name == "all" else [name]
-    repeated = sorted({name for name in names if names.count(name) > 1})
-    if repeated:
-        raise ConfigurationError(f"policies named twice: {', '.join(repeated)}")
-    for name in names:
-        check_task(name, options.env)
+        distinct(title, names)
+        for name in names:
+            if name not in known:
+                raise unknown_name(title, name, known)
     if options.control_mode is not None and options.control_mode not in CONTROL_MODES:
         raise unknown_name("control mode", options.control_mode, CONTROL_MODES)
-    return [resolve_policy(name, options.control_mode) for name in names]
+    check_backend(options.jobs, options.backend, options.address)
+    entrants: list[tuple[Task, ResolvedPolicy]] = []
+    for env_id in env_ids:
+        for policy in choose_policies(options.policy, env_id, env_ids, options.control_mode):
+            keywords = task_keywords(Task(env_id, options.difficulty[0], options.split[0]), options.variant)
+            check_fit(policy, CaptureVectorEnv(env_id, 1, policy.control_mode, **keywords))
+            for difficulty in options.difficulty:
+                for split in options.split:
+                    entrants.append((Task(env_id, difficulty, split), policy))
+    # One task after the other, its policies in the order in which they were named.
+    entrants.sort(key=lambda pair: _order(pair[0], env_ids, options))
+    evaluation = Evaluation(
+        tuple(entrants),
+        options.episodes,
+        parse_seeds(options.seeds),
+        options.variant,
+        _limits(options),
+        tuple(path or os.getcwd() for path in sys.path),
+    )
+    evaluation.units()  # says what is wrong with the number of episodes
+    chosen = Options(
+        options.output,
+        options.resume,
+        options.jobs,
+        options.backend,
+        options.address,
+        not options.no_pictures,
+        options.videos,
+        tuple(arguments),
+    )
+    return evaluation, chosen
+
+
+def _order(task: Task, env_ids: list[str], options: argparse.Namespace) -> tuple[int, int, int]:
+    return (
+        env_ids.index(task.env_id),
+        options.difficulty.index(task.difficulty),
+        options.split.index(task.split),
+    )
+
+
+def _limits(options: argparse.Namespace) -> TimeLimits | None:
+    if options.time_limit is None:
+        if options.planning_limit is not None:
+            raise ConfigurationError("--planning-limit goes with --time-limit")
+        return None
+    usual = TimeLimits(options.time_limit, options.time_limit)
+    return usual if options.planning_limit is None else replace(usual, planning=options.planning_limit)
 
 
 def _list() -> None:
     for title, table in (("Environments", ENTRIES), ("Policies", POLICIES)):
         print(f"{title}:")
         for name, entry in table.items():
-            print(f"  {name:32}{entry.summary}")
+            print(f"  {name:38}{entry.summary}")
 
 
 if __name__ == "__main__":

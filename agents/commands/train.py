@@ -3,20 +3,18 @@
 import argparse
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-from agents.hyperparameters import ALGORITHMS, BC, PPO, TABLES, AnyHyperparameters, hyperparameters
-from agents.registry import check_task, control_modes, policy_class
-from agents.training.runs import RunFolder, Settings, command_line
+from agents.commands.sweep import EPILOG, SPREADING, add_options, asked_for, sweep
+from agents.hyperparameters import ALGORITHMS
+from agents.training.options import DEFAULT_ENV, OPTIONS, Options, check_device, limited
+from agents.training.runs import RunFolder, command_line
 from agents.training.validation import EPISODES
 from space_envs.control import CONTROL_MODES
-from space_envs.errors import ConfigurationError, SpaceEnvsError, unknown_name
+from space_envs.errors import ConfigurationError, SpaceEnvsError
 from space_envs.tasks.common import DIFFICULTIES
 
-VALIDATIONS = 10  # at least so many in a run
-DEFAULT_ENV = "SpaceCapture/SingleArm-v0"
 DESCRIPTION = """\
 Train a policy and keep the best one on the validation split (the held-out part of the train split).
 
@@ -25,29 +23,34 @@ Train a policy and keep the best one on the validation split (the held-out part 
   train.py --algo ppo --init runs/my-bc      ppo from a policy that was trained before
   train.py --algo ppo --init none            ppo from random weights
   train.py --resume runs/my-ppo              go on with a run that was stopped or killed
+  train.py --algo bc --seeds 0-9 --jobs 4    ten runs, four at a time; more on this at the end
 
 The run's folder holds config.json, policy.npz (the best policy; evaluate.py takes the folder as a policy),
 checkpoint.npz, validation.json, summary.json and TensorBoard's logs. All of them are data without code.
 """
 # What --resume cannot change; None in the arguments means that it was not given.
+_CHANGEABLE = ("steps", "minutes")
 _FIXED = (
-    "algo",
-    "env",
-    "init",
-    "expert",
-    "seed",
-    "num_envs",
-    "difficulty",
-    "control_mode",
+    *(name for name in OPTIONS if name not in _CHANGEABLE),
     "output",
-    "device",
+    "seeds",
+    "sweep",
+    *SPREADING,
 )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Train; returns the exit status: 0, 2 for bad input (one line says what), 130 when interrupted."""
+    """Train.
+
+    Returns:
+        The exit status: 0, 1 if one of several runs failed, 2 for bad input (one line says what), 130 when
+        interrupted.
+    """
     parsed = _parser().parse_args(arguments)
     try:
+        if not parsed.resume and asked_for(parsed):
+            _check_episodes(parsed)
+            return sweep(parsed)
         folder = _resumed(parsed) if parsed.resume else _begun(parsed)
     except SpaceEnvsError as error:
         print(f"train.py: {error}", file=sys.stderr)
@@ -77,7 +80,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="train.py", description=DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter
+        prog="train.py",
+        description=DESCRIPTION,
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
     add("--algo", metavar="NAME", help=f"{', '.join(ALGORITHMS)}; default ppo")
@@ -99,7 +105,12 @@ def _parser() -> argparse.ArgumentParser:
     add("--num-envs", type=int, metavar="N", help="episodes simulated together; default from the table")
     add("--difficulty", metavar="NAME", help=f"{', '.join(DIFFICULTIES)}; default medium")
     add("--control-mode", metavar="NAME", help=f"{', '.join(CONTROL_MODES)}; default joint_velocity")
-    add("--output", metavar="FOLDER", help="run folder; default runs/ALGO-ID-TIME")
+    add(
+        "--output",
+        metavar="FOLDER",
+        help="run folder, default runs/ALGO-ID-TIME; of several runs what holds their folders, default "
+        "runs/ALGO-ID or runs/ and the sweep file's name",
+    )
     add(
         "--resume",
         metavar="RUN",
@@ -114,29 +125,15 @@ def _parser() -> argparse.ArgumentParser:
         help="goals of a validation; default %(default)s",
     )
     add("--quiet", action="store_true", help="neither progress bar nor lines")
+    add_options(parser)
     return parser
 
 
 def _begun(parsed: argparse.Namespace) -> RunFolder:
     """A new run, written down after all of its input was found to be good."""
-    env_id = parsed.env or DEFAULT_ENV
-    algorithm = parsed.algo or "ppo"
-    if env_id not in TABLES:
-        raise unknown_name("environment id", env_id, TABLES)
-    if algorithm not in ALGORITHMS:
-        raise unknown_name("algorithm", algorithm, ALGORITHMS)
-    settings = Settings(
-        algorithm=algorithm,
-        env_id=env_id,
-        control_mode=parsed.control_mode or "joint_velocity",
-        difficulty=parsed.difficulty or "medium",
-        seed=0 if parsed.seed is None else parsed.seed,
-        device=parsed.device or "cpu",
-        init=None if parsed.init in (None, "none") else parsed.init,
-    )
-    parameters = _limited(_chosen(parsed, settings), parsed)
-    _check(settings, parameters, parsed)
-    name = f"{algorithm}-{env_id.split('/')[-1]}-{datetime.now(UTC):%Y%m%d-%H%M%S}"
+    _check_episodes(parsed)
+    settings, parameters = Options(**{name: getattr(parsed, name) for name in OPTIONS}).settle()
+    name = f"{settings.algorithm}-{settings.env_id.split('/')[-1]}-{datetime.now(UTC):%Y%m%d-%H%M%S}"
     folder = RunFolder(Path(parsed.output or Path("runs") / name))
     folder.begin(settings, parameters)
     folder.note_command(command_line())
@@ -150,62 +147,10 @@ def _resumed(parsed: argparse.Namespace) -> RunFolder:
     _check_episodes(parsed)
     folder = RunFolder(Path(parsed.resume))
     settings, parameters = folder.restore()
-    _check_device(settings.device)
-    parameters = _limited(parameters, parsed)
+    check_device(settings.device)
+    parameters = limited(parameters, parsed.steps, parsed.minutes)
     folder.note_command(command_line(), parameters)
     return folder
-
-
-def _chosen(parsed: argparse.Namespace, settings: Settings) -> AnyHyperparameters:
-    """The table's hyperparameters with what the command line says about the algorithm."""
-    parameters = hyperparameters(settings.env_id, settings.algorithm)
-    if parsed.num_envs is not None:
-        parameters = replace(parameters, num_envs=parsed.num_envs)
-    if parsed.init is not None:
-        if not isinstance(parameters, PPO):
-            raise ConfigurationError("--init is for ppo alone; the others start from random weights")
-        if parsed.expert is not None:
-            raise ConfigurationError("give either --init or --expert")
-        return replace(parameters, expert=None)
-    if parsed.expert is None:
-        return parameters
-    if not isinstance(parameters, PPO | BC):
-        raise ConfigurationError("--expert is for bc and ppo alone")
-    return replace(parameters, expert=parsed.expert)
-
-
-def _limited(parameters: AnyHyperparameters, parsed: argparse.Namespace) -> AnyHyperparameters:
-    """Hyperparameters with the steps and minutes of the command line; a shorter run is validated sooner."""
-    if parsed.steps is not None:
-        interval = max(1, min(parameters.interval, parsed.steps // VALIDATIONS))
-        parameters = replace(parameters, steps=parsed.steps, interval=interval)
-    return parameters if parsed.minutes is None else replace(parameters, minutes=parsed.minutes)
-
-
-def _check(settings: Settings, parameters: AnyHyperparameters, parsed: argparse.Namespace) -> None:
-    """Refuse what would fail later."""
-    if settings.control_mode not in CONTROL_MODES:
-        raise unknown_name("control mode", settings.control_mode, CONTROL_MODES)
-    if settings.difficulty not in DIFFICULTIES:
-        raise unknown_name("difficulty", settings.difficulty, DIFFICULTIES)
-    if not 0 <= settings.seed < 2**32:
-        raise ConfigurationError(f"seed must lie in 0..2^32 - 1, got {settings.seed}")
-    _check_episodes(parsed)
-    _check_device(settings.device)
-    if isinstance(parameters, PPO | BC) and parameters.expert is not None:
-        policy_class(parameters.expert)
-        check_task(parameters.expert, settings.env_id)
-        modes = control_modes(parameters.expert)
-        if settings.control_mode not in modes:
-            raise ConfigurationError(
-                f"expert {parameters.expert!r} acts in control mode {' or '.join(map(repr, modes))}, not "
-                f"{settings.control_mode!r}; "
-                "name another --expert, or for ppo --init none"
-            )
-    if isinstance(parameters, PPO) and settings.init is not None:
-        from agents.learning import starting_policy
-
-        starting_policy(settings, parameters)
 
 
 def _check_episodes(parsed: argparse.Namespace) -> None:
@@ -213,14 +158,3 @@ def _check_episodes(parsed: argparse.Namespace) -> None:
         raise ConfigurationError(
             f"validation-episodes must lie in 1..{EPISODES}, got {parsed.validation_episodes}"
         )
-
-
-def _check_device(device: str) -> None:
-    if device == "cpu":
-        return
-    import torch as th
-
-    try:
-        th.empty(1, device=device)
-    except (RuntimeError, AssertionError) as error:
-        raise ConfigurationError(f"device {device!r} cannot be used: {str(error).splitlines()[0]}") from None

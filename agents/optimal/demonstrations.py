@@ -4,6 +4,7 @@ python -m agents.optimal.demonstrations --jobs 2 --output demonstrations/optimal
 """
 
 import argparse
+import json
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -20,6 +21,8 @@ from agents.optimal.sqp import MISS, minimise
 from agents.planning import Limits
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError, SpaceEnvsError
+from space_envs.evaluation.provenance import commit, machine, versions
+from space_envs.files import atomic_write_text
 from space_envs.models.parameters import SINGLE_ARM
 from space_envs.tasks.single_arm import SingleArmTask
 
@@ -116,7 +119,18 @@ def generate(
     whole = _merged([Library.load(path) for path in parts])
     kept = whole.rows(np.isfinite(whole.cost))
     kept = replace(kept, coordinates=kept.coordinates.astype(np.float32))
-    kept.save(Path(output) / recipe.name)
+    path = Path(output) / recipe.name
+    kept.save(path)
+    made = {
+        "command": "python -m agents.optimal.demonstrations",
+        "seed": recipe.seed,
+        "train goals": counts,
+        "motions": len(kept.cost),
+        "commit": commit(),
+        "versions": versions(),
+        "machine": machine(),
+    }
+    atomic_write_text(path.with_suffix(".json"), json.dumps(made, indent=2) + "\n")
     return kept
 
 

@@ -144,18 +144,28 @@ class _Search:
             more = starting_paths(self._robot, self.reach, ends, 2 * AROUND, self._seed + 1, at)[1::2]
             paths += more
             solved += [self._solver.solve(self._solver.variables(path)) for path in more]
-        found: list[Solution] = []
         converged = [s for s in solved if isinstance(s, Solution)]
+        if not converged:
+            return self._unsolved(paths[0], [s for s in solved if isinstance(s, Unsolved)])
+        motion = self._best(converged, len(paths))
+        if isinstance(motion, Failure) and self._solver.loaded:
+            # Limits on torques are added where they were passed; the starts may lead elsewhere with them.
+            solved = [self._solver.solve(self._solver.variables(path)) for path in paths]
+            converged = [s for s in solved if isinstance(s, Solution)]
+            return self._best(converged, len(paths)) if converged else motion
+        return motion
+
+    def _best(self, converged: list[Solution], starts: int) -> Motion | Failure:
+        """The cheapest of the solutions that is accurate, or why the cheapest is not."""
+        found: list[Solution] = []
         for solution in sorted(converged, key=lambda s: s.cost):
             if not found or solution.cost > (1.0 + EQUAL) * found[-1].cost:
                 found.append(solution)
-        if not found:
-            return self._unsolved(paths[0], [s for s in solved if isinstance(s, Unsolved)])
         failures = []
         for solution in found:
             motion = self._accurate(self._solver, solution)
             if isinstance(motion, Motion):
-                count = f"{len(converged)} of {len(paths)} starts converged, to {len(found)} local optima"
+                count = f"{len(converged)} of {starts} starts converged, to {len(found)} local optima"
                 return replace(motion, notes=count)
             failures.append(motion)
         return failures[0]

@@ -20,6 +20,7 @@ INTERVALS = 20  # of the splines: 0.5 s each where a motion takes 10 s
 ROOM = 1e-6  # relative, that is kept from the limits
 CLEAR = 0.002  # m, that is kept from balls at the nodes at first: between them a link may come nearer
 MORE = 1.5  # times what a limit was passed by is taken off it
+LEAST = 0.5  # share of a limit that is left of it at once
 LEFT = 1e-5  # largest violation of a program's constraint, in its units or of its bound, of a solution
 
 # The barrier falls from a low value at a fixed pace: adapted, it loses motions that are nearly feasible.
@@ -105,6 +106,11 @@ class Solver:
         return np.concatenate([path[GIVEN:-1].ravel(), np.zeros(3 * INTERVALS)])
 
     @property
+    def loaded(self) -> bool:
+        """Whether the program has limits on torques by now."""
+        return bool(self._loads)
+
+    @property
     def abscissae(self) -> Array:
         """(size,) values of s at which the coefficients of a path stand."""
         return self._programs.mesh.greville
@@ -149,10 +155,10 @@ class Solver:
         """Solve again from a solution, asking for more of what was measured to be passed."""
         for name in ("torque", "coriolis"):
             if name in excess:
-                known = name in self._loads
-                self._loads[name] = (
-                    self._loads[name] - MORE * excess[name] if known else getattr(self._limits, name)
-                )
+                limit = self._loads.get(name)
+                # Between the nodes a load may be passed by more than it is.
+                less = None if limit is None else max(limit - MORE * excess[name], LEAST * limit)
+                self._loads[name] = getattr(self._limits, name) if less is None else less
         if "clearance" in excess:
             self._clear += MORE * excess["clearance"]
         return self.solve(solution.variables)

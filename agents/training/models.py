@@ -17,7 +17,14 @@ from agents.hyperparameters import AnyHyperparameters
 from agents.network import Network
 from space_envs.errors import PolicyError
 
-_ACTIVATIONS: dict[str, type[nn.Module]] = {"tanh": nn.Tanh, "relu": nn.ReLU}
+_ACTIVATIONS: dict[str, type[nn.Module]] = {  # under the names of agents.network
+    "tanh": nn.Tanh,
+    "relu": nn.ReLU,
+    "leaky_relu": nn.LeakyReLU,
+    "elu": nn.ELU,
+    "silu": nn.SiLU,
+    "gelu": nn.GELU,
+}
 # Hyperparameters that go to stable-baselines3 under their own names.
 _PPO = "n_steps n_epochs gae_lambda clip_range ent_coef vf_coef max_grad_norm target_kl"
 _OFF_POLICY = "buffer_size learning_starts tau train_freq gradient_steps"

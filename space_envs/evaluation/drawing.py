@@ -5,10 +5,12 @@ Same input, same bytes. matplotlib's object-oriented interface only; no global s
 """
 
 import io
+import math
 import re
 import warnings
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from typing import Any, cast
 
 import matplotlib
@@ -17,6 +19,8 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.text import Annotation
 from matplotlib.transforms import Bbox
+
+from space_envs.errors import ConfigurationError
 
 INK = "#010203"  # stands for the page's colour until the SVG is written
 WIDTH = 4.4  # inches of one panel: 317 CSS points, so that text keeps its size on a phone
@@ -38,7 +42,19 @@ _PLACES = (
     (0, -22, "center", "top"),
     (14, 14, "left", "bottom"),
     (14, -14, "left", "top"),
+    # Far from the point; a thin line leads there.
+    *(
+        (
+            reach * across,
+            reach * up,
+            ("right", "center", "left")[across + 1],
+            ("top", "center", "bottom")[up + 1],
+        )
+        for reach in (26, 42, 58)
+        for across, up in ((1, -1), (-1, -1), (0, -1), (1, 1), (-1, 1), (0, 1))
+    ),
 )
+_LED = 25  # points from which on a label needs the line
 
 
 @dataclass(frozen=True)
@@ -47,6 +63,39 @@ class Panel:
 
     svg: str
     alt: str
+    key: str = ""
+    figure: Figure | None = field(default=None, compare=False, repr=False)  # that it was written from
+
+    def standalone_svg(self) -> str:
+        """The SVG as a file of its own, with its size and black lines on white."""
+        (width, height), svg = self._inches(), self.svg.replace("currentColor", "#000000")
+        size = f' width="{width:g}in" height="{height:g}in" style="background:#ffffff"'
+        return '<?xml version="1.0" encoding="utf-8"?>\n' + svg.replace("<svg", f"<svg{size}", 1) + "\n"
+
+    def png(self, dpi: int = 150) -> bytes:
+        """The panel as a PNG, on white.
+
+        Raises:
+            ConfigurationError: for a panel that was not drawn by `draw_panel`.
+        """
+        if self.figure is None:
+            raise ConfigurationError(f"panel {self.key!r} has no figure to make a PNG from")
+        content = io.BytesIO()
+        with _settings(self.key):
+            self.figure.set_layout_engine("none")  # as it was laid out for the SVG
+            self.figure.savefig(
+                content,
+                format="png",
+                dpi=dpi,
+                facecolor="white",
+                transparent=False,
+                metadata={"Software": None},
+            )
+        return content.getvalue()
+
+    def _inches(self) -> tuple[float, float]:
+        box = re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', self.svg)
+        return (float(box[1]) / 72, float(box[2]) / 72) if box else (WIDTH, 3.0)
 
 
 def label_points(axes: Axes, labels: Sequence[tuple[str, float, float]]) -> None:
@@ -79,6 +128,14 @@ def label_points(axes: Axes, labels: Sequence[tuple[str, float, float]]) -> None
                 break
         if best:
             taken.append(best[2])
+            if math.hypot(*best[1].xyann) > _LED:
+                axes.annotate(
+                    "",
+                    (x, y),
+                    best[1].xyann,
+                    textcoords="offset points",
+                    arrowprops={"arrowstyle": "-", "color": INK, "lw": 0.6, "alpha": 0.5, "shrinkA": 0},
+                )
 
 
 def draw_panel(
@@ -90,13 +147,7 @@ def draw_panel(
     whole: bool = False,
 ) -> Panel:
     """Draw one panel; `draw` gets the axes, or the whole figure."""
-    # A user's matplotlibrc must not change the report, nor the report the user's settings.
-    with matplotlib.rc_context(), warnings.catch_warnings():
-        # The text stays text: the browser has the letters that matplotlib's own font lacks.
-        warnings.filterwarnings("ignore", message="Glyph .* missing from font")
-        defaults = matplotlib.rcParamsDefault
-        matplotlib.rcParams.update({name: defaults[name] for name in defaults if name not in _EXCLUDED})
-        matplotlib.rcParams.update(_style(key))
+    with _settings(key):
         figure = Figure(figsize=(width, height), layout="constrained")
         FigureCanvasSVG(figure)
         draw(figure if whole else figure.subplots())
@@ -104,7 +155,19 @@ def draw_panel(
         figure.savefig(
             text, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None}
         )
-    return Panel(_inline(text.getvalue(), key), alt)
+    return Panel(_inline(text.getvalue(), key), alt, key, figure)
+
+
+@contextmanager
+def _settings(key: str) -> Iterator[None]:
+    """A user's matplotlibrc must not change the report, nor the report the user's settings."""
+    with matplotlib.rc_context(), warnings.catch_warnings():
+        # The text stays text: the browser has the letters that matplotlib's own font lacks.
+        warnings.filterwarnings("ignore", message="Glyph .* missing from font")
+        defaults = matplotlib.rcParamsDefault
+        matplotlib.rcParams.update({name: defaults[name] for name in defaults if name not in _EXCLUDED})
+        matplotlib.rcParams.update(_style(key))
+        yield
 
 
 def _style(key: str) -> dict[Any, Any]:
@@ -143,11 +206,17 @@ def _style(key: str) -> dict[Any, Any]:
 def _inline(svg: str, key: str) -> str:
     """The svg element alone, in the page's colour, its ids told apart by the key."""
     svg = svg[svg.index("<svg") :].replace(INK, "currentColor")
+    # A hundredth of a point is finer than any screen, and a third of the size.
+    svg = re.sub(r' d="[^"]*"', lambda path: re.sub(r"-?\d+\.\d{3,}", _hundredths, path[0]), svg)
     svg = _with_prefix(svg, key)
     # The page sizes it; the view box keeps the proportions.
     return re.sub(
         r'^<svg([^>]*?) width="[^"]*"', r"<svg\1", re.sub(r'^<svg([^>]*?) height="[^"]*"', r"<svg\1", svg)
     )
+
+
+def _hundredths(number: re.Match[str]) -> str:
+    return f"{float(number[0]):.2f}".rstrip("0").rstrip(".")
 
 
 def prefixed(panel: Panel, prefix: str) -> Panel:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.records import OUTCOMES, EpisodeRecord
+from space_envs.evaluation.records import OUTCOMES, Entrant, EpisodeRecord, Task
 from space_envs.evaluation.statistics import (
     ATTITUDE_LIMITS,
     Estimate,
@@ -46,18 +46,6 @@ _BOOTSTRAPPED: dict[str, Statistic] = {
 }
 
 
-@dataclass(frozen=True, order=True)
-class Task:
-    """What was asked: records of different tasks never share a row or a table."""
-
-    env_id: str
-    difficulty: str
-    split: str
-
-    def __str__(self) -> str:
-        return f"{self.env_id}, {self.difficulty}, {self.split} split"
-
-
 @dataclass(frozen=True)
 class Row:
     """One policy on one task, in the units of the records; rates in 0..1."""
@@ -73,6 +61,11 @@ class Row:
     reasons: tuple[tuple[str, int], ...]  # reasons of failures, most frequent first
     momentum_drift: float  # the largest of all episodes
     timing: Mapping[str, float]  # ms, NaN where nothing was timed
+
+    @property
+    def entrant(self) -> Entrant:
+        """What the row is about."""
+        return Entrant(self.task, self.policy, self.control_mode)
 
     def to_dict(self) -> dict[str, Any]:
         """For summary.json; infinite and NaN become None; what a clock decided stands under `timing`."""
@@ -112,16 +105,15 @@ def build_rows(
     generator and that row's records only, not on which other policies stand in the table. Raises
     ConfigurationError where an episode stands twice or a row would mix configurations.
     """
-    groups: dict[tuple[Task, str, str], list[EpisodeRecord]] = {}
+    groups: dict[Entrant, list[EpisodeRecord]] = {}
     for record in records:
-        task = Task(record.env_id, record.difficulty, record.split)
-        groups.setdefault((task, record.policy, record.control_mode), []).append(record)
+        groups.setdefault(record.entrant, []).append(record)
     entropy = int(generator.integers(2**63))
     return sorted((_row(key, group, entropy, resamples) for key, group in groups.items()), key=_rank)
 
 
-def _row(key: tuple[Task, str, str], records: list[EpisodeRecord], entropy: int, resamples: int) -> Row:
-    task, policy, control_mode = key
+def _row(entrant: Entrant, records: list[EpisodeRecord], entropy: int, resamples: int) -> Row:
+    task, policy, control_mode = entrant.task, entrant.policy, entrant.control_mode
     hashes = sorted({record.config_hash for record in records})
     if len(hashes) > 1:
         raise ConfigurationError(

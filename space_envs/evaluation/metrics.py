@@ -1,6 +1,7 @@
 """From recorded episodes to the metrics of each."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import asdict
 from hashlib import sha256
 from typing import Any
@@ -10,7 +11,7 @@ import numpy as np
 from space_envs.dynamics.bodies import body_motion, momentum_drift
 from space_envs.dynamics.rotations import Array, logarithm
 from space_envs.dynamics.trajectories import attitude_cost
-from space_envs.evaluation.records import SCHEMA_VERSION, EpisodeRecord, Timing
+from space_envs.evaluation.records import SCHEMA_VERSION, UNTIMED, Entrant, EpisodeRecord, Timing
 from space_envs.evaluation.rollout import Rollout
 from space_envs.evaluation.traces import Traces
 from space_envs.tasks.base import CaptureTask
@@ -20,9 +21,19 @@ TRACED = 30  # episodes of a policy whose course in time is kept
 
 def config_hash(env_id: str, control_mode: str, task: CaptureTask) -> str:
     """Twelve hexadecimal digits that change with anything that defines the task."""
+    return configuration_hash(configuration(env_id, control_mode, task))
+
+
+def configuration_hash(config: Mapping[str, Any]) -> str:
+    """The same of a task's `configuration`, also after it was written as JSON and read again."""
+    return sha256(json.dumps(config, sort_keys=True).encode()).hexdigest()[:12]
+
+
+def configuration(env_id: str, control_mode: str, task: CaptureTask) -> dict[str, Any]:
+    """Everything that defines a task, apart from its split, as plain values."""
     config = {"env_id": env_id, "control_mode": control_mode, **asdict(task), "timestep": task.step_size}
     del config["split"]
-    return sha256(json.dumps(config, sort_keys=True).encode()).hexdigest()[:12]
+    return config
 
 
 def episode_metrics(rollout: Rollout, task: CaptureTask) -> dict[str, Array]:
@@ -59,18 +70,11 @@ def episode_metrics(rollout: Rollout, task: CaptureTask) -> dict[str, Array]:
 
 
 def episode_records(
-    rollout: Rollout,
-    task: CaptureTask,
-    env_id: str,
-    policy: str,
-    control_mode: str,
-    split: str,
-    seed: int,
-    timing: Timing,
+    rollout: Rollout, task: CaptureTask, entrant: Entrant, seed: int, first: int = 0, timing: Timing = UNTIMED
 ) -> list[EpisodeRecord]:
-    """One record an episode."""
+    """One record an episode, whose numbers within the seed begin with `first`."""
     metrics = episode_metrics(rollout, task)
-    config = config_hash(env_id, control_mode, task)
+    config = config_hash(entrant.task.env_id, entrant.control_mode, task)
     records = []
     for row in range(len(rollout.index)):
         captured = rollout.outcome[row] == "captured"
@@ -78,13 +82,13 @@ def episode_records(
         records.append(
             EpisodeRecord(
                 schema=SCHEMA_VERSION,
-                env_id=env_id,
-                policy=policy,
-                control_mode=control_mode,
-                difficulty=task.difficulty,
-                split=split,
+                env_id=entrant.task.env_id,
+                policy=entrant.policy,
+                control_mode=entrant.control_mode,
+                difficulty=entrant.task.difficulty,
+                split=entrant.task.split,
                 index=int(rollout.index[row]),
-                episode=row,
+                episode=first + row,
                 seed=seed,
                 config_hash=config,
                 captured=captured,

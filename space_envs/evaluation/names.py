@@ -4,6 +4,7 @@ A policy's name may be any text. HTML is escaped by the template engine; this is
 """
 
 import hashlib
+import json
 import re
 import unicodedata
 
@@ -30,6 +31,23 @@ def csv_name(name: str) -> str:
     return "'" + shown if shown[0] in "=+-@" else shown
 
 
+def latex_name(name: str) -> str:
+    """The name as text of a LaTeX document: no character of it is a command."""
+    special = {
+        "\\": r"\textbackslash{}",
+        "~": r"\textasciitilde{}",
+        "^": r"\textasciicircum{}",
+        "<": r"\textless{}",
+        ">": r"\textgreater{}",
+        "|": r"\textbar{}",
+        '"': r"\textquotedbl{}",
+    }
+    special |= {character: f"\\{character}" for character in "#$%&_{}"}
+    shown = "".join(special.get(character, character) for character in display_name(name))
+    # Two hyphens are a dash, and a bracket after a line's end is its argument.
+    return shown.replace("--", "-{}-").replace("[", "{[}").replace("]", "{]}")
+
+
 def figure_name(name: str) -> str:
     """The name as a matplotlib text: cut short, and dollar signs start no formula."""
     return display_name(name, 20).replace("$", r"\$")
@@ -42,6 +60,17 @@ def file_name(name: str) -> str:
     """
     if re.fullmatch(r"[a-z0-9][a-z0-9_-]{0,40}", name):
         return name
-    plain = re.sub(r"[^a-z0-9_-]+", "-", name.lower()).strip("-")[:40] or "policy"
-    digest = hashlib.sha256(name.encode("utf-8", "surrogatepass")).hexdigest()
-    return f"{plain}.{digest[:12]}"
+    return f"{_plain(name, 40)}.{_digest(name)}"
+
+
+def joined_file_name(*names: str) -> str:
+    """A file's stem for several names together, which no other names share: plain characters and a hash."""
+    return f"{_plain('-'.join(names), 80)}.{_digest(json.dumps(names))}"
+
+
+def _plain(name: str, longest: int) -> str:
+    return re.sub(r"[^a-z0-9_-]+", "-", name.lower()).strip("-")[:longest] or "policy"
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()[:12]

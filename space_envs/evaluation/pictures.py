@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from space_envs.errors import RenderingError
+from space_envs.evaluation.records import Entrant
 from space_envs.evaluation.rollout import Rollout
 from space_envs.tasks.base import CaptureTask
 
@@ -15,15 +16,15 @@ WIDTH, HEIGHT = 480, 360
 
 
 def capture_pictures(
-    task: CaptureTask, rollouts: Mapping[str, Rollout]
-) -> tuple[dict[str, list[NDArray[np.uint8]]], str]:
+    task: CaptureTask, rollouts: Mapping[Entrant, Rollout]
+) -> tuple[dict[Entrant, list[NDArray[np.uint8]]], str]:
     """Frames (HEIGHT, WIDTH, 3) of each policy's farthest capture, and a note where there are none."""
     from space_envs.rendering import Renderer  # OpenGL may be missing, and is not needed without pictures
 
     model = task.render_model
     data = mujoco.MjData(model)
     state = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_INTEGRATION))
-    pictures: dict[str, list[NDArray[np.uint8]]] = {}
+    pictures: dict[Entrant, list[NDArray[np.uint8]]] = {}
     try:
         renderer = Renderer(model, width=WIDTH, height=HEIGHT, camera="overview")
         for name, rollout in rollouts.items():

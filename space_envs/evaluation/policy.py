@@ -63,6 +63,7 @@ class PolicyContext:
         joint_limits: (n, 2) rad, least and largest angle that the drives go to.
         rate_limit: rad/s. acceleration_limit: rad/s^2, of every joint.
         envelope: of a capture. c: m/rad of the attitude cost (eq. 20 of shyam2020).
+        jobs: processes that a policy may plan with; -1 is one for each core.
     """
 
     env_id: str
@@ -78,9 +79,10 @@ class PolicyContext:
     acceleration_limit: float
     envelope: CaptureEnvelope
     c: float
+    jobs: int = 1
 
     @classmethod
-    def from_env(cls, env: "CaptureVectorEnv | CaptureEnv") -> Self:
+    def from_env(cls, env: "CaptureVectorEnv | CaptureEnv", jobs: int = 1) -> Self:
         """The context of an environment (unwrapped)."""
         vector = cast("CaptureVectorEnv", getattr(env, "vector", env))
         task = vector.task
@@ -98,6 +100,7 @@ class PolicyContext:
             acceleration_limit=vector.drive.acceleration_limit,
             envelope=task.envelope,
             c=task.c,
+            jobs=jobs,
         )
 
     def require_mode(self, *modes: str) -> None:

@@ -3,23 +3,19 @@
 import os
 import platform
 import subprocess
+from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from space_envs.tasks.base import CaptureTask
-
 PACKAGES = ("space-capture", "mujoco", "numpy", "scipy", "gymnasium", "casadi", "torch", "stable-baselines3")
 
 
-def provenance(command: str, env_id: str, seed: int, task: CaptureTask) -> dict[str, Any]:
+def provenance(command: str, seeds: Sequence[int]) -> dict[str, Any]:
     """All that a reader needs to repeat a run, as plain JSON values."""
     return {
         "command": command,
-        "environment": env_id,
-        "seed": seed,
-        "eq. 20 c, m/rad": task.c,
-        "simulation step, s": task.step_size,
+        "seeds": list(seeds),
         "commit": commit(),
         "versions": versions(),
         "machine": machine(),
@@ -37,16 +33,19 @@ def versions() -> dict[str, str]:
     return found
 
 
-def machine() -> str:
-    """Processor, number of cores and system, in one line."""
-    processor = platform.processor() or platform.machine()
+def processor() -> str:
+    """Name of the processor."""
     cpuinfo = Path("/proc/cpuinfo")
     if cpuinfo.exists():
         for line in cpuinfo.read_text().splitlines():
             if line.startswith("model name"):
-                processor = line.split(":", 1)[1].strip()
-                break
-    return f"{processor}, {os.cpu_count()} cores, {platform.system()}"
+                return line.split(":", 1)[1].strip()
+    return platform.processor() or platform.machine()
+
+
+def machine() -> str:
+    """Processor, number of cores and system, in one line."""
+    return f"{processor()}, {os.cpu_count()} cores, {platform.system()}"
 
 
 def commit() -> str:

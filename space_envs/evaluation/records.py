@@ -5,6 +5,7 @@ same evaluation writes the same bytes. Everything a clock decides stands in the 
 """
 
 import dataclasses
+import hashlib
 import json
 import math
 import types
@@ -16,18 +17,50 @@ from typing import Any, Self, TypedDict, Union, get_args, get_origin, get_type_h
 import numpy as np
 
 from space_envs.errors import ConfigurationError, unknown_name
+from space_envs.evaluation.replays import Replay
+from space_envs.evaluation.states import States
 from space_envs.evaluation.traces import Traces
 from space_envs.files import atomic_write_text
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 OUTCOMES = ("captured", "timeout", "attitude_lost", "diverged", "collision", "policy_error")
 
 
 class Timing(TypedDict):
-    """Milliseconds: to make the plan (None where the policy makes none) and for each action (median)."""
+    """Milliseconds: to make the plan (None where the policy makes none) and for each action (median).
+
+    Measured one episode at a time, apart from the episodes that are counted, on the processor and with the
+    number of threads that are named (None where nothing was timed).
+    """
 
     planning_ms: float | None
     action_ms: float | None
+    processor: str | None
+    threads: int | None
+
+
+UNTIMED = Timing(planning_ms=None, action_ms=None, processor=None, threads=None)
+
+
+@dataclass(frozen=True, order=True)
+class Task:
+    """What was asked: records of different tasks never share a row or a table."""
+
+    env_id: str
+    difficulty: str
+    split: str
+
+    def __str__(self) -> str:
+        return f"{self.env_id}, {self.difficulty}, {self.split} split"
+
+
+@dataclass(frozen=True, order=True)
+class Entrant:
+    """What one row of a leaderboard is about: a policy in a control mode on a task."""
+
+    task: Task
+    policy: str
+    control_mode: str
 
 
 @dataclass(frozen=True)
@@ -35,7 +68,8 @@ class EpisodeRecord:
     """One episode. A quantity that does not exist for it (a simulation that diverged at once) is None.
 
     Building one checks it: types, finite numbers, ranges, and that captured, outcome and time_to_capture
-    agree. NumPy scalars become Python's own. Raises ConfigurationError that names the field.
+    agree. NumPy scalars become Python's own. The checksum is of all fields but `timing` and itself; left
+    empty, it is computed. Raises ConfigurationError that names the field.
     """
 
     schema: int  # SCHEMA_VERSION
@@ -67,13 +101,14 @@ class EpisodeRecord:
     clipped_actions: int
     momentum_drift: float | None  # N m s or N s, the larger of the two maxima
     timing: Timing
+    checksum: str = ""  # sixteen hexadecimal digits
 
     def __post_init__(self) -> None:
         for name, kind in _KINDS.items():
             object.__setattr__(self, name, _checked(name, getattr(self, name), kind))
         object.__setattr__(self, "timing", _checked_timing(self.timing))
         if self.schema != SCHEMA_VERSION:
-            raise ConfigurationError(f"schema is {self.schema}; this version reads schema {SCHEMA_VERSION}")
+            raise _other_schema(self.schema)
         if self.outcome not in OUTCOMES:
             raise unknown_name("outcome", self.outcome, OUTCOMES)
         if self.captured != (self.outcome == "captured"):
@@ -84,9 +119,24 @@ class EpisodeRecord:
                 "a captured episode has a time, any other has none"
             )
         if self.captured:
-            missing = [name for name in _NONNEGATIVE if getattr(self, name) is None]
+            missing = [name for name in NONNEGATIVE if getattr(self, name) is None]
             if missing:
                 raise ConfigurationError(f"a captured episode lacks {', '.join(missing)}")
+        checksum = self._digest()
+        if self.checksum not in ("", checksum):
+            raise ConfigurationError(
+                f"checksum is {self.checksum} where the fields give {checksum}: the record was edited"
+            )
+        object.__setattr__(self, "checksum", checksum)
+
+    @property
+    def entrant(self) -> Entrant:
+        """The row that this episode counts in."""
+        return Entrant(Task(self.env_id, self.difficulty, self.split), self.policy, self.control_mode)
+
+    def _digest(self) -> str:
+        values = {name: getattr(self, name) for name in _NAMES if name not in ("timing", "checksum")}
+        return hashlib.sha256(json.dumps(values, allow_nan=False).encode()).hexdigest()[:16]
 
     def to_json(self) -> str:
         """One line without its end, keys in the order of the fields."""
@@ -103,12 +153,16 @@ class EpisodeRecord:
         """Build from a mapping that has exactly the fields. Raises ConfigurationError."""
         if not isinstance(values, Mapping):
             raise ConfigurationError(f"expected an object with the fields of a record, got {_shown(values)}")
+        if type(version := values.get("schema")) is int and version != SCHEMA_VERSION:
+            raise _other_schema(version)
         for name in values:
             if name not in _NAMES:
                 raise unknown_name("field", name, _NAMES)
         missing = [name for name in _NAMES if name not in values]
         if missing:
             raise ConfigurationError(f"missing field {', '.join(missing)}")
+        if values["checksum"] == "":
+            raise ConfigurationError("checksum must not be empty")
         return cls(**values)
 
     @classmethod
@@ -129,15 +183,18 @@ class EvaluationResult:
 
     `provenance` is shown in the report as it is: `command`, `versions`, `machine`, `commit`, ... What a clock
     or the machine's load decides goes under its key `timing`, so that the rest repeats byte for byte.
-    `pictures` holds uint8 frames (height, width, 3) of a capture for each policy, in order of time; where it
-    is empty, `pictures_note` says why in one sentence.
+    `pictures` holds uint8 frames (height, width, 3) of a capture for each entrant, in order of time; where it
+    is empty, `pictures_note` says why in one sentence. `replays` holds the best, the median and the worst
+    episode of each, `states` the recorded states of all.
     """
 
     records: Sequence[EpisodeRecord]
-    traces: Mapping[str, Traces] = field(default_factory=dict)
+    traces: Mapping[Entrant, Traces] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)
-    pictures: Mapping[str, Sequence[np.ndarray]] = field(default_factory=dict)
+    pictures: Mapping[Entrant, Sequence[np.ndarray]] = field(default_factory=dict)
     pictures_note: str = ""
+    replays: Mapping[Entrant, Sequence[Replay]] = field(default_factory=dict)
+    states: Mapping[Entrant, States] = field(default_factory=dict)
 
 
 def write_records(path: str | Path, records: Iterable[EpisodeRecord]) -> None:
@@ -185,9 +242,9 @@ def _checked(name: str, value: Any, kind: Any) -> Any:
         raise ConfigurationError(f"{name} must be {kind.__name__}, got {_shown(value)}")
     if kind is float and not math.isfinite(value):
         raise ConfigurationError(f"{name} must be finite, got {value}; a value that does not exist is null")
-    if (kind is int or name in _NONNEGATIVE or name == "time_to_capture") and value < 0:
+    if (kind is int or name in NONNEGATIVE or name == "time_to_capture") and value < 0:
         raise ConfigurationError(f"{name} must not be negative, got {value}")
-    if kind is str and name != "reason" and not value:
+    if kind is str and name not in ("reason", "checksum") and not value:
         raise ConfigurationError(f"{name} must not be empty")
     return value
 
@@ -196,11 +253,18 @@ def _checked_timing(value: Any) -> Timing:
     keys = tuple(get_type_hints(Timing))
     if not isinstance(value, Mapping) or set(value) != set(keys):
         raise ConfigurationError(f"timing must have exactly {', '.join(keys)}, got {_shown(value)}")
-    checked = {key: _checked(f"timing.{key}", value[key], float | None) for key in keys}
-    for key, milliseconds in checked.items():
-        if milliseconds is not None and milliseconds < 0:
-            raise ConfigurationError(f"timing.{key} must not be negative, got {milliseconds}")
-    return Timing(planning_ms=checked["planning_ms"], action_ms=checked["action_ms"])
+    kinds = get_type_hints(Timing)
+    checked = {key: _checked(f"timing.{key}", value[key], kinds[key]) for key in keys}
+    for key in ("planning_ms", "action_ms"):
+        if checked[key] is not None and checked[key] < 0:
+            raise ConfigurationError(f"timing.{key} must not be negative, got {checked[key]}")
+    return Timing(**checked)
+
+
+def _other_schema(version: int) -> ConfigurationError:
+    return ConfigurationError(
+        f"schema is {version}; this version reads schema {SCHEMA_VERSION}: evaluate again with it"
+    )
 
 
 def _refuse_constant(name: str) -> None:
@@ -221,7 +285,7 @@ def _shown(value: Any) -> str:
 
 _NAMES = tuple(item.name for item in dataclasses.fields(EpisodeRecord))
 _KINDS = {name: kind for name, kind in get_type_hints(EpisodeRecord).items() if name != "timing"}
-_NONNEGATIVE = (
+NONNEGATIVE = (
     "position_error",
     "orientation_error",
     "peak_attitude",

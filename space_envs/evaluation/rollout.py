@@ -1,22 +1,25 @@
-"""Episodes of one policy, all at once in the native vector environment, with every state recorded."""
+"""Episodes of one policy, all at once in the native vector environment, with every state recorded.
 
-from collections.abc import Callable
+Where a policy raises or returns no actions, its episodes are played again one at a time, so that only those
+are lost in which it does so by itself.
+"""
+
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from space_envs.dynamics.rotations import Array
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError, PolicyError
 from space_envs.evaluation.policy import Policy, PolicyContext
+from space_envs.evaluation.policy_process import PolicyProcess, TimeLimits
 from space_envs.tasks.common import Goals
 
 PolicyFactory = Callable[[PolicyContext], Policy]
-BATCH = 128  # episodes simulated together
 
 
 @dataclass(frozen=True)
@@ -70,40 +73,41 @@ def roll_out(
     split: str,
     indices: NDArray[np.int64],
     seed: int,
-    label: str | None = None,
+    limits: TimeLimits | None = None,
 ) -> Rollout:
     """Play one episode per index.
+
+    An episode in which the policy raises, returns NaN, infinity or another shape, or takes too long, ends as
+    policy_error with the reason.
 
     Args:
         factory: makes the policy from its context.
         environment: keywords of `CaptureVectorEnv`.
         indices: (K,) goals of the split.
         seed: of the environment's generators.
-        label: of the progress bar; None shows none.
+        limits: of the policy's calls, which are then made for one episode at a time in a process of its own.
+    """
+    if limits is not None:
+        with PolicyProcess(factory, environment, limits) as policy:
+            return join([_played(policy, environment, split, one, seed) for one in indices[:, None]])
+    context = PolicyContext.from_env(CaptureVectorEnv(**{**environment, "num_envs": 1}))
+    try:
+        return _played(factory(context), environment, split, indices, seed)
+    except PolicyError:
+        return join([_played(factory(context), environment, split, one, seed) for one in indices[:, None]])
+
+
+def _played(
+    policy: Policy, environment: dict[str, Any], split: str, indices: NDArray[np.int64], seed: int
+) -> Rollout:
+    """Episodes side by side.
 
     Raises:
-        PolicyError: if the policy raises. Rows in which it returns NaN or infinity end as policy_error.
+        PolicyError: if the policy raises or returns no actions, and there are several episodes.
     """
-    parts = []
-    batches = [indices[start : start + BATCH] for start in range(0, len(indices), BATCH)]
-    with tqdm(total=len(indices), desc=label, unit="episode", disable=label is None, leave=False) as bar:
-        for batch in batches:
-            parts.append(_roll_out_batch(factory, environment, split, batch, seed, bar))
-    return parts[0] if len(parts) == 1 else _joined(parts)
-
-
-def _roll_out_batch(
-    factory: PolicyFactory,
-    environment: dict[str, Any],
-    split: str,
-    indices: NDArray[np.int64],
-    seed: int,
-    bar: "tqdm[Any]",
-) -> Rollout:
     n = len(indices)
     env = CaptureVectorEnv(num_envs=n, autoreset_mode="disabled", **environment)
     task, simulation = env.task, env.simulation
-    policy = factory(PolicyContext.from_env(env))
     observation, _ = env.reset(seed=seed, options={"split": split, "index": indices})
     horizon, joints = task.horizon, simulation.n_joints
     qpos = np.empty((n, horizon + 1, 7 + joints))
@@ -120,7 +124,17 @@ def _roll_out_batch(
     state: Any = None
     running = np.ones(n, dtype=bool)
     for step in range(horizon):
-        action, state = _act(policy, observation, state, np.full(n, step == 0), env.single_action_space.shape)
+        try:
+            action, state = _act(
+                policy, observation, state, np.full(n, step == 0), env.single_action_space.shape
+            )
+        except PolicyError as error:
+            if n > 1:
+                raise
+            outcome[0], reason[0] = "policy_error", f"{error} (step {step})"
+            for array in (qpos, qvel, scene, seen):
+                array[:, step + 1 :] = array[:, step : step + 1]
+            break
         bad = running & ~np.isfinite(action).all(axis=1)
         if bad.any():
             action = np.where(bad[:, None], 0.0, action)
@@ -141,9 +155,7 @@ def _roll_out_batch(
             # The simulation has started over by itself: the state before is the last true one.
             for record in (qpos, qvel, scene):
                 record[row, step + 1] = record[row, step]
-        ended = running & (outcome != "running")
-        bar.update(int(ended.sum()))
-        running = running & ~ended
+        running = running & (outcome == "running")
         if not running.any():
             for array in (qpos, qvel, scene, seen):
                 array[:, step + 2 :] = array[:, step + 1 : step + 2]
@@ -178,17 +190,19 @@ def _act(
     try:
         action, state = policy.predict(observation, state=state, episode_start=start, deterministic=True)
         action = np.array(action, dtype=np.float64)
+    except PolicyError:
+        raise
     except Exception as error:
-        raise PolicyError(f"{type(policy).__name__} raised {type(error).__name__}: {error}") from error
+        raise PolicyError(f"it raised {type(error).__name__}: {error}") from error
     if action.shape != (len(observation), *shape):
         raise PolicyError(
-            f"{type(policy).__name__} returned actions of shape {action.shape}, "
-            f"expected {(len(observation), *shape)}"
+            f"it returned actions of shape {action.shape}, expected {(len(observation), *shape)}"
         )
     return action, state
 
 
-def _joined(parts: list[Rollout]) -> Rollout:
+def join(parts: Sequence[Rollout]) -> Rollout:
+    """The episodes of several roll-outs on one task, one after the other."""
     joined: dict[str, Any] = {}
     for name in vars(parts[0]):
         values = [getattr(part, name) for part in parts]
@@ -223,11 +237,26 @@ def time_policy(
     environment: dict[str, Any],
     split: str,
     indices: NDArray[np.int64],
+    limits: TimeLimits | None = None,
     steps: int = 20,
 ) -> PolicyTime:
-    """Time a policy's calls, apart from the simulation; the first episode warms up and is not counted."""
-    env = CaptureVectorEnv(num_envs=1, autoreset_mode="disabled", **{**environment, "threads": 1})
-    policy = factory(PolicyContext.from_env(env))
+    """Time a policy's calls on one thread, apart from the simulation; the first episode is not counted.
+
+    Raises:
+        PolicyError: if the policy raises, or takes too long.
+    """
+    environment = {**environment, "threads": 1}
+    if limits is not None:
+        with PolicyProcess(factory, environment, limits) as policy:
+            return _timed(policy, environment, split, indices, steps)
+    policy = factory(PolicyContext.from_env(CaptureVectorEnv(**environment)))
+    return _timed(policy, environment, split, indices, steps)
+
+
+def _timed(
+    policy: Policy, environment: dict[str, Any], split: str, indices: NDArray[np.int64], steps: int
+) -> PolicyTime:
+    env = CaptureVectorEnv(num_envs=1, autoreset_mode="disabled", **environment)
     planning, acting = [], []
     for index in [indices[0], *indices]:
         observation, _ = env.reset(seed=0, options={"split": split, "index": int(index)})
@@ -235,11 +264,12 @@ def time_policy(
         durations = []
         for step in range(steps):
             before = perf_counter()
-            action, state = policy.predict(
-                observation, state=state, episode_start=np.array([step == 0]), deterministic=True
+            action, state = _act(
+                policy, observation, state, np.array([step == 0]), env.single_action_space.shape
             )
-            durations.append(perf_counter() - before)
-            observation, *_ = env.step(np.nan_to_num(np.asarray(action, dtype=np.float64)))
+            # A policy in a process of its own says itself how long it took.
+            durations.append(getattr(policy, "seconds", perf_counter() - before))
+            observation, *_ = env.step(np.nan_to_num(action))
         later = float(np.median(durations[1:]))
         acting.append(later)
         planning.append(max(durations[0] - later, 0.0))

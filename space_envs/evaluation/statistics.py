@@ -7,12 +7,13 @@ infinite, which tables show as "-", rather than being computed from the episodes
 """
 
 import math
-from collections.abc import Callable
+import zlib
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from statistics import NormalDist
 
 import numpy as np
-from scipy.special import ndtr, stdtrit
+from scipy.special import ndtr, ndtri, stdtrit
 
 from space_envs.errors import ConfigurationError
 
@@ -20,6 +21,7 @@ CONFIDENCE = 0.95
 ATTITUDE_LIMITS = (5.0, 1.0, 0.1)  # deg: capture@5deg, capture@1deg, capture@0.1deg
 
 _CHUNK = 4_000_000  # resampled values held at a time, 32 MB
+_ADDED = 4  # episodes of share_bootstrap, half of value 0 and half of value 1
 
 Statistic = Callable[[np.ndarray], np.ndarray]
 
@@ -31,6 +33,21 @@ class Estimate:
     value: float
     low: float
     high: float
+
+
+@dataclass(frozen=True, eq=False)
+class Estimates:
+    """Many figures with the ends of their pointwise 95 % intervals: three arrays of one shape."""
+
+    value: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+
+def named_generator(entropy: int, *names: str) -> np.random.Generator:
+    """A generator for what has these names: the same whatever else draws from the same entropy (>= 0)."""
+    text = "\0".join(names).encode("utf-8", "surrogatepass")
+    return np.random.default_rng([entropy, zlib.crc32(text)])
 
 
 def interquartile_mean(values: np.ndarray) -> np.ndarray:
@@ -74,9 +91,8 @@ def stratified_bootstrap(
         raise ConfigurationError(
             f"values and strata must have one shape (n,), got {values.shape}, {strata.shape}"
         )
-    if resamples < 1 or not 0 < confidence < 1:
-        raise ConfigurationError(f"got resamples {resamples} and confidence {confidence}")
-    groups = _groups(strata)
+    check_resampling(resamples, confidence)
+    groups = strata_groups(strata)
     freedom = values.size - len(groups)
     if freedom == 0:
         return Estimate(float(statistic(values)), -math.inf, math.inf)
@@ -86,10 +102,90 @@ def stratified_bootstrap(
         count = min(rows, resamples - start)
         chosen = [group[generator.integers(group.size, size=(count, group.size))] for group in groups]
         drawn[start : start + count] = statistic(values[np.concatenate(chosen, axis=1)])
-    spread = math.sqrt(values.size / freedom) * stdtrit(freedom, (1 + confidence) / 2)
-    tail = float(ndtr(-spread))
-    low, high = np.quantile(drawn, [tail, 1 - tail], method="inverted_cdf")
+    low, high = percentile_ends(drawn, values.size, freedom, confidence)
     return Estimate(float(statistic(values)), float(low), float(high))
+
+
+def share_bootstrap(
+    values: np.ndarray,
+    strata: np.ndarray,
+    generator: np.random.Generator,
+    resamples: int = 5000,
+    confidence: float = CONFIDENCE,
+) -> Estimates:
+    """Means of the columns of values (n, m), each 0, 1/2 or 1, with stratified bootstrap intervals (m,).
+
+    For shares of episodes and of won comparisons. The rows of all columns are resampled together. Resampling
+    a share of 0 or 1 returns it every time, an interval without width, and shares near them lie on few steps,
+    which percentiles jump over. So intervals are Agresti and Coull's (The American Statistician 52, 1998),
+    with the variance of the resampled sums: two episodes of value 0 and two of value 1 are added to the n,
+    and the ends lie a normal quantile of standard deviations from the mean. The variance is widened by
+    n / (n - H) for H strata; the values are without the added episodes. A single row gives the interval from
+    0 to 1. Raises ConfigurationError for empty, mismatched or other values.
+    """
+    values, strata = _values(values), np.asarray(strata)
+    if values.ndim != 2 or not len(values) or strata.shape != values.shape[:1]:
+        raise ConfigurationError(
+            f"expected values (n, m) and strata (n,), got {values.shape}, {strata.shape}"
+        )
+    if not np.isin(values, (0.0, 0.5, 1.0)).all():
+        raise ConfigurationError("values of shares must be 0, 1/2 or 1")
+    check_resampling(resamples, confidence)
+    count, width = values.shape
+    groups, value = strata_groups(strata), values.mean(axis=0)
+    freedom = count - len(groups)
+    if freedom == 0:
+        return Estimates(value, np.zeros(width), np.ones(width))
+    # Sums of halves are exact, so that a column has its interval beside any others.
+    total = squares = np.zeros(width)
+    for times in resampled_counts(groups, generator, resamples):
+        drawn = times @ values
+        total, squares = total + drawn.sum(axis=0), squares + (drawn**2).sum(axis=0)
+    variance = np.maximum(squares / resamples - (total / resamples) ** 2, 0) * count / freedom
+    reach = float(ndtri((1 + confidence) / 2)) * np.sqrt(variance + _ADDED / 4)
+    middle = count * value + _ADDED / 2
+    low, high = (np.clip(end / (count + _ADDED), 0, 1) for end in (middle - reach, middle + reach))
+    return Estimates(value, np.minimum(low, value), np.maximum(high, value))
+
+
+def strata_groups(strata: np.ndarray) -> list[np.ndarray]:
+    """Indices of the values of each stratum (n,), strata in sorted order; those of one value are pooled."""
+    _, inverse = np.unique(strata, return_inverse=True)
+    groups = [np.flatnonzero(inverse == number) for number in range(inverse.max() + 1)]
+    single = [group for group in groups if group.size == 1]
+    return [group for group in groups if group.size > 1] + ([np.concatenate(single)] if single else [])
+
+
+def resampled_counts(
+    groups: Sequence[np.ndarray], generator: np.random.Generator, resamples: int
+) -> Iterator[np.ndarray]:
+    """How often each of n values stands in each resample, drawn with replacement inside each group.
+
+    The groups hold each index in 0..n-1 once. Yields float arrays (rows, n), with `resamples` rows altogether
+    and few enough in each to bound the memory.
+    """
+    size = sum(group.size for group in groups)
+    rows = max(1, _CHUNK // size)
+    for start in range(0, resamples, rows):
+        count = min(rows, resamples - start)
+        chosen = [group[generator.integers(group.size, size=(count, group.size))] for group in groups]
+        places = np.concatenate(chosen, axis=1) + size * np.arange(count)[:, None]
+        times = np.bincount(places.ravel(), minlength=count * size)
+        yield times.reshape(count, size).astype(np.float64)
+
+
+def percentile_ends(
+    drawn: np.ndarray, count: int, freedom: int, confidence: float = CONFIDENCE
+) -> tuple[np.ndarray, np.ndarray]:
+    """Ends of the expanded percentile interval (see `stratified_bootstrap`) along the first axis of `drawn`.
+
+    `drawn` (resamples, ...) are figures of resamples of `count` values with `freedom` >= 1 degrees of
+    freedom; returns low and high (...).
+    """
+    spread = math.sqrt(count / freedom) * stdtrit(freedom, (1 + confidence) / 2)
+    tail = float(ndtr(-spread))
+    low, high = np.quantile(drawn, [tail, 1 - tail], axis=0, method="inverted_cdf")
+    return low, high
 
 
 def wilson_interval(successes: int, trials: int, confidence: float = CONFIDENCE) -> Estimate:
@@ -122,6 +218,12 @@ def capture_rate(
     return wilson_interval(int(counted.sum()), counted.size)
 
 
+def check_resampling(resamples: int, confidence: float) -> None:
+    """ConfigurationError unless resamples >= 1 and 0 < confidence < 1."""
+    if resamples < 1 or not 0 < confidence < 1:
+        raise ConfigurationError(f"got resamples {resamples} and confidence {confidence}")
+
+
 def _values(values: np.ndarray) -> np.ndarray:
     values = np.asarray(values, dtype=np.float64)
     if values.ndim == 0 or values.shape[-1] == 0:
@@ -129,11 +231,3 @@ def _values(values: np.ndarray) -> np.ndarray:
     if np.any(np.isnan(values) | (values == -np.inf)):
         raise ConfigurationError("values hold NaN or -infinity; a value that does not exist is +infinity")
     return values
-
-
-def _groups(strata: np.ndarray) -> list[np.ndarray]:
-    """Indices of each stratum, in sorted order of the strata; single ones are pooled at the end."""
-    _, inverse = np.unique(strata, return_inverse=True)
-    groups = [np.flatnonzero(inverse == number) for number in range(inverse.max() + 1)]
-    single = [group for group in groups if group.size == 1]
-    return [group for group in groups if group.size > 1] + ([np.concatenate(single)] if single else [])

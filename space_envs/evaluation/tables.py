@@ -1,4 +1,4 @@
-"""The leaderboard as a terminal table, Markdown and CSV. Columns are defined here once, for HTML too."""
+"""The leaderboard as a terminal table, Markdown, CSV and LaTeX. Columns are defined here, for HTML too."""
 
 import csv
 import io
@@ -14,7 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from space_envs.evaluation.leaderboard import FIGURES, TIMINGS, Row, Task
-from space_envs.evaluation.names import csv_name, display_name, markdown_name
+from space_envs.evaluation.names import csv_name, display_name, latex_name, markdown_name
 from space_envs.evaluation.records import OUTCOMES
 from space_envs.evaluation.statistics import CONFIDENCE, Estimate
 
@@ -25,7 +25,17 @@ NOTE = (
     "A figure that does not exist is shown as -."
 )
 
+ABLE = 0.9  # success from which a policy competes for the gentlest and the fastest capture
 _TERMINAL_NAME = 28  # letters of a policy's name that a terminal shows
+# What a page of a paper has room for.
+_IN_PAPERS = (
+    "success",
+    "capture@1deg",
+    "final_attitude",
+    "attitude_cost",
+    "time_to_capture",
+    "planning_ms",
+)
 _PIPE_WIDTH = 400  # a file has no width; rows stay on one line
 
 
@@ -100,6 +110,24 @@ def row_name(row: Row, rows: Sequence[Row]) -> str:
     return row.policy if len(modes) == 1 else f"{row.policy} ({row.control_mode})"
 
 
+def leaders(column: Column, rows: Sequence[Row]) -> list[Row]:
+    """The rows of one task with the best figure, as far as the digits shown tell them apart.
+
+    All rows compete for rates; for anything else only those that capture at least ABLE of their goals, since
+    who does nothing keeps its attitude. Nobody leads with a rate of zero, nor in a column without better and
+    worse.
+    """
+    able = [row for row in rows if column.unit == "%" or row.figures["success"].value >= ABLE]
+    able = [row for row in able if math.isfinite(column.estimate(row).value)]
+    if column.unit == "%":
+        able = [row for row in able if column.estimate(row).value > 0]
+    if not able or column.better is None:
+        return []
+    sign = -1 if column.better == "higher" else 1
+    best = min(able, key=lambda row: sign * column.estimate(row).value)
+    return [row for row in able if column.value(row) == column.value(best)]
+
+
 def to_terminal(rows: Sequence[Row], console: Console | None = None) -> None:
     """Print one table for each task; a narrow terminal gets fewer columns, a pipe all and no colours."""
     console = Console() if console is None else console
@@ -154,6 +182,40 @@ def to_csv(rows: Sequence[Row]) -> str:
         cells += [repr(row.timing[key]) if math.isfinite(row.timing[key]) else "" for key in TIMINGS]
         writer.writerow(cells)
     return text.getvalue()
+
+
+def to_latex(rows: Sequence[Row]) -> str:
+    """One table (booktabs) for each task to \\input into a paper, the best figures of each column bold."""
+    columns = [column for column in COLUMNS if column.key in _IN_PAPERS]
+    parts = ["% \\usepackage{booktabs} in the preamble.\n"]
+    for task, group in by_task(rows):
+        episodes = ", ".join(str(count) for count in sorted({row.episodes for row in group}))
+        caption = f"{latex_name(str(task))}: {episodes} episodes a policy, 95\\,\\% intervals in brackets."
+        heads = [latex_name(column.title) for column in columns]
+        units = [f"[{_latex_unit(column.unit)}]" for column in columns]
+        parts += [
+            "\\begin{table}\n  \\centering\\small\n",
+            f"  \\caption{{{caption}}}\n",
+            f"  \\begin{{tabular}}{{l{'r' * len(columns)}}}\n    \\toprule\n",
+            f"    policy & {' & '.join(heads)} \\\\\n",
+            f"    & {' & '.join(units)} \\\\\n    \\midrule\n",
+        ]
+        for row in group:
+            cells = [_latex_cell(column, row, group) for column in columns]
+            parts.append(f"    {latex_name(row_name(row, group))} & {' & '.join(cells)} \\\\\n")
+        parts.append("    \\bottomrule\n  \\end{tabular}\n\\end{table}\n")
+    return "".join(parts)
+
+
+def _latex_unit(unit: str) -> str:
+    return unit.replace("%", r"\%").replace("^2", r"\textsuperscript{2}")
+
+
+def _latex_cell(column: Column, row: Row, rows: Sequence[Row]) -> str:
+    value = column.value(row)
+    shown = f"\\textbf{{{value}}}" if row in leaders(column, rows) else value
+    interval = column.interval(row).replace("[", "{[}").replace("]", "{]}")
+    return f"{shown} {{\\footnotesize {interval}}}" if interval else shown
 
 
 def _rich_table(rows: Sequence[Row], columns: Sequence[Column]) -> Table:

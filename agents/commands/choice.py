@@ -1,0 +1,63 @@
+"""Which policies a command means, and whether they fit the environments they are to play in."""
+
+from collections.abc import Sequence
+
+from agents.registry import POLICIES, check_task, policies_for
+from agents.resolve import ResolvedPolicy, resolve_policy
+from space_envs.envs import CaptureVectorEnv
+from space_envs.errors import ConfigurationError
+from space_envs.evaluation.policy import PolicyContext
+
+NO_EXPERTS = ("agents.baselines", "agents.learned_policy")  # modules of policies that do not plan
+
+
+def experts_for(env_id: str) -> list[str]:
+    """Names of the registered policies that plan, of those made for an id."""
+    return [name for name in policies_for(env_id) if POLICIES[name].policy.split(":")[0] not in NO_EXPERTS]
+
+
+def choose_policies(
+    names: Sequence[str], env_id: str, env_ids: Sequence[str], control_mode: str | None = None
+) -> list[ResolvedPolicy]:
+    """The policies that names stand for on one of several ids.
+
+    Args:
+        names: registered names, `package.module:Class` or paths; `all` is every policy made for the id,
+            `experts` every planner. A registered one is left out where it is made for another of the ids.
+        control_mode: that they act in; None is what each was made for.
+
+    Raises:
+        ConfigurationError: for a name of nothing, one that comes twice, or one made for none of the ids.
+        PolicyError: if a policy cannot be loaded.
+    """
+    meant: list[str] = []
+    for name in names:
+        meant += {"all": policies_for, "experts": experts_for}.get(name, lambda _, name=name: [name])(env_id)
+    chosen = []
+    for name in meant:
+        if name in POLICIES and not any(name in policies_for(other) for other in env_ids):
+            check_task(name, env_id)
+        if name not in POLICIES or name in policies_for(env_id):
+            chosen.append(resolve_policy(name, control_mode))
+    distinct("policy", [policy.name for policy in chosen])
+    return chosen
+
+
+def check_fit(policy: ResolvedPolicy, env: CaptureVectorEnv) -> None:
+    """Build a policy for an environment, so that one that does not fit says so before the first episode.
+
+    Raises:
+        ConfigurationError, PolicyError: as the policy says.
+    """
+    policy.build(PolicyContext.from_env(env), 0)
+
+
+def distinct(title: str, names: Sequence[str]) -> None:
+    """Refuse a name that comes twice.
+
+    Raises:
+        ConfigurationError: naming them.
+    """
+    repeated = sorted({name for name in names if names.count(name) > 1})
+    if repeated:
+        raise ConfigurationError(f"{title} given twice: {', '.join(repeated)}")

@@ -1,0 +1,100 @@
+"""`evaluate.py compare`: merge result folders of several people into one leaderboard."""
+
+import argparse
+import shlex
+import sys
+from pathlib import Path
+
+from agents.commands.show import show
+from space_envs.errors import ConfigurationError, SpaceEnvsError, unknown_name
+from space_envs.evaluation.folders import read_folder
+from space_envs.evaluation.merging import Source, merge
+from space_envs.evaluation.provenance import versions
+from space_envs.evaluation.report import write_report
+from space_envs.evaluation.runner import PARTS, PLAN
+
+DESCRIPTION = """\
+Merge result folders of several people into one leaderboard with a report of its own.
+
+  evaluate.py compare results/mine results/theirs --output results/both
+  evaluate.py compare mine theirs --name theirs=Ann --output both
+
+Every record is validated. Records of another version, difficulty or split, or of a task with another
+configuration, are refused with what differs; so are records and files that were edited. An episode that
+stands in two folders alike counts once; one with two different results is an error. Where two people call
+different policies by one name, --name appends a name to those of a folder: promp becomes `promp (Ann)`.
+"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    out = argparse.ArgumentParser(
+        prog="evaluate.py compare",
+        description=DESCRIPTION,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = out.add_argument
+    add("results", nargs="+", type=Path, metavar="RESULTS", help="folders that evaluate.py left")
+    add("--output", type=Path, required=True, metavar="FOLDER", help="where the merged result goes")
+    what = "append NAME to the names of a folder's policies; can be given several times"
+    add("--name", action="append", default=[], metavar="RESULTS=NAME", help=what)
+    what = "accept folders that share no version, difficulty or split, as tables of their own"
+    add("--separate", action="store_true", help=what)
+    return out
+
+
+def main(arguments: list[str]) -> int:
+    """Run the command; returns the exit status."""
+    options = parser().parse_args(arguments)
+    try:
+        folders = _distinct(options.results)
+        names = _names(options.name, folders)
+        _check_output(options.output, folders)
+        sources = [Source(read_folder(path), names.get(path.resolve(), "")) for path in folders]
+        about = {
+            "command": shlex.join(["evaluate.py", "compare", *arguments]),
+            "seeds": sorted({record.seed for source in sources for record in source.folder.records}),
+            "versions": versions(),
+        }
+        result, notes = merge(sources, about, options.separate)
+        write_report(result, options.output)
+        show(result.records, options.output, notes=notes)
+    except SpaceEnvsError as error:
+        print(f"evaluate.py compare: {error}", file=sys.stderr)
+        return 2
+    except OSError as error:
+        print(f"evaluate.py compare: cannot write to {options.output}: {error.strerror}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def _distinct(paths: list[Path]) -> list[Path]:
+    places = [path.resolve() for path in paths]
+    for path, place in zip(paths, places, strict=True):
+        if places.count(place) > 1:
+            raise ConfigurationError(f"{path} is given twice")
+    return paths
+
+
+def _names(given: list[str], folders: list[Path]) -> dict[Path, str]:
+    """What to append to the policies of which folder."""
+    names: dict[Path, str] = {}
+    for text in given:
+        place, equals, name = text.rpartition("=")
+        if not (place and equals and name.strip()):
+            raise ConfigurationError(f"--name takes RESULTS=NAME, got {text!r}")
+        path = Path(place).resolve()
+        if path not in [folder.resolve() for folder in folders]:
+            raise unknown_name("folder in --name", place, [str(folder) for folder in folders])
+        if path in names:
+            raise ConfigurationError(f"--name names {place} twice")
+        names[path] = name.strip()
+    return names
+
+
+def _check_output(output: Path, folders: list[Path]) -> None:
+    """The merged result overwrites neither what it is made of nor another evaluation."""
+    if output.resolve() in [folder.resolve() for folder in folders]:
+        raise ConfigurationError(f"--output {output} is one of the folders that are merged; name another")
+    if any((output / name).exists() for name in (PARTS, PLAN)):
+        raise ConfigurationError(f"--output {output} holds an evaluation of evaluate.py; name another folder")

@@ -1,0 +1,180 @@
+"""`evaluate.py dataset`: episodes of policies as datasets, each replayed from its actions first."""
+
+import argparse
+import os
+import shlex
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from agents.commands.choice import check_fit, choose_policies, distinct
+from agents.commands.dataset_making import Places, Request, complete, make
+from space_envs.errors import ConfigurationError, SpaceEnvsError, unknown_name
+from space_envs.evaluation.datasets_card import read_card
+from space_envs.evaluation.datasets_minari import ROOT_VARIABLE, require_minari
+from space_envs.evaluation.parallel import check_backend
+from space_envs.evaluation.records import Task
+from space_envs.registration import ENTRIES
+from space_envs.tasks.common import DIFFICULTIES, SPLITS
+
+LEARNED_FROM = ("train", "validation")  # splits; what a policy is tested on is in no dataset
+FORMATS = ("npz", "minari")
+TOLD = 5  # episodes left out of a dataset that the terminal names
+DESCRIPTION = """\
+Write policies' episodes as datasets: observations, actions, rewards, how each episode ended.
+
+  evaluate.py dataset --env all --policy experts --episodes 100
+                                        demonstrations of every expert on every id
+  evaluate.py dataset --policy gjm runs/mine my_package.planner:Planner --format npz minari
+  evaluate.py dataset --policy nmpc --captured-only --output demonstrations
+
+Each episode is replayed from its actions, alone, in a fresh environment. One that does not come out the same,
+in every bit of its observations and rewards, is left out and reported, and so is one that its policy spoils.
+
+A dataset is a folder OUTPUT/space-capture/ID/POLICY-DIFFICULTY-SPLIT-v0 with episodes.npz, Minari's data/,
+and a card: README.md and dataset.json, which is written last. The same command again skips the datasets that
+have one, so it goes on after it was stopped or killed; what is incomplete is made anew.
+docs/datasets.md says how to load them.
+"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    out = argparse.ArgumentParser(
+        prog="evaluate.py dataset",
+        description=DESCRIPTION,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = out.add_argument
+    default = next(iter(ENTRIES))
+    what = f"environment ids, or 'all' (default {default})"
+    add("--env", nargs="+", default=[default], metavar="ID", help=what)
+    add(
+        "--policy",
+        nargs="+",
+        default=["experts"],
+        metavar="NAME",
+        help="'experts' for every planner made for an id (default), 'all' for every built-in policy, "
+        "or as in evaluate.py: built-in names, package.module:Class, a run's folder, a zip",
+    )
+    what = f"{' or '.join(LEARNED_FROM)} (default train); goals that policies are tested on are refused"
+    add("--split", default="train", metavar="NAME", help=what)
+    add("--difficulty", default="medium", metavar="NAME", help=f"{', '.join(DIFFICULTIES)} (default medium)")
+    add("--episodes", type=int, default=100, metavar="N", help="different goals (default 100)")
+    what = "draws the goals and their order, and is the policy's (default 0)"
+    add("--seed", type=int, default=0, help=what)
+    add("--captured-only", action="store_true", help="keep the episodes that captured; by default all are")
+    what = f"{' and '.join(FORMATS)}, or one of them (default npz)"
+    add("--format", nargs="+", default=["npz"], metavar="NAME", help=what)
+    add("--output", type=Path, default=Path("results/datasets"), help="folder (default %(default)s)")
+    what = f"folder that Minari shall find its datasets in, its {ROOT_VARIABLE} (default: that of --output)"
+    add("--minari-root", type=Path, metavar="FOLDER", help=what)
+    cores = len(os.sched_getaffinity(0))
+    add("--jobs", type=int, default=cores, metavar="N", help=f"processes (default {cores}, the cores)")
+    return out
+
+
+def main(arguments: list[str]) -> int:
+    """Run the command; returns the exit status: 1 if a dataset was left with no episode."""
+    options = parser().parse_args(arguments)
+    try:
+        requests = _requests(options)
+        places = Places(options.output, options.minari_root or options.output)
+        missing = [request for request in requests if not complete(request, places)]
+        places.prepare()
+        empty = _show(requests, missing, make(missing, places, options.jobs), places)
+    except SpaceEnvsError as error:
+        print(f"evaluate.py dataset: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("evaluate.py dataset: stopped; the same command goes on from here", file=sys.stderr)
+        return 130
+    return int(empty)
+
+
+def _requests(options: argparse.Namespace) -> list[Request]:
+    """The datasets that are asked for, after everything that can be wrong about them was looked at.
+
+    Raises:
+        SpaceEnvsError: for anything that is not valid.
+    """
+    env_ids = list(ENTRIES) if options.env == ["all"] else options.env
+    for title, names, known in (
+        ("environment id", env_ids, list(ENTRIES)),
+        ("split", [options.split], SPLITS),
+        ("difficulty", [options.difficulty], DIFFICULTIES),
+        ("format", options.format, FORMATS),
+    ):
+        distinct(title, names)
+        for name in names:
+            if name not in known:
+                raise unknown_name(title, name, known)
+    if options.split not in LEARNED_FROM:
+        raise ConfigurationError(
+            f"datasets are to learn from: they have goals of {' or '.join(LEARNED_FROM)}, never those of "
+            f"split {options.split!r}, on which policies are tested"
+        )
+    if options.seed < 0:
+        raise ConfigurationError(f"seed must be an integer of at least 0, got {options.seed}")
+    if "minari" in options.format:
+        require_minari()
+    elif options.minari_root is not None:
+        raise ConfigurationError("--minari-root goes with --format minari")
+    check_backend(options.jobs)
+    formats = tuple(name for name in FORMATS if name in options.format)
+    requests = [
+        Request(
+            Task(env_id, options.difficulty, options.split),
+            policy,
+            options.episodes,
+            options.seed,
+            options.captured_only,
+            formats,
+        )
+        for env_id in env_ids
+        for policy in choose_policies(options.policy, env_id, env_ids)
+    ]
+    distinct("name of a dataset", [request.id for request in requests])
+    for request in requests:
+        check_fit(request.policy, request.make_env())
+        request.units(())  # says what is wrong with the number of episodes
+    return requests
+
+
+def _show(
+    requests: Sequence[Request],
+    missing: Sequence[Request],
+    made: Iterator[tuple[Request, dict[str, Any]]],
+    places: Places,
+) -> bool:
+    """Print what was made; whether a dataset was left with no episode."""
+    cards = {request.id: card for request, card in made}
+    table = Table("id", "policy", "episodes", "captured", "left out", "state")
+    for column in table.columns:
+        column.overflow = "fold"
+    console = Console()
+    reasons: list[str] = []
+    for request in requests:
+        card = cards.get(request.id) or read_card(places.folder(request)) or {}
+        told = card["episodes"]
+        left_out = told["left_out"]
+        state = "written" if request in missing else "was complete"
+        state = state if told["written"] else "nothing to write"
+        counts = (told["written"], told["captured"], len(left_out))
+        table.add_row(request.task.env_id.split("/")[1], request.policy.name, *map(str, counts), state)
+        for one in left_out[:TOLD]:
+            reasons.append(f"{request.id}: episode {one['episode']} (goal {one['index']}): {one['reason']}")
+        if len(left_out) > TOLD:
+            reasons.append(f"{request.id}: {len(left_out) - TOLD} more, in its card")
+    console.print(table)
+    for line in reasons:
+        console.print(f"left out of {line}", highlight=False, soft_wrap=True, markup=False)
+    console.print(f"Folder: {places.output}", highlight=False, soft_wrap=True, markup=False)
+    if any("minari" in request.formats for request in requests):
+        hint = f"Minari finds them with {ROOT_VARIABLE}={shlex.quote(str(places.minari))}"
+        console.print(hint, highlight=False, soft_wrap=True, markup=False)
+    return any(not card["episodes"]["written"] for card in cards.values())

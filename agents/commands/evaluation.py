@@ -1,0 +1,150 @@
+"""What `evaluate.py` does with an evaluation that was found to be valid."""
+
+import shlex
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from space_envs.evaluation.leaderboard import build_rows
+from space_envs.evaluation.metrics import config_hash, configuration, episode_traces
+from space_envs.evaluation.names import display_name
+from space_envs.evaluation.pictures import capture_pictures
+from space_envs.evaluation.provenance import provenance
+from space_envs.evaluation.rates import record_rates, recorded_rate
+from space_envs.evaluation.records import Entrant, EpisodeRecord, EvaluationResult
+from space_envs.evaluation.replays import Replay, make_replays
+from space_envs.evaluation.report import BOOTSTRAP_SEED, ReportPaths, write_report
+from space_envs.evaluation.runner import Evaluation, Played, collect, finish, play_missing, prepare, timings
+from space_envs.evaluation.states import States, states_of
+from space_envs.evaluation.tables import to_terminal
+from space_envs.evaluation.traces import Traces
+from space_envs.evaluation.units import Unit, task_keywords
+from space_envs.registration import make_task
+
+
+@dataclass(frozen=True)
+class Options:
+    """How an evaluation is run, apart from what decides its records."""
+
+    output: Path
+    resume: bool = False
+    jobs: int = 1
+    backend: str = "loky"
+    address: str | None = None
+    pictures: bool = True
+    videos: bool = False
+    arguments: tuple[str, ...] = ()
+
+
+def run(evaluation: Evaluation, options: Options) -> None:
+    """Play what is missing, write every file of the result, and print the table.
+
+    Raises:
+        SpaceEnvsError: if the folder cannot be used, or a process dies with its policy.
+    """
+    started = perf_counter()
+    folder = options.output
+    prepare(evaluation, folder, options.resume)
+    units = evaluation.units()
+    play_missing(units, folder, options.jobs, options.backend, options.address)
+    times = timings(units, folder)
+    result = _result(evaluation, units, list(collect(units, times, folder)), options, started)
+    paths = write_report(result, folder, videos=options.videos)
+    finish(folder)
+    _show(result, paths)
+
+
+def _result(
+    evaluation: Evaluation, units: list[Unit], played: list[Played], options: Options, started: float
+) -> EvaluationResult:
+    """Everything that the report is made from."""
+    records: list[EpisodeRecord] = []
+    traces: dict[Entrant, Traces] = {}
+    replays: dict[Entrant, tuple[Replay, ...]] = {}
+    states: dict[Entrant, States] = {}
+    pictures: dict[Entrant, Any] = {}
+    notes: set[str] = set()
+    for one in played:
+        task = make_task(one.entrant.task.env_id, task_keywords(one.entrant.task, one.variant))
+        records += one.records
+        traces[one.entrant] = episode_traces(one.rollout, task)
+        replays[one.entrant] = make_replays(task, one.rollout, one.records)
+        states[one.entrant] = states_of(one, task)
+        if options.pictures:
+            frames, note = capture_pictures(task, {one.entrant: one.rollout})
+            pictures |= frames
+            notes |= {note} if note else set()
+    record_rates(played)
+    note = "Pictures were switched off with --no-pictures."
+    if options.pictures:
+        note = "" if pictures else " ".join(sorted(notes))
+    return EvaluationResult(
+        records, traces, _about(evaluation, units, options, started), pictures, note, replays, states
+    )
+
+
+def _about(evaluation: Evaluation, units: list[Unit], options: Options, started: float) -> dict[str, Any]:
+    """Provenance: what a reader needs to repeat the evaluation, and to know whether another is comparable."""
+    command = shlex.join(["evaluate.py", *options.arguments])
+    configurations = {}
+    for unit in {unit.entrant: unit for unit in units}.values():
+        task, mode = make_task(unit.task.env_id, unit.keywords), unit.player.control_mode
+        configurations[config_hash(unit.task.env_id, mode, task)] = configuration(
+            unit.task.env_id, mode, task
+        )
+    return {
+        **provenance(command, evaluation.seeds),
+        "configurations": configurations,
+        "timing": {
+            "finished": datetime.now(UTC).isoformat(timespec="seconds"),
+            "seconds": round(perf_counter() - started, 1),
+            "jobs": options.jobs,
+            "backend": options.backend,
+        },
+    }
+
+
+def dry_run(evaluation: Evaluation, options: Options) -> None:
+    """Say what would be played and, from what episodes took on this machine, how long that takes."""
+    units, console = evaluation.units(), Console()
+    total, unknown = 0.0, 0
+    for task in dict.fromkeys(unit.task for unit in units):
+        table = Table("policy", box=box.SIMPLE_HEAD, title=str(task), title_justify="left")
+        for title in ("episodes", "s an episode", "s on one core"):
+            table.add_column(title, justify="right")
+        for entrant in dict.fromkeys(unit.entrant for unit in units if unit.task == task):
+            episodes = sum(len(unit.indices) for unit in units if unit.entrant == entrant)
+            rate = recorded_rate(entrant)
+            total += 0.0 if rate is None else rate * episodes
+            unknown += rate is None
+            told = ("unknown", "unknown") if rate is None else (f"{rate:.3g}", f"{rate * episodes:.3g}")
+            table.add_row(Text(display_name(entrant.policy)), str(episodes), *told)
+        console.print(table)
+    rest = f", and {unknown} policies that were never played on this machine" if unknown else ""
+    console.print(
+        f"{len(units)} units of work; about {total / options.jobs:.0f} s with {options.jobs} jobs{rest}. "
+        "Timing and pictures come on top. Nothing was played.",
+        soft_wrap=True,
+    )
+
+
+def _show(result: EvaluationResult, paths: ReportPaths) -> None:
+    console = Console()
+    to_terminal(build_rows(result.records, np.random.default_rng(BOOTSTRAP_SEED)), console)
+    console.print()
+    for label, path in (
+        ("Report", paths.html),
+        ("Leaderboard", paths.markdown),
+        ("Table", paths.csv),
+        ("Records", paths.records),
+        ("Summary", paths.summary),
+    ):
+        console.print(f"{label + ':':13}{path}", highlight=False, soft_wrap=True, markup=False)

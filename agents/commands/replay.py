@@ -1,0 +1,182 @@
+"""`evaluate.py replay`: look at a recorded episode in MuJoCo's viewer, or write a video of it."""
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from space_envs.errors import ConfigurationError, RenderingError, SpaceEnvsError, unknown_name
+from space_envs.evaluation.exports import write_video
+from space_envs.evaluation.folders import ResultFolder, read_folder
+from space_envs.evaluation.names import display_name
+from space_envs.evaluation.playing import model_states
+from space_envs.evaluation.records import EpisodeRecord
+from space_envs.evaluation.replays import Replay, replay_of
+from space_envs.opengl import has_screen
+from space_envs.rendering import Renderer
+
+SUFFIXES = (".mp4", ".gif")
+REST = 1.5  # s, at the end, before the motion begins again
+SMOOTH = 3  # states shown for each recorded step
+DESCRIPTION = """\
+Look at a recorded episode in MuJoCo's viewer, in real time and again until the window is closed, or write a
+video of it. Policy, seed, id and the rest need to be given only where the results hold several.
+
+  evaluate.py replay results/mine --policy promp --episode 3
+  evaluate.py replay results/mine --policy promp --episode 3 --video capture.mp4
+"""
+# Option -> field of a record, what it is called, and how it is read; in the order in which they choose.
+_CHOICES: dict[str, tuple[str, str, type]] = {
+    "env": ("env_id", "environment id", str),
+    "difficulty": ("difficulty", "difficulty", str),
+    "split": ("split", "split", str),
+    "policy": ("policy", "policy", str),
+    "control-mode": ("control_mode", "control mode", str),
+    "seed": ("seed", "seed", int),
+    "episode": ("episode", "episode", int),
+}
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    out = argparse.ArgumentParser(
+        prog="evaluate.py replay",
+        description=DESCRIPTION,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    out.add_argument("results", type=Path, metavar="RESULTS", help="folder that evaluate.py left")
+    out.add_argument("--episode", type=int, required=True, metavar="K", help="number within policy and seed")
+    for option, (_, what, kind) in _CHOICES.items():
+        if option != "episode":
+            out.add_argument(f"--{option}", type=kind, metavar=kind.__name__.upper(), help=what)
+    what = f"write a video in place of opening a window ({', '.join(SUFFIXES)})"
+    out.add_argument("--video", type=Path, metavar="FILE", help=what)
+    what = "of the model to look through (default %(default)s)"
+    out.add_argument("--camera", default="overview", metavar="NAME", help=what)
+    return out
+
+
+def main(arguments: list[str]) -> int:
+    """Run the command; returns the exit status."""
+    options = parser().parse_args(arguments)
+    try:
+        if options.video is not None and options.video.suffix not in SUFFIXES:
+            raise unknown_name("kind of video", options.video.suffix, SUFFIXES)
+        folder = read_folder(options.results)
+        asked = {
+            field: getattr(options, option.replace("-", "_")) for option, (field, _, _) in _CHOICES.items()
+        }
+        record = choose(folder.records, asked)
+        replay = recorded(folder, record)
+        for line in said(record):
+            print(line)
+        if options.video is None:
+            watch(replay, options.camera)
+        else:
+            write_video(replay, options.video, options.camera)
+            print(f"Video: {options.video}")
+    except SpaceEnvsError as error:
+        print(f"evaluate.py replay: {error}", file=sys.stderr)
+        return 2
+    except OSError as error:
+        print(f"evaluate.py replay: cannot write {options.video}: {error.strerror}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+    return 0
+
+
+def choose(records: Sequence[EpisodeRecord], asked: dict[str, Any]) -> EpisodeRecord:
+    """The one record that was asked for.
+
+    Args:
+        asked: value of each field by which records are chosen; None where it was not said.
+
+    Raises:
+        ConfigurationError: for a value that no record has, or where several are left to choose from.
+    """
+    left, chosen = list(records), ""
+    for option, (field, what, kind) in _CHOICES.items():
+        values = list(dict.fromkeys(getattr(record, field) for record in left))
+        value = asked[field]
+        if value is None and len(values) > 1:
+            shown = ", ".join(display_name(str(each)) for each in values)
+            raise ConfigurationError(f"the results hold several of --{option}{chosen}: {shown}; choose one")
+        if value is not None and value not in values:
+            if kind is str:
+                raise unknown_name(what, value, values)
+            raise ConfigurationError(f"there is no {what} {value}{chosen}; there are {_ranges(values)}")
+        value = values[0] if value is None else value
+        left = [record for record in left if getattr(record, field) == value]
+        chosen = f" of {what} {value}" if kind is int else f" of {value}"
+    return left[0]
+
+
+def recorded(folder: ResultFolder, record: EpisodeRecord) -> Replay:
+    """The recorded states of a record's episode.
+
+    Raises:
+        ConfigurationError: if there are none, or not of a task of this version.
+    """
+    states = folder.states(record.entrant)
+    if states is None:
+        raise ConfigurationError(
+            f"{folder.path} has no recorded states of {record.policy!r} on {record.entrant.task}; they are "
+            "written by evaluate.py since records have schema 2"
+        )
+    row = states.row(record.seed, record.episode)
+    return replay_of("", row, states.task(), states, record, states.goals())
+
+
+def said(record: EpisodeRecord) -> list[str]:
+    """Outcome and figures of an episode, as lines for the terminal."""
+    reason = f": {display_name(record.reason, 200)}" if record.reason else ""
+    seconds = "" if record.time_to_capture is None else f" after {record.time_to_capture:.1f} s"
+    figures = [
+        ("attitude at the end", record.final_attitude, 1.0, "deg"),
+        ("largest", record.peak_attitude, 1.0, "deg"),
+        ("eq. 20 cost", record.attitude_cost, 1e4, "cm^2/s"),
+        ("position error", record.position_error, 1e3, "mm"),
+        ("work", record.mechanical_work, 1.0, "J"),
+    ]
+    shown = [
+        f"{name} {scale * value:.3g} {unit}" for name, value, scale, unit in figures if value is not None
+    ]
+    return [
+        f"{display_name(record.policy)} ({record.control_mode}) on {record.entrant.task}: "
+        f"episode {record.episode} of seed {record.seed}, goal {record.index}",
+        f"{record.outcome}{seconds}{reason}, {record.steps} steps",
+        "; ".join(shown),
+    ]
+
+
+def watch(replay: Replay, camera: str) -> None:
+    """Play an episode in a window in real time, again and again until it is closed.
+
+    Raises:
+        RenderingError: if no window can be opened.
+        ConfigurationError: for an unknown camera.
+    """
+    advice = "write a video in place of it: --video FILE.mp4"
+    with Renderer(replay.task.render_model, camera=camera) as renderer:
+        if not has_screen():
+            raise RenderingError(f"no screen to open a window on; {advice}")
+        states = list(model_states(replay, renderer.model, SMOOTH))
+        try:
+            while all(renderer.show(state) for state in states):
+                time.sleep(REST)
+        except RenderingError as error:
+            raise RenderingError(f"no window can be opened; {advice} ({error})") from error
+
+
+def _ranges(values: Sequence[int]) -> str:
+    """Whole numbers as 0-4, 7."""
+    runs: list[list[int]] = []
+    for value in sorted(values):
+        if runs and value == runs[-1][-1] + 1:
+            runs[-1] = [runs[-1][0], value]
+        else:
+            runs.append([value, value])
+    return ", ".join(str(low) if low == high else f"{low}-{high}" for low, high in runs)

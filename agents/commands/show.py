@@ -1,0 +1,121 @@
+"""`evaluate.py show`: print the table of a result folder again."""
+
+import argparse
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from space_envs.errors import SpaceEnvsError, unknown_name
+from space_envs.evaluation.folders import RECORDS, REPORT, read_folder
+from space_envs.evaluation.leaderboard import Row, build_rows
+from space_envs.evaluation.records import EpisodeRecord
+from space_envs.evaluation.report import BOOTSTRAP_SEED
+from space_envs.evaluation.tables import COLUMNS, by_task, to_terminal
+
+DESCRIPTION = "Print the table of a folder that evaluate.py, or evaluate.py compare, left."
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    out = argparse.ArgumentParser(prog="evaluate.py show", description=DESCRIPTION)
+    out.add_argument("results", type=Path, metavar="RESULTS", help="folder")
+    what = f"{', '.join(column.key for column in COLUMNS)}: best first (default: as in the report)"
+    out.add_argument("--sort", metavar="COLUMN", help=what)
+    what = "only tables of these ids, difficulties or splits, such as SingleArm-v0 test"
+    out.add_argument("--task", nargs="+", default=[], metavar="WORD", help=what)
+    return out
+
+
+def main(arguments: list[str]) -> int:
+    """Run the command; returns the exit status."""
+    options = parser().parse_args(arguments)
+    try:
+        folder = read_folder(options.results)
+        records = of_tasks(folder.records, options.task)
+        show(records, folder.path, options.sort, folder.notes)
+    except SpaceEnvsError as error:
+        print(f"evaluate.py show: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def show(
+    records: Sequence[EpisodeRecord], folder: Path, sort: str | None = None, notes: Sequence[str] = ()
+) -> None:
+    """Print the table of records, where the report is, and notes on standard error.
+
+    Raises:
+        ConfigurationError: for a column that there is not.
+    """
+    rows = build_rows(records, np.random.default_rng(BOOTSTRAP_SEED))
+    if sort is not None:
+        rows = sorted_rows(rows, sort)
+    console = Console()
+    to_terminal(rows, console)
+    console.print()
+    for label, name in (("Report", REPORT), ("Records", RECORDS)):
+        if (folder / name).is_file():
+            console.print(f"{label + ':':9}{folder / name}", highlight=False, soft_wrap=True, markup=False)
+    for note in notes:
+        print(f"note: {note}", file=sys.stderr)
+
+
+def sorted_rows(rows: Sequence[Row], name: str) -> list[Row]:
+    """The rows of each task with the best of a column first, and what does not exist last.
+
+    Args:
+        name: of the column, its key or its title.
+
+    Raises:
+        ConfigurationError: for a column that there is not.
+    """
+    columns = {column.title: column for column in COLUMNS} | {column.key: column for column in COLUMNS}
+    if name not in columns:
+        raise unknown_name("column", name, [column.key for column in COLUMNS])
+    column = columns[name]
+    sign = 1 if column.better == "lower" else -1
+
+    def rank(row: Row) -> tuple[bool, float]:
+        value = column.estimate(row).value
+        return (True, 0.0) if math.isnan(value) else (False, sign * value)
+
+    return [row for _, group in by_task(rows) for row in sorted(group, key=rank)]
+
+
+def of_tasks(records: Sequence[EpisodeRecord], words: Sequence[str]) -> list[EpisodeRecord]:
+    """The records of the tasks that are named: words of one kind are alternatives, of several all hold.
+
+    Args:
+        words: ids, with or without what stands before the slash, difficulties and splits.
+
+    Raises:
+        ConfigurationError: for a word that is none in the records, or if nothing is left.
+    """
+    kinds: tuple[dict[str, set[Any]], ...] = ({}, {}, {})
+    for record in records:
+        ids, difficulties, splits = kinds
+        for word in (record.env_id, record.env_id.rpartition("/")[2]):
+            ids.setdefault(word, set()).add(record.env_id)
+        difficulties.setdefault(record.difficulty, set()).add(record.difficulty)
+        splits.setdefault(record.split, set()).add(record.split)
+    for word in words:
+        if not any(word in kind for kind in kinds):
+            raise unknown_name("task", word, dict.fromkeys(name for kind in kinds for name in kind))
+    wanted = [{value for word in words for value in kind.get(word, ())} for kind in kinds]
+    found = [
+        record
+        for record in records
+        if all(
+            not values or value in values
+            for values, value in zip(wanted, (record.env_id, record.difficulty, record.split), strict=True)
+        )
+    ]
+    if not found:
+        tasks = dict.fromkeys(str(record.entrant.task) for record in records)
+        raise unknown_name("task", " ".join(words), tasks)
+    return found

@@ -1,0 +1,172 @@
+"""`train.py --seeds` and `train.py --sweep`: many runs of one command, and what became of each."""
+
+import argparse
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from agents.seeds import parse_seeds
+from agents.training.options import DEFAULT_ALGORITHM, DEFAULT_ENV, OPTIONS
+from agents.training.runs import command_line
+from agents.training.sweep import (
+    ERROR,
+    SUMMARY,
+    Outcome,
+    Plan,
+    Run,
+    make_runs,
+    prepare,
+    read_plan,
+    spread,
+    write_summary,
+)
+from space_envs.errors import ConfigurationError
+from space_envs.evaluation.parallel import BACKENDS, check_backend
+
+SPREADING = ("jobs", "backend", "address")  # options that only several runs have
+EPILOG = f"""\
+several runs:
+  train.py --algo bc --seeds 0-9 --jobs 4          ten runs in runs/bc-SingleArm-v0, four at a time
+  train.py --sweep rates.toml --seeds 0,3,5-7      every combination of the file, with each of five seeds
+  train.py --sweep rates.toml --backend ray --address 10.0.0.5:6379
+
+A sweep file is TOML. Names are those of the options above, with _ for -, and of the algorithm's
+hyperparameters (agents/hyperparameters.py); options of the command line hold for all runs too.
+
+  seeds = "0-4"                      # or a list; the option --seeds overrides it
+  [fixed]                            # what all runs have
+  algo = "ppo"
+  hidden = [64, 64]
+  [values]                           # lists, whose every combination is trained with every seed
+  learning_rate = [1e-4, 3e-4]
+  num_envs = [64, 128]
+
+Each run is a folder inside --output, like learning_rate-0.0003_num_envs-64_seed-2, where evaluate.py and
+--resume take it. A run that fails leaves the others alone; its traceback is in its {ERROR}. The same command
+again goes on with what is not finished. {SUMMARY} has what became of each run. With a cluster, its workers
+need this project installed and the output folder at the same path.
+"""
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """The options of several runs."""
+    group = parser.add_argument_group("several runs")
+    add = group.add_argument
+    add("--seeds", metavar="LIST", help="train with each of these, like 0-9 or 0,3,5-7")
+    add("--sweep", metavar="FILE", help="train every combination that this TOML file names; see below")
+    add("--jobs", type=int, metavar="N", help="runs at a time, each in a process of its own; default 1")
+    add("--backend", metavar="NAME", help=f"what starts the processes: {', '.join(BACKENDS)}; default loky")
+    add("--address", metavar="ADDRESS", help="cluster of ray or dask that already runs")
+
+
+def asked_for(parsed: argparse.Namespace) -> bool:
+    """Whether several runs are asked for.
+
+    Raises:
+        ConfigurationError: if options of several runs come without any.
+    """
+    if parsed.seeds is not None or parsed.sweep is not None:
+        return True
+    if lonely := [f"--{name}" for name in SPREADING if getattr(parsed, name) is not None]:
+        raise ConfigurationError(f"{lonely[0]} is for several runs: give --seeds or --sweep too")
+    return False
+
+
+def sweep(parsed: argparse.Namespace) -> int:
+    """Train all runs; returns the exit status: 0, 1 if a run failed, 130 when interrupted.
+
+    Raises:
+        SpaceEnvsError: for anything in the input of any run that is not valid, before one begins.
+    """
+    jobs = 1 if parsed.jobs is None else parsed.jobs
+    backend = parsed.backend or "loky"
+    check_backend(jobs, backend, parsed.address)
+    if parsed.seed is not None:
+        raise ConfigurationError("give either --seed or the seeds of several runs")
+    plan = Plan(None, {}, {}) if parsed.sweep is None else read_plan(parsed.sweep)
+    if parsed.seeds is not None:
+        plan = replace(plan, seeds=parse_seeds(parsed.seeds))
+    given = {name: getattr(parsed, name) for name in OPTIONS if getattr(parsed, name) is not None}
+    runs = make_runs(plan, given)
+    output = Path(parsed.output) if parsed.output else _default_output(parsed.sweep, given)
+    command = command_line()
+    outcomes = {outcome.name: outcome for outcome in prepare(runs, output, command)}
+
+    def written() -> None:
+        write_summary(output, command, runs, [outcomes[run.name] for run in runs])
+
+    written()
+    waiting = [output / name for name, outcome in outcomes.items() if outcome.status != "finished"]
+    if not parsed.quiet:
+        done = len(runs) - len(waiting)
+        print(f"{len(runs)} runs in {output}" + (f", {done} of them finished before" if done else ""))
+    quiet = parsed.quiet or not sys.stderr.isatty()
+    bar = tqdm(total=len(runs), initial=len(runs) - len(waiting), unit="run", disable=quiet)
+    try:
+        for outcome in spread(waiting, parsed.validation_episodes, jobs, backend, parsed.address):
+            outcomes[outcome.name] = outcome
+            written()
+            bar.update()
+            if not parsed.quiet:
+                tqdm.write(_line(outcome, max(map(len, outcomes))))
+    except KeyboardInterrupt:
+        bar.close()
+        done = sum(outcome.status == "finished" for outcome in outcomes.values())
+        print(
+            f"\nstopped with {done} of {len(runs)} runs finished; the same command goes on with the others",
+            file=sys.stderr,
+        )
+        return 130
+    bar.close()
+    if not parsed.quiet:
+        _report(runs, outcomes, output)
+    failed = [outcome for outcome in outcomes.values() if outcome.status == "failed"]
+    for outcome in failed:
+        print(f"train.py: {output / outcome.name} failed: {outcome.error}", file=sys.stderr)
+    return 1 if failed else 0
+
+
+def _default_output(file: str | None, given: Mapping[str, Any]) -> Path:
+    """The same for the same command, so that it goes on with its runs."""
+    if file is not None:
+        return Path("runs") / Path(file).stem
+    env_id = given.get("env", DEFAULT_ENV).split("/")[-1]
+    return Path("runs") / f"{given.get('algo', DEFAULT_ALGORITHM)}-{env_id}"
+
+
+def _line(outcome: Outcome, width: int) -> str:
+    if outcome.summary is None:
+        return f"{outcome.name:{width}}  {outcome.status}  {outcome.error or ''}".rstrip()
+    summary = outcome.summary
+    result = summary["validation"]
+    return (
+        f"{outcome.name:{width}}  captured {100 * result['captured']:5.1f} %   attitude "
+        f"{result['final_attitude']:5.2f} deg   after {summary['best_steps']:,} of "
+        f"{summary['steps']:,} steps   {summary['wall_s']:.0f} s"
+    )
+
+
+def _report(runs: Sequence[Run], outcomes: Mapping[str, Outcome], output: Path) -> None:
+    """All runs, and the mean over seeds of every combination that has several."""
+    width = max(map(len, outcomes))
+    print()
+    for run in runs:
+        print(_line(outcomes[run.name], width))
+    combinations: dict[str, list[float]] = {}
+    for run in runs:
+        if summary := outcomes[run.name].summary:
+            swept = ", ".join(f"{name} = {value}" for name, value in run.values.items() if name != "seed")
+            combinations.setdefault(swept, []).append(summary["validation"]["captured"])
+    print()
+    for swept, captured in combinations.items():
+        if len(captured) > 1:
+            print(
+                f"{swept or 'all'}: captured {100 * np.mean(captured):.1f} % on average over {len(captured)} "
+                f"seeds, between {100 * min(captured):.1f} and {100 * max(captured):.1f} %"
+            )
+    print(output / SUMMARY)

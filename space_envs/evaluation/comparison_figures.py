@@ -1,0 +1,291 @@
+"""The report's figures that set the policies of one task against each other."""
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any, cast
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PatchCollection
+from matplotlib.colors import to_rgba
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from space_envs.evaluation.comparison import (
+    COSTS,
+    Improvement,
+    by_entrant,
+    episode_costs,
+    improvements,
+    pareto_front,
+    profiles,
+)
+from space_envs.evaluation.drawing import INK, WIDTH, Panel, draw_panel, label_points
+from space_envs.evaluation.figures import BLUE, ORANGE, Plot
+from space_envs.evaluation.leaderboard import Row
+from space_envs.evaluation.names import display_name, figure_name
+from space_envs.evaluation.records import EpisodeRecord
+from space_envs.evaluation.statistics import Estimates
+from space_envs.evaluation.tables import COLUMNS
+
+_POINTS = 81  # of a profile
+_DASHES: tuple[Any, ...] = ("-", (0, (4, 1.6)), (0, (1.2, 1.2)), (0, (7, 1.5, 1.2, 1.5)), (0, (2.2, 0.8)))
+_ROOMY = 8  # policies up to which a cell of the matrix has room for its interval
+_ABLE = 0.9  # success from which a policy's place on the front is joined to the others
+
+
+def comparison_plots(
+    rows: Sequence[Row],
+    records: Sequence[EpisodeRecord],
+    shade: Mapping[str, str],
+    generator: np.random.Generator,
+    resamples: int = 2000,
+) -> list[Plot]:
+    """Performance profiles, probability of improvement and Pareto front of one task.
+
+    `rows` and `records` are of the same policies, `shade` gives each its colour. A plot for which there are
+    no data is left out. Raises ConfigurationError where they are of several tasks.
+    """
+    plots = (
+        profiles_plot(rows, records, shade, generator, resamples),
+        improvement_plot(rows, improvements(records, COSTS[0], generator, resamples)),
+        pareto_plot(rows, shade),
+    )
+    return [plot for plot in plots if plot]
+
+
+def profiles_plot(
+    rows: Sequence[Row],
+    records: Sequence[EpisodeRecord],
+    shade: Mapping[str, str],
+    generator: np.random.Generator,
+    resamples: int = 2000,
+) -> Plot | None:
+    """Share of episodes that captured with at most a cost, against that cost; None where nobody captured."""
+    panels = []
+    for metric in COSTS:
+        costs = np.concatenate([episode_costs(played, metric) for played in by_entrant(records).values()])
+        tau = _grid(costs)
+        if tau is not None:
+            found = profiles(records, metric, tau, generator, resamples)
+            panels.append(_profile_panel(rows, metric, tau, [found[row.entrant] for row in rows], shade))
+    caption = (
+        "Share of all episodes that captured with at most the value below; higher and more left is better. "
+        "A curve ends at the policy's success. Bands are pointwise 95 % intervals. "
+        "The legends are in the order of the areas under the curves."
+    )
+    return Plot("profiles", "Performance profiles", caption, tuple(panels)) if panels else None
+
+
+def _profile_panel(
+    rows: Sequence[Row],
+    metric: str,
+    tau: np.ndarray,
+    found: Sequence[Estimates],
+    shade: Mapping[str, str],
+) -> Panel:
+    column = next(column for column in COLUMNS if column.key == metric)
+    names = _names(rows)
+    order = sorted(range(len(rows)), key=lambda number: -found[number].value.mean())
+    wide = tau[0] > 0 and tau[-1] > 30 * tau[0]
+
+    def draw(axes: Axes) -> None:
+        seen: Counter[str] = Counter()
+        lines = []
+        for row, name, share in zip(rows, names, found, strict=True):
+            colour = shade[row.policy]
+            # Colours repeat; the dashes tell those of one colour apart.
+            dash = _DASHES[seen[colour] % len(_DASHES)]
+            seen[colour] += 1
+            low, value, high = (100 * end for end in (share.low, share.value, share.high))
+            axes.fill_between(
+                column.scale * tau, low, high, color=colour, alpha=min(0.2, 1 / len(rows)), lw=0
+            )
+            lines += axes.plot(
+                column.scale * tau, value, color=colour, ls=dash, lw=1.8, label=figure_name(name)
+            )
+        if wide:
+            axes.set_xscale("log")
+            axes.xaxis.set_major_locator(LogLocator(numticks=6))
+            axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            axes.xaxis.set_minor_formatter(NullFormatter())
+        axes.set(xlim=column.scale * tau[[0, -1]], ylim=(-2, 102))
+        axes.set(xlabel=column.heading, ylabel="episodes [%]")
+        axes.grid()
+        cast(Figure, axes.get_figure(root=True)).legend(
+            handles=[lines[number] for number in order],
+            loc="outside lower center",
+            ncols=2,
+            fontsize=8.5,
+            handlelength=2.4,
+            labelspacing=0.3,
+        )
+
+    middle = len(tau) // 2
+    figures = ", ".join(
+        f"{display_name(names[number])} {100 * found[number].value[middle]:.0f} %" for number in order
+    )
+    at = f"{column.number(column.scale * tau[middle])} {column.unit}"
+    alt = f"Episodes with a {column.title} of at most {at}: {figures}"
+    return draw_panel(f"profiles-{metric}", draw, alt, height=2.95 + 0.175 * math.ceil(len(rows) / 2))
+
+
+def _grid(costs: np.ndarray) -> np.ndarray | None:
+    """Costs at which profiles are drawn, logarithmic where they differ by much; None where there are none."""
+    finite = costs[np.isfinite(costs)]
+    if not finite.size:
+        return None
+    positive = finite[finite > 0]
+    # One value next to zero must not push all others to the side.
+    least = np.quantile(positive, 0.005, method="lower") if positive.size else 0.0
+    most = finite.max()
+    if positive.size and most > 30 * least:
+        return np.geomspace(least, most, _POINTS)
+    margin = 0.04 * (most - finite.min()) or max(most, 1.0)
+    return np.linspace(max(0.0, finite.min() - margin), most + margin, _POINTS)
+
+
+def improvement_plot(rows: Sequence[Row], found: Improvement) -> Plot | None:
+    """How often each policy ends with less attitude than each other one; None for a single policy."""
+    count = len(rows)
+    if count < 2:
+        return None
+    place = [found.entrants.index(row.entrant) for row in rows]
+    value, low, high = (
+        end[np.ix_(place, place)]
+        for end in (found.probability.value, found.probability.low, found.probability.high)
+    )
+    better, worse = low > 0.5, high < 0.5
+    names = _names(rows)
+    roomy = count <= _ROOMY
+
+    def draw(axes: Axes) -> None:
+        cells, faces = [], []
+        for i, j in zip(*np.nonzero(~np.eye(count, dtype=bool)), strict=True):
+            cells.append(Rectangle((j - 0.47, i - 0.47), 0.94, 0.94))
+            # See-through colours keep the numbers readable on light and on dark pages.
+            faces.append(to_rgba(BLUE if value[i, j] > 0.5 else ORANGE, 1.2 * abs(float(value[i, j]) - 0.5)))
+            axes.text(
+                j,
+                i - (0.14 if roomy else 0),
+                f"{100 * value[i, j]:.0f}",
+                ha="center",
+                va="center",
+                size=10 if roomy else 8 if count <= 16 else 7,
+                weight="bold" if better[i, j] or worse[i, j] else "normal",
+            )
+            if roomy:
+                ends = f"{100 * low[i, j]:.0f} to {100 * high[i, j]:.0f}"
+                axes.text(j, i + 0.22, ends, ha="center", va="center", size=7)
+        axes.add_collection(PatchCollection(cells, facecolors=faces, edgecolors="none"))
+        labels = [figure_name(name) for name in names]
+        axes.set_yticks(range(count), labels)
+        axes.set_xticks(range(count), labels, rotation=90)
+        axes.tick_params(length=0, labeltop=True, labelbottom=False)
+        axes.spines[:].set_visible(False)
+        axes.set(xlim=(-0.5, count - 0.5), ylim=(count - 0.5, -0.5))
+
+    alt = "; ".join(
+        f"{display_name(name)}: clearly better than {better[i].sum()}, clearly worse than {worse[i].sum()} "
+        f"of {count - 1}"
+        for i, name in enumerate(names)
+    )
+    paired = found.paired[np.ix_(place, place)] | np.eye(count, dtype=bool)
+    how = "Goal by goal" if paired.any() else "Over all pairs of episodes"
+    caption = (
+        "Chance in percent that the policy of the row ends with less attitude than that of the column. An "
+        "episode that did not capture loses to every one that did; two such tie. Bold: the 95 % interval "
+        f"leaves out 50. {how}."
+    )
+    panel = draw_panel(
+        "improvement",
+        draw,
+        alt,
+        width=1.5 * WIDTH,
+        height=1.3 + (0.5 if roomy else 0.26) * count,
+    )
+    return Plot("improvement", "Probability of improvement", caption, (panel,))
+
+
+def pareto_plot(rows: Sequence[Row], shade: Mapping[str, str]) -> Plot | None:
+    """Final attitude against the time to the first action, both logarithmic; None where nothing was timed."""
+    names, standings = _names(rows), pareto_front(rows)
+    shown = [
+        (name, shade[standing.entrant.policy], standing)
+        for name, standing in zip(names, standings, strict=True)
+        if 0 < standing.wait < math.inf and math.isfinite(standing.final_attitude)
+    ]
+    positive = [standing.final_attitude for *_, standing in shown if standing.final_attitude > 0]
+    if not positive:
+        return None
+    floor = min(positive) / 4
+
+    def draw(axes: Axes) -> None:
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        labels = []
+        for name, colour, standing in shown:
+            height, front = max(standing.final_attitude, floor), not standing.dominated_by
+            axes.plot(
+                standing.wait,
+                height,
+                "o" if standing.final_attitude > 0 else "v",
+                ms=4 + 6 * standing.success,
+                color=colour,
+                mfc=colour if front else "none",
+                mew=1.6,
+                zorder=3,
+            )
+            success = "" if standing.success > 0.995 else f" {100 * standing.success:.0f} %"
+            labels.append((figure_name(name) + success, standing.wait, height))
+        able = sorted(
+            (standing.wait, max(standing.final_attitude, floor))
+            for *_, standing in shown
+            if standing.success >= _ABLE
+        )
+        least = np.minimum.accumulate([height for _, height in able])
+        joined = [point for number, point in enumerate(able) if not number or point[1] < least[number - 1]]
+        if len(joined) > 1:
+            axes.plot(*zip(*joined, strict=True), color=INK, lw=1.1, ls=(0, (4, 2)), alpha=0.6)
+        axes.margins(x=0.2, y=0.14)
+        for axis in (axes.xaxis, axes.yaxis):
+            low, high = axis.get_view_interval()
+            axis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 200 * low else (1,), numticks=8))
+            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            axis.set_minor_formatter(NullFormatter())
+        axes.set_xlabel("planning time and one action [ms]")
+        axes.set_ylabel("final attitude [deg]")
+        axes.grid(which="major")
+        with matplotlib.rc_context({"font.size": 10 if len(labels) <= _ROOMY else 8.5}):
+            label_points(axes, labels)
+
+    by_name = {row.entrant: display_name(name) for row, name in zip(rows, names, strict=True)}
+    alt = "; ".join(
+        f"{display_name(name)}: {standing.final_attitude:.3g} deg, {standing.wait:.3g} ms, "
+        f"{100 * standing.success:.0f} % captured, "
+        + (
+            "dominated by " + ", ".join(by_name[other] for other in standing.dominated_by)
+            if standing.dominated_by
+            else "on the front"
+        )
+        for name, _, standing in shown
+    )
+    left = [by_name[standing.entrant] for standing in standings if not math.isfinite(standing.wait)]
+    caption = (
+        "Filled: on the Pareto front; nobody is at least as good in success, final attitude and time, and "
+        "better in one. Hollow: somebody is. Larger marks capture more; those that miss some have their "
+        f"success beside them. The line joins those that capture at least {100 * _ABLE:.0f} % and leave less "
+        "attitude than any faster one of these. A triangle at the lower edge: no attitude at all."
+        + (f" Not timed and not shown: {', '.join(left)}." if left else "")
+    )
+    panel = draw_panel("pareto", draw, alt, width=1.5 * WIDTH, height=5.0)
+    return Plot("pareto", "Attitude, success and planning time", caption, (panel,))
+
+
+def _names(rows: Sequence[Row]) -> list[str]:
+    """Policies' names, with the control mode where a policy stands in several: figures have little room."""
+    times = Counter(row.policy for row in rows)
+    return [f"{row.policy} ({row.control_mode})" if times[row.policy] > 1 else row.policy for row in rows]

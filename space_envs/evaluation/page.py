@@ -1,0 +1,344 @@
+"""The report's page: one HTML file that asks for nothing outside itself and stays below ten megabytes.
+
+Names are escaped by the template engine, data by `packing.json_text`, and a content security policy lets only
+the page's own scripts run, known by their hashes.
+"""
+
+import base64
+import hashlib
+import io
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from importlib.resources import files
+from itertools import groupby
+from typing import Any
+
+import jinja2
+import numpy as np
+from markupsafe import Markup
+from PIL import Image
+
+from space_envs.errors import ConfigurationError
+from space_envs.evaluation import figures
+from space_envs.evaluation.comparison_figures import comparison_plots
+from space_envs.evaluation.drawing import prefixed
+from space_envs.evaluation.leaderboard import Row
+from space_envs.evaluation.names import display_name
+from space_envs.evaluation.page_replays import page_replays
+from space_envs.evaluation.records import OUTCOMES, Entrant, EpisodeRecord, EvaluationResult, Task
+from space_envs.evaluation.tables import ABLE, COLUMNS, NOTE, Column, by_task, leaders, row_name
+from space_envs.registration import ENTRIES
+
+SCRIPTS = ("pages.js", "table.js", "scene.js", "webgl.js", "painter.js", "player.js")
+PLOT_LETTERS, PICTURE_LETTERS = 4_200_000, 1_000_000  # of a page of ten million
+PICTURED = 3  # policies of a task whose captures are shown in pictures
+NO_PICTURES = (
+    "There are no pictures: none came with these results. They need a machine that can draw (OpenGL through "
+    "EGL or OSMesa); the figures above do not."
+)
+
+
+def make_plots(
+    result: EvaluationResult, rows: Sequence[Row], generator: np.random.Generator
+) -> dict[Task, list[figures.Plot]]:
+    """Every plot of each task, in the order of the page."""
+    shade = _shade(rows)
+    plots = {}
+    for task, group in by_task(rows):
+        named = {row_name(row, group): row for row in group}
+        traces = {
+            name: result.traces[row.entrant] for name, row in named.items() if row.entrant in result.traces
+        }
+        coloured = {name: shade[row.policy] for name, row in named.items()}
+        records = [record for record in result.records if record.entrant.task == task]
+        made = [
+            figures.intervals_plot(group, shade),
+            *comparison_plots(group, records, shade, generator),
+            figures.cost_plot(group, shade),
+            figures.outcomes_plot(group),
+            figures.attitude_plot(traces, coloured),
+            figures.motion_plot(traces),
+        ]
+        plots[task] = [plot for plot in made if plot]
+    return plots
+
+
+def to_html(
+    result: EvaluationResult, rows: Sequence[Row], plots: Mapping[Task, Sequence[figures.Plot]]
+) -> str:
+    """The page, self-contained.
+
+    Raises:
+        ConfigurationError: for pictures that are none.
+    """
+    # Line ends as the browser will see them when it checks the hashes.
+    scripts = [_template(name).replace("\r\n", "\n") for name in SCRIPTS]
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters["unit"] = lambda unit: unit.replace("^2", "²")
+    environment.filters["breakable"] = lambda title: Markup("@<wbr>").join(title.split("@"))
+    env_ids = list(dict.fromkeys(row.task.env_id for row in rows))
+    command = result.provenance.get("command")
+    return environment.from_string(_template("report.html.j2")).render(
+        title=display_name(", ".join(env_ids), 200),
+        pages=_pages(result, rows, plots),
+        columns=COLUMNS,
+        note=NOTE,
+        no_pictures=result.pictures_note or NO_PICTURES,
+        command=None if command is None else display_name(str(command), 20_000),
+        provenance=_provenance(result),
+        style=Markup(_template("report.css")),
+        scripts=[Markup(script) for script in scripts],
+        hashes=[base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts],
+    )
+
+
+def highlights(rows: Sequence[Row]) -> list[dict[str, str]]:
+    """The first things to know: who captures most; of the able ones, who is gentlest and fastest."""
+    tiles = [
+        _tile("Most captures", "success", rows),
+        _tile("Least attitude left", "final_attitude", rows),
+        _tile("Lowest eq. 20 cost", "attitude_cost", rows),
+        _tile("Fastest capture", "time_to_capture", rows),
+    ]
+    nothing = {"label": "Most captures", "value": "0", "unit": "%", "names": "nobody"}
+    return [tile for tile in tiles if tile] or [nothing]
+
+
+def _pages(
+    result: EvaluationResult, rows: Sequence[Row], plots: Mapping[Task, Sequence[figures.Plot]]
+) -> list[dict[str, Any]]:
+    """One page for each id, with a section for each of its tasks."""
+    shade = _shade(rows)
+    tasks = by_task(rows)
+    replays = page_replays(tasks, result.replays, shade)
+    pictures = _pictures(tasks, result.pictures)
+    fitting = _fitting(plots)
+    pages = []
+    numbered = [(number, task, group) for number, (task, group) in enumerate(tasks)]
+    for page, (env_id, group) in enumerate(groupby(numbered, key=lambda item: item[1].env_id)):
+        sections = []
+        for number, task, mine in group:
+            watched = replays[task]
+            replayed = watched["entrants"] if watched else []
+            section = _section(task, mine, shade, number, replayed) | {
+                "plots": [
+                    replace(plot, panels=tuple(prefixed(panel, f"task{number}") for panel in plot.panels))
+                    for plot in fitting[task]
+                ],
+                "left_out": [plot.title for plot in plots[task] if plot not in fitting[task]],
+                "replays": watched,
+                "pictures": pictures[task],
+            }
+            sections.append(section)
+        pages.append(
+            {
+                "key": f"page-{page}",
+                "name": display_name(env_id),
+                "short": display_name(env_id.removeprefix("SpaceCapture/")),
+                "summary": ENTRIES[env_id].summary if env_id in ENTRIES else "",
+                "sections": sections,
+                "choices": _choices(sections),
+            }
+        )
+    return pages
+
+
+def _fitting(plots: Mapping[Task, Sequence[figures.Plot]]) -> dict[Task, list[figures.Plot]]:
+    """The plots for which the page has room: those of all policies together before those of each by itself."""
+    room = PLOT_LETTERS
+    fitting: dict[Task, list[figures.Plot]] = {task: [] for task in plots}
+    for single in (False, True):
+        for task, group in plots.items():
+            for plot in group:
+                size = sum(len(panel.svg) for panel in plot.panels)
+                if (plot.key in ("attitude", "motion")) == single and size <= room:
+                    room -= size
+                    fitting[task].append(plot)
+    return fitting
+
+
+def _choices(sections: Sequence[Mapping[str, Any]]) -> dict[str, list[str]]:
+    """What a page can be filtered by: difficulty and split, where they differ."""
+    found = {
+        key: list(dict.fromkeys(section["task"][key] for section in sections))
+        for key in ("difficulty", "split")
+    }
+    return {key: values for key, values in found.items() if len(values) > 1}
+
+
+def _section(
+    task: Task, rows: list[Row], shade: Mapping[str, str], number: int, replayed: Sequence[Entrant]
+) -> dict[str, Any]:
+    """What the template shows for one task, apart from plots, replays and pictures.
+
+    `replayed` are the entrants with replays, in the order of the player.
+    """
+    episodes = sorted({row.episodes for row in rows})
+    best = {column.key: leaders(column, rows) for column in COLUMNS}
+    ranges = {column.key: _range(column, rows) for column in COLUMNS}
+    outcomes = [name for name in OUTCOMES[1:] if any(row.outcomes[name] for row in rows)]
+    return {
+        "number": number,
+        "task": {name: display_name(value) for name, value in vars(task).items()},
+        "modes": [display_name(mode) for mode in sorted({row.control_mode for row in rows})],
+        "episodes": " to ".join(str(end) for end in dict.fromkeys((episodes[0], episodes[-1]))),
+        "seeds": len({seed for row in rows for seed in row.seeds}),
+        "highlights": highlights(rows),
+        "able": f"{100 * ABLE:.0f} %",
+        "rows": [
+            {
+                "name": display_name(row_name(row, rows)),
+                "colour": shade[row.policy],
+                "replay": replayed.index(row.entrant) if row.entrant in replayed else None,
+                "cells": [
+                    _cell(column, row, row in best[column.key], ranges[column.key]) for column in COLUMNS
+                ],
+            }
+            for row in rows
+        ],
+        "outcomes": [name.replace("_", " ") for name in outcomes],
+        "failures": [
+            {
+                "name": display_name(row_name(row, rows)),
+                "episodes": row.episodes,
+                "failed": row.episodes - row.outcomes["captured"],
+                "counts": [row.outcomes[name] for name in outcomes],
+                "reasons": [(count, display_name(reason, 300)) for reason, count in row.reasons[:3]],
+                "more": len(row.reasons[3:]),
+            }
+            for row in rows
+            if row.outcomes["captured"] < row.episodes
+        ],
+    }
+
+
+def _tile(label: str, key: str, rows: Sequence[Row]) -> dict[str, str] | None:
+    """The best figure and all who reach it; nothing where nobody competes for it."""
+    column = next(column for column in COLUMNS if column.key == key)
+    best = leaders(column, rows)
+    if not best:
+        return None
+    names = [display_name(row_name(row, rows)) for row in best]
+    shown = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+    return {"label": label, "value": column.value(best[0]), "unit": column.unit, "names": shown}
+
+
+def _range(column: Column, rows: Sequence[Row]) -> tuple[float, float, bool] | None:
+    """Both ends of what a column's intervals are drawn on, and whether it is logarithmic."""
+    if column.unit == "%":
+        return 0.0, 100.0, False
+    estimates = [column.estimate(row) for row in rows]
+    if all(math.isnan(estimate.low) for estimate in estimates):
+        return None
+    values = [end for e in estimates for end in (e.value, e.low, e.high) if math.isfinite(end)]
+    if not values or max(values) <= 0:
+        return None
+    positive = [value for value in values if value > 0]
+    if max(positive) > 30 * min(positive):
+        return 0.8 * min(positive), 1.05 * max(positive), True
+    return 0.0, 1.05 * max(values), False
+
+
+def _cell(column: Column, row: Row, best: bool, drawn: tuple[float, float, bool] | None) -> dict[str, Any]:
+    """A figure, its interval, and where both are drawn in percent of the cell's width."""
+    estimate = column.estimate(row)
+    marks = None
+    if drawn and math.isfinite(estimate.value):
+        value, low, high = (_place(end, *drawn) for end in (estimate.value, estimate.low, estimate.high))
+        marks = {"value": f"{value:.1f}", "low": f"{low:.1f}", "width": f"{max(high - low, 0):.1f}"}
+    return {
+        "value": column.value(row),
+        "interval": column.interval(row),
+        "best": best,
+        # What does not exist sorts behind everything, whichever way the column is turned.
+        "sort": repr(estimate.value) if math.isfinite(estimate.value) else "",
+        "bar": marks if column.unit == "%" else None,
+        "marks": None if column.unit == "%" else marks,
+    }
+
+
+def _place(value: float, start: float, end: float, logarithmic: bool) -> float:
+    """Percent of the way from start to end; what is beyond them, or does not exist, is put at the ends."""
+    if math.isnan(value):
+        return 0.0
+    value = min(max(value, start), end)
+    if logarithmic:
+        value, start, end = (math.log(each) for each in (value, start, end))
+    return 100 * (value - start) / (end - start)
+
+
+def _provenance(result: EvaluationResult) -> dict[str, list[tuple[str, str]]]:
+    """Rows of lists under their headings; the command stands by itself."""
+    plain = {
+        key: value for key, value in result.provenance.items() if key not in ("command", "configurations")
+    }
+    groups = {"Run": _flat({key: value for key, value in plain.items() if key != "versions"})}
+    groups["Run"] += _timing(result.records)
+    groups["Versions"] = _flat(plain.get("versions", {}))
+    groups["Configurations"] = _flat(result.provenance.get("configurations", {}))
+    return {title: rows for title, rows in groups.items() if rows}
+
+
+def _timing(records: Sequence[EpisodeRecord]) -> list[tuple[str, str]]:
+    """On what planning time and time per action were measured."""
+    timed = {(record.timing["processor"], record.timing["threads"]) for record in records}
+    told = [
+        f"{processor}, {threads} {'thread' if threads == 1 else 'threads'}"
+        for processor, threads in sorted(timed, key=str)
+        if processor is not None
+    ]
+    return [("planning and action timed on", display_name("; ".join(told), 1000))] if told else []
+
+
+def _flat(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
+    """Nested provenance as rows of a list: `machine: processor` -> an x86-64."""
+    flat: list[tuple[str, str]] = []
+    for key, value in values.items():
+        name = f"{prefix}{display_name(str(key)).replace('_', ' ')}"
+        if isinstance(value, Mapping):
+            flat += _flat(value, f"{name}: ")
+        elif isinstance(value, (list, tuple)):
+            flat.append((name, display_name(", ".join(map(str, value)), 1000)))
+        else:
+            flat.append((name, "-" if value is None else display_name(str(value), 1000)))
+    return flat
+
+
+def _pictures(
+    tasks: Sequence[tuple[Task, list[Row]]], pictures: Mapping[Entrant, Sequence[np.ndarray]]
+) -> dict[Task, list[tuple[str, list[str]]]]:
+    """Pictures of the first policies of each task as data URLs, as far as the page has room."""
+    room = PICTURE_LETTERS
+    shown: dict[Task, list[tuple[str, list[str]]]] = {task: [] for task, _ in tasks}
+    for task, rows in tasks:
+        for row in [row for row in rows if len(pictures.get(row.entrant, ()))][:PICTURED]:
+            urls = [_jpeg(row.policy, frame) for frame in pictures[row.entrant]]
+            size = sum(map(len, urls))
+            if size <= room:
+                room -= size
+                shown[task].append((display_name(row_name(row, rows)), urls))
+    return shown
+
+
+def _jpeg(policy: str, frame: np.ndarray) -> str:
+    """A picture as a data URL."""
+    frame = np.asarray(frame)
+    if frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[-1] != 3:
+        raise ConfigurationError(
+            f"pictures of {policy!r} must be uint8 (height, width, 3), got {frame.dtype} {frame.shape}"
+        )
+    buffer = io.BytesIO()
+    Image.fromarray(frame).save(buffer, format="JPEG", quality=85)
+    return "data:image/jpeg;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
+
+
+def _shade(rows: Sequence[Row]) -> dict[str, str]:
+    """A colour for each policy, the same on every task."""
+    return figures.colours(list(dict.fromkeys(row.policy for row in rows)))
+
+
+def _template(name: str) -> str:
+    return files("space_envs.evaluation").joinpath("templates", name).read_text(encoding="utf-8")

@@ -1,0 +1,207 @@
+"""A policy in a process of its own, so that a call that takes too long can be ended.
+
+The process gets arrays and gives arrays; it has no way to the simulation. What passes between the two
+processes is pickled by the one for the other alone; nothing that is read from a file is.
+"""
+
+import os
+import pickle
+import select
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, BinaryIO
+
+import cloudpickle
+import numpy as np
+from numpy.typing import NDArray
+
+from space_envs.dynamics.rotations import Array
+from space_envs.errors import ConfigurationError, PolicyError
+from space_envs.evaluation.policy import Policy, PolicyContext
+
+STARTING = 120.0  # s, that a policy may take to be imported and built
+_LENGTH = struct.Struct("<Q")
+
+
+@dataclass(frozen=True)
+class TimeLimits:
+    """Seconds that a call of a policy may take: the first one of an episode, which plans, and any other."""
+
+    planning: float
+    action: float
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not value > 0.0:
+                raise ConfigurationError(f"the time limit of {name} must be positive, got {value}")
+
+
+class TimeLimitError(PolicyError):
+    """A policy took longer than it may."""
+
+
+class PolicyProcess:
+    """Policy that calls another one in a process of its own; use as a context manager.
+
+    The policy's state stays in that process. After a call that took too long, and after the process died, a
+    new process is started for the next episode.
+
+    Args:
+        build: makes the policy from a context. environment: keywords of the `CaptureVectorEnv` that the
+            context is of. limits: of its calls.
+
+    Attributes:
+        seconds: that the last call took, without what passes between the processes.
+    """
+
+    def __init__(
+        self,
+        build: Callable[[PolicyContext], Policy],
+        environment: dict[str, Any],
+        limits: TimeLimits,
+    ) -> None:
+        self._start = cloudpickle.dumps((list(sys.path), cloudpickle.dumps((build, environment))))
+        self._limits = limits
+        self._process: subprocess.Popen[bytes] | None = None
+        self.seconds = 0.0
+
+    def __enter__(self) -> "PolicyProcess":
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._stop()
+
+    def predict(
+        self,
+        observation: Array,
+        state: Any = None,
+        episode_start: NDArray[np.bool_] | None = None,
+        deterministic: bool = True,
+    ) -> tuple[Array, Any]:
+        """The other policy's actions (N, m); the state is a token, with `failures` where it has any.
+
+        Raises:
+            TimeLimitError: if the call takes too long. PolicyError: if the policy raises or its process dies.
+        """
+        begins = state is None or (episode_start is not None and bool(np.any(episode_start)))
+        if self._process is None:
+            self._started()
+        limit = self._limits.planning if begins else self._limits.action
+        message = (observation, state is None, episode_start, deterministic)
+        self.seconds, action, failures = self._asked(pickle.dumps(message), limit, _said(begins, limit))
+        return action, _Token(failures)
+
+    def _started(self) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "space_envs.evaluation.policy_process"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path)},
+        )
+        self._asked(self._start, STARTING, f"it was not built within {STARTING:g} s")
+
+    def _asked(self, message: bytes, limit: float, late: str) -> Any:
+        process = self._process
+        if process is None or process.stdin is None or process.stdout is None:
+            raise PolicyError("the policy's process is not there")
+        try:
+            _write(process.stdin, message)
+            ready, _, _ = select.select([process.stdout], [], [], limit)
+            if not ready:
+                self._stop()
+                raise TimeLimitError(late)
+            answer, value = pickle.loads(_read(process.stdout))  # written by `_serve`, in our own process
+        except (OSError, EOFError):
+            self._stop()
+            raise PolicyError(f"its process ended, with exit status {process.returncode}") from None
+        if answer == "error":
+            raise PolicyError(value)
+        return value
+
+    def _stop(self) -> None:
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+            for pipe in (self._process.stdin, self._process.stdout):
+                if pipe is not None:
+                    try:
+                        pipe.close()
+                    except OSError:
+                        pass  # what was not flushed has no reader
+            self._process = None
+
+
+@dataclass(frozen=True)
+class _Token:
+    """What the harness holds in place of a state."""
+
+    failures: Any
+
+
+def _said(begins: bool, limit: float) -> str:
+    return f"no {'first action' if begins else 'action'} within {limit:g} s"
+
+
+def _write(pipe: BinaryIO | Any, message: bytes) -> None:
+    pipe.write(_LENGTH.pack(len(message)) + message)
+    pipe.flush()
+
+
+def _read(pipe: BinaryIO | Any) -> bytes:
+    head = pipe.read(_LENGTH.size)
+    if len(head) < _LENGTH.size:
+        raise EOFError
+    (size,) = _LENGTH.unpack(head)
+    body = pipe.read(size)
+    if len(body) < size:
+        raise EOFError
+    return body
+
+
+def _serve() -> None:
+    """The other process: one answer for each message, until there are no more."""
+    asking, answering = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # what a policy prints must not stand between answers
+
+    def answer(make: Callable[[], Any]) -> Any:
+        try:
+            made = make()
+        except Exception as error:
+            _write(answering, pickle.dumps(("error", f"{type(error).__name__}: {error}")))
+            return None
+        _write(answering, pickle.dumps(("made", made[1])))
+        return made[0]
+
+    def build() -> tuple[Policy, None]:
+        from space_envs.envs import CaptureVectorEnv
+
+        sys.path[:], packed = pickle.loads(_read(asking))
+        make, environment = pickle.loads(packed)  # once modules are found where the harness finds them
+        return make(PolicyContext.from_env(CaptureVectorEnv(**{**environment, "num_envs": 1}))), None
+
+    policy = answer(build)
+    state: Any = None
+    while policy is not None:
+        try:
+            observation, fresh, start, deterministic = pickle.loads(_read(asking))
+        except EOFError:
+            return
+
+        def call(
+            observation=observation, given=None if fresh else state, start=start, sure=deterministic
+        ) -> Any:
+            before = time.perf_counter()
+            action, after = policy.predict(observation, given, start, sure)
+            seconds = time.perf_counter() - before
+            failures = [None if told is None else str(told) for told in getattr(after, "failures", ())]
+            return after, (seconds, np.asarray(action), failures)
+
+        state = answer(call)
+
+
+if __name__ == "__main__":
+    _serve()

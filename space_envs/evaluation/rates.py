@@ -1,0 +1,46 @@
+"""How long episodes took on this machine, so that a dry run can say how long others will."""
+
+import json
+import math
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from space_envs.dynamics.c_library import LibraryError, cache_folder
+from space_envs.evaluation.records import Entrant
+from space_envs.evaluation.runner import Played
+from space_envs.files import atomic_write_text
+
+FILE = "rates.json"
+
+
+def record_rates(played: Iterable[Played]) -> None:
+    """Remember the seconds of an episode on one core; where there is no place to, nothing is remembered."""
+    rates = _read()
+    for one in played:
+        rates[_key(one.entrant)] = one.seconds / len(one.records)
+    try:
+        folder = cache_folder()
+        folder.mkdir(parents=True, exist_ok=True)
+        atomic_write_text(folder / FILE, json.dumps(rates, indent=1, sort_keys=True))
+    except (LibraryError, OSError):
+        return
+
+
+def recorded_rate(entrant: Entrant) -> float | None:
+    """Seconds of an episode of an entrant on one core, if any were played on this machine."""
+    rate = _read().get(_key(entrant))
+    return rate if isinstance(rate, float) and math.isfinite(rate) else None
+
+
+def _key(entrant: Entrant) -> str:
+    # A policy takes about as long on any split.
+    return f"{entrant.task.env_id} {entrant.task.difficulty} {entrant.policy} {entrant.control_mode}"
+
+
+def _read() -> dict[str, Any]:
+    try:
+        rates = json.loads(Path(cache_folder() / FILE).read_text(encoding="utf-8"))
+    except (LibraryError, OSError, ValueError):
+        return {}
+    return rates if isinstance(rates, dict) else {}

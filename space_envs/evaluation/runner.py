@@ -1,0 +1,220 @@
+"""Evaluations that survive being killed: units are played in any order, and kept as soon as they are done.
+
+While an evaluation runs its folder holds run.json, which says what is played, and parts/, one file a unit.
+What is finished is written to the folder by `collect`'s caller; then the parts are removed.
+"""
+
+import json
+import shutil
+from collections.abc import Iterator, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from joblib import delayed
+from tqdm import tqdm
+
+from space_envs.errors import ConfigurationError, PolicyError
+from space_envs.evaluation.parallel import backend
+from space_envs.evaluation.policy_process import TimeLimits
+from space_envs.evaluation.provenance import commit, processor, versions
+from space_envs.evaluation.records import SCHEMA_VERSION, UNTIMED, Entrant, EpisodeRecord, Task, Timing
+from space_envs.evaluation.rollout import Rollout, join, split_indices
+from space_envs.evaluation.units import CHUNK, Part, Player, Unit, play, task_keywords, time_unit
+from space_envs.files import atomic_write_text
+from space_envs.registration import make_task
+
+PLAN, PARTS = "run.json", "parts"
+TIMED_EPISODES = 5
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What is played.
+
+    Attributes:
+        entrants: pairs of a task and a policy, in the order of the records.
+        episodes: different goals of each split. seeds: of goals, policies and environments; each is a
+            stratum of the intervals. variant: of the models, or None. limits: of the policies' calls, if any.
+        paths: where modules are found.
+    """
+
+    entrants: tuple[tuple[Task, Player], ...]
+    episodes: int
+    seeds: tuple[int, ...]
+    variant: str | None = None
+    limits: TimeLimits | None = None
+    paths: tuple[str, ...] = ()
+
+    def units(self) -> list[Unit]:
+        """All units, in the order of the records.
+
+        Raises:
+            ConfigurationError: if a split has fewer goals, or a task cannot be made.
+        """
+        goals: dict[tuple[Task, int], Any] = {}
+        for task in dict.fromkeys(task for task, _ in self.entrants):
+            made = make_task(task.env_id, task_keywords(task, self.variant))
+            for seed in self.seeds:
+                goals[task, seed] = split_indices(made, task.split, self.episodes, seed).tolist()
+        return [
+            Unit(
+                player,
+                task,
+                self.variant,
+                seed,
+                first,
+                tuple(goals[task, seed][first : first + CHUNK]),
+                self.limits,
+                self.paths,
+            )
+            for task, player in self.entrants
+            for seed in self.seeds
+            for first in range(0, self.episodes, CHUNK)
+        ]
+
+    def plan(self) -> dict[str, Any]:
+        """What decides the records, as plain JSON values."""
+        return {
+            "schema": SCHEMA_VERSION,
+            "entrants": [[*asdict(task).values(), p.name, p.control_mode] for task, p in self.entrants],
+            "episodes": self.episodes,
+            "seeds": list(self.seeds),
+            "variant": self.variant,
+            "limits": None if self.limits is None else asdict(self.limits),
+            "commit": commit(),
+            "versions": versions(),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Played:
+    """All episodes of an entrant, rows and records in one order: by seed, then by number of the episode."""
+
+    entrant: Entrant
+    variant: str | None
+    records: tuple[EpisodeRecord, ...]
+    rollout: Rollout
+    seconds: float
+
+
+def prepare(evaluation: Evaluation, folder: Path, resume: bool) -> None:
+    """Write down what is played, or check that the folder holds parts of the same.
+
+    Raises:
+        ConfigurationError: if the folder cannot be written, or what it holds is something else.
+    """
+    plan, path = evaluation.plan(), folder / PLAN
+    if resume:
+        try:
+            before = json.loads(path.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            before = plan  # killed before it began
+        except (OSError, ValueError) as error:
+            raise ConfigurationError(f"{path} cannot be read: {error}") from None
+        if before != plan:
+            names = [name for name in plan if before.get(name) != plan[name]]
+            told = "; ".join(f"{name} was {before.get(name)}, is {plan[name]}" for name in names)
+            raise ConfigurationError(f"{folder} holds another evaluation: {told}")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if not resume:
+            shutil.rmtree(folder / PARTS, ignore_errors=True)
+        (folder / PARTS).mkdir(exist_ok=True)
+        atomic_write_text(path, json.dumps(plan, indent=2) + "\n")
+    except OSError as error:
+        raise ConfigurationError(f"cannot write to {folder}: {error.strerror}") from None
+
+
+def play_missing(
+    units: Sequence[Unit], folder: Path, jobs: int, name: str = "loky", address: str | None = None
+) -> None:
+    """Play every unit that has no part yet, in parallel.
+
+    Args:
+        jobs, name, address: of the processes, as in `space_envs.evaluation.parallel.backend`.
+
+    Raises:
+        PolicyError: if a process died with its policy; what is done is kept.
+    """
+    missing = [unit for unit in units if _kept(folder, unit) is None]
+    total = sum(len(unit.indices) for unit in units)
+    with tqdm(total=total, unit="episode", desc="episodes", leave=False, smoothing=0.0) as bar:
+        bar.update(total - sum(len(unit.indices) for unit in missing))
+        if not missing:
+            return
+        with backend(min(jobs, len(missing)), name, address) as spread:
+            try:
+                for number, part in spread(delayed(_played)(k, unit) for k, unit in enumerate(missing)):
+                    part.save(_path(folder, missing[number]))
+                    bar.update(len(missing[number].indices))
+            except BrokenProcessPool:
+                raise PolicyError(
+                    "a process died while a policy played in it; what is done is kept for --resume, and with "
+                    "--time-limit policies run in processes of their own"
+                ) from None
+
+
+def _played(number: int, unit: Unit) -> tuple[int, Part]:
+    return number, play(unit)
+
+
+def timings(units: Sequence[Unit], folder: Path) -> dict[Entrant, Timing]:
+    """Planning time and time per action of each entrant, one episode at a time on one thread.
+
+    A policy that raises, or takes too long, where it is timed has none.
+    """
+    first = {unit.entrant: unit for unit in reversed(units)}
+    found: dict[Entrant, Timing] = {}
+    entrants = list(dict.fromkeys(unit.entrant for unit in units))
+    for entrant in tqdm(entrants, unit="policy", desc="timing", leave=False):
+        unit = replace(first[entrant], indices=first[entrant].indices[:TIMED_EPISODES])
+        path = folder / PARTS / f"{first[entrant].key}-timing.json"
+        if not path.exists():
+            try:
+                time = time_unit(unit)
+                made = Timing(
+                    planning_ms=time.planning, action_ms=time.action, processor=processor(), threads=1
+                )
+            except PolicyError:
+                made = UNTIMED
+            atomic_write_text(path, json.dumps(made))
+        try:
+            found[entrant] = Timing(**json.loads(path.read_text(encoding="utf-8")))
+        except (ValueError, TypeError) as error:
+            raise ConfigurationError(f"{path} is damaged: {error}; remove it, then --resume") from None
+    return found
+
+
+def collect(units: Sequence[Unit], times: dict[Entrant, Timing], folder: Path) -> Iterator[Played]:
+    """The entrants one after the other, in the order of the units.
+
+    Raises:
+        ConfigurationError: if a part has gone since it was played.
+    """
+    for entrant in dict.fromkeys(unit.entrant for unit in units):
+        own = [unit for unit in units if unit.entrant == entrant]
+        parts = [Part.load(_path(folder, unit), unit) for unit in own]
+        records = [replace(r, timing=times[entrant]) for part in parts for r in part.records]
+        rollout = join([part.rollout for part in parts])
+        seconds = float(np.sum([part.seconds for part in parts]))
+        yield Played(entrant, own[0].variant, tuple(records), rollout, seconds)
+
+
+def finish(folder: Path) -> None:
+    """Remove the parts, once everything made of them is written."""
+    shutil.rmtree(folder / PARTS, ignore_errors=True)
+
+
+def _path(folder: Path, unit: Unit) -> Path:
+    return folder / PARTS / f"{unit.key}.npz"
+
+
+def _kept(folder: Path, unit: Unit) -> Part | None:
+    path = _path(folder, unit)
+    try:
+        return Part.load(path, unit) if path.exists() else None
+    except ConfigurationError:
+        return None  # played again

@@ -1,0 +1,196 @@
+"""Units of an evaluation: episodes that are played together, in any process, always with the same result.
+
+How an evaluation is divided does not depend on the machine nor on the number of processes: floating-point
+sums over a batch may differ in their last digit from those over another.
+"""
+
+import contextlib
+import io
+import json
+import sys
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from hashlib import sha256
+from pathlib import Path
+from time import perf_counter
+from typing import Any, Protocol
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from space_envs.errors import ConfigurationError
+from space_envs.evaluation.metrics import episode_records
+from space_envs.evaluation.policy import Policy, PolicyContext
+from space_envs.evaluation.policy_process import TimeLimits
+from space_envs.evaluation.records import UNTIMED, Entrant, EpisodeRecord, Task
+from space_envs.evaluation.rollout import PolicyTime, Rollout, roll_out, time_policy
+from space_envs.files import atomic_write
+from space_envs.registration import make_task
+
+CHUNK = 25  # episodes of a unit
+_ARRAYS = (
+    "index length qpos qvel scene torque position_error orientation_error attitude episode_return clipped"
+).split()
+
+
+class Player(Protocol):
+    """A policy that can be built in any process; its attributes are plain values."""
+
+    @property
+    def name(self) -> str:
+        """In tables."""
+        ...
+
+    @property
+    def control_mode(self) -> str:
+        """That it acts in."""
+        ...
+
+    def build(self, context: PolicyContext, seed: int) -> Policy:
+        """The policy."""
+        ...
+
+
+@dataclass(frozen=True)
+class Unit:
+    """Episodes of one policy and seed.
+
+    Attributes:
+        player: the policy. task: what is asked. variant: of the model, or None for the usual one.
+        seed: of the policy and the environment. first: number of its first episode within the seed.
+        indices: goals of the split. limits: of the policy's calls, if there are any.
+        paths: where modules are found.
+    """
+
+    player: Player
+    task: Task
+    variant: str | None
+    seed: int
+    first: int
+    indices: tuple[int, ...]
+    limits: TimeLimits | None = None
+    paths: tuple[str, ...] = ()
+
+    @property
+    def entrant(self) -> Entrant:
+        """The row of the leaderboard that it counts in."""
+        return Entrant(self.task, self.player.name, self.player.control_mode)
+
+    @property
+    def keywords(self) -> dict[str, Any]:
+        """Of the task."""
+        return task_keywords(self.task, self.variant)
+
+    @property
+    def environment(self) -> dict[str, Any]:
+        """Keywords of `CaptureVectorEnv`."""
+        return {"env_id": self.task.env_id, "control_mode": self.player.control_mode, **self.keywords}
+
+    def description(self) -> dict[str, Any]:
+        """What decides the records, as plain JSON values."""
+        return {
+            **asdict(self.task),
+            "policy": self.player.name,
+            "control_mode": self.player.control_mode,
+            "variant": self.variant,
+            "seed": self.seed,
+            "first": self.first,
+            "indices": list(self.indices),
+            "limits": None if self.limits is None else asdict(self.limits),
+        }
+
+    @property
+    def key(self) -> str:
+        """Name of its file."""
+        return sha256(json.dumps(self.description(), sort_keys=True).encode()).hexdigest()[:24]
+
+
+@dataclass(frozen=True)
+class Part:
+    """What a unit gave: records without timing, in the order of the rollout's rows, and wall seconds."""
+
+    records: tuple[EpisodeRecord, ...]
+    rollout: Rollout
+    seconds: float
+
+    def save(self, path: Path) -> None:
+        """Write an npz without pickles, whole or not at all."""
+        arrays = {name: getattr(self.rollout, name) for name in _ARRAYS}
+        told = {
+            "records": [record.to_json() for record in self.records],
+            "outcome": self.rollout.outcome,
+            "reason": self.rollout.reason,
+            "seconds": self.seconds,
+        }
+        with atomic_write(path) as temporary, temporary.open("wb") as file:
+            np.savez(file, told=np.frombuffer(json.dumps(told).encode(), dtype=np.uint8), **arrays)
+
+    @classmethod
+    def load(cls, path: Path, unit: Unit) -> "Part":
+        """Read what `save` wrote.
+
+        Raises:
+            ConfigurationError: if the file is damaged, or of other episodes.
+        """
+        try:
+            with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as archive:
+                told = json.loads(archive["told"].tobytes())
+                arrays = {name: archive[name] for name in _ARRAYS}
+        except Exception as error:  # whatever a damaged archive makes numpy raise
+            raise ConfigurationError(f"{path} is damaged: {error}") from None
+        if tuple(arrays["index"].tolist()) != unit.indices:
+            raise ConfigurationError(f"{path} holds other episodes")
+        goals = make_task(unit.task.env_id, unit.keywords).goals(unit.task.split, arrays["index"])
+        rollout = Rollout(goals=goals, outcome=told["outcome"], reason=told["reason"], **arrays)
+        return cls(tuple(map(EpisodeRecord.from_json, told["records"])), rollout, told["seconds"])
+
+
+def task_keywords(task: Task, variant: str | None) -> dict[str, Any]:
+    """Keywords of the environment that a task is played in."""
+    usual = {"difficulty": task.difficulty, "split": task.split}
+    return usual if variant is None else {**usual, "variant": variant}
+
+
+def play(unit: Unit) -> Part:
+    """Play a unit's episodes on one thread."""
+    with prepared(unit):
+        before = perf_counter()
+        rollout = roll_out(
+            lambda context: on_one_thread(unit.player.build(context, unit.seed)),
+            unit.environment,
+            unit.task.split,
+            np.array(unit.indices),
+            unit.seed,
+            unit.limits,
+        )
+        task = make_task(unit.task.env_id, unit.keywords)
+        records = episode_records(rollout, task, unit.entrant, unit.seed, unit.first, UNTIMED)
+        return Part(tuple(records), rollout, perf_counter() - before)
+
+
+def time_unit(unit: Unit) -> PolicyTime:
+    """Time the policy on a unit's episodes; errors as in `time_policy`."""
+    with prepared(unit):
+        return time_policy(
+            lambda context: on_one_thread(unit.player.build(context, unit.seed)),
+            unit.environment,
+            unit.task.split,
+            np.array(unit.indices),
+            unit.limits,
+        )
+
+
+@contextlib.contextmanager
+def prepared(unit: Unit) -> Iterator[None]:
+    """Find a unit's modules, and compute on one thread."""
+    sys.path += [path for path in unit.paths if path not in sys.path]
+    with threadpool_limits(1):
+        yield
+
+
+def on_one_thread(policy: Policy) -> Policy:
+    """The policy, once torch (if it is here at all) keeps to one thread too."""
+    torch = sys.modules.get("torch")
+    if torch is not None:
+        torch.set_num_threads(1)
+    return policy

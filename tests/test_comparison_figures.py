@@ -1,0 +1,96 @@
+"""Figures that set policies against each other: complete, repeatable, well-formed, described."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from played_episodes import played, rows_of
+from synthetic_results import HOSTILE, Character, make_result
+
+from space_envs.evaluation import figures
+from space_envs.evaluation.comparison import COSTS
+from space_envs.evaluation.comparison_figures import comparison_plots
+from space_envs.evaluation.records import EpisodeRecord
+
+
+def plots_of(records: Sequence[EpisodeRecord], seed: int = 0) -> dict[str, figures.Plot]:
+    rows = rows_of(records)
+    shade = figures.colours(list(dict.fromkeys(row.policy for row in rows)))
+    plots = comparison_plots(rows, records, shade, np.random.default_rng(seed), resamples=200)
+    return {plot.key: plot for plot in plots}
+
+
+def test_plots_hold_every_policy() -> None:
+    extra = {f"number_{k}": Character(0.9 - k / 40, 5, 1 + k, 5e-3, 5 + k, None, 0.1 + k) for k in range(11)}
+    records = make_result(episodes=20, extra=extra | {HOSTILE: extra["number_3"]}).records
+    plots = plots_of(records)
+    assert list(plots) == ["profiles", "improvement", "pareto"]
+    assert [len(plot.panels) for plot in plots.values()] == [len(COSTS), 1, 1]
+    for plot in plots.values():
+        for panel in plot.panels:
+            text = "".join(ElementTree.fromstring(panel.svg).itertext())
+            assert "<img" not in panel.svg
+            for policy in {record.policy for record in records}:
+                assert policy in panel.alt
+                assert policy[:17] in text
+    # 20 policies: every number of the matrix but the diagonal's stands in it.
+    texts = ElementTree.fromstring(plots["improvement"].panels[0].svg).iter(
+        "{http://www.w3.org/2000/svg}text"
+    )
+    assert sum((each.text or "").strip().isdigit() for each in texts) == 20 * 19
+
+
+def test_plots_repeat_and_ids_do_not() -> None:
+    records = make_result(episodes=10).records
+    first = plots_of(records)
+    assert plots_of(list(reversed(records))) == first
+    assert plots_of(records, seed=1) != first
+    ids = [
+        each.attrib["id"]
+        for plot in first.values()
+        for panel in plot.panels
+        for each in ElementTree.fromstring(panel.svg).iter()
+        if "id" in each.attrib
+    ]
+    assert all(one != other for one, other in pairwise(sorted(ids)))
+
+
+def test_plots_say_what_the_numbers_are() -> None:
+    records = played("a", [1.0] * 9) + played("b", [2.0] * 9) + played("hold", [None] * 9)
+    plots = plots_of(records)
+    alt = plots["improvement"].panels[0].alt
+    assert alt == (
+        "a: clearly better than 2, clearly worse than 0 of 2; b: clearly better than 1, clearly worse than 1 "
+        "of 2; hold: clearly better than 0, clearly worse than 2 of 2"
+    )
+    assert "Goal by goal" in plots["improvement"].caption
+    assert "a: 1 deg, 20.5 ms, 100 % captured, on the front" in plots["pareto"].panels[0].alt
+    assert "hold: 8 deg, 20.5 ms, 0 % captured, dominated by a, b" in plots["pareto"].panels[0].alt
+
+
+def test_a_control_mode_is_named_where_a_policy_stands_in_several() -> None:
+    records = played("a", [1.0] * 4) + played("a", [2.0] * 4, control_mode="torque") + played("b", [3.0] * 4)
+    alt = plots_of(records)["pareto"].panels[0].alt
+    assert "a (joint_velocity): " in alt and "a (torque): " in alt and "b: " in alt
+
+
+def test_plots_without_data_are_left_out() -> None:
+    untimed = {"planning_ms": None, "action_ms": None, "processor": None, "threads": None}
+    assert list(plots_of(played("a", [1.0, 2.0]))) == ["profiles", "pareto"]
+    assert list(plots_of(played("a", [None] * 3) + played("b", [None] * 3, timing=untimed))) == [
+        "improvement",
+        "pareto",
+    ]
+    some = plots_of(played("a", [1.0, 2.0]) + played("b", [1.0, 3.0], timing=untimed))
+    assert "Not timed and not shown: b." in some["pareto"].caption
+    assert list(plots_of(played("a", [1.0], timing=untimed))) == ["profiles"]
+
+
+@pytest.mark.parametrize("attitudes", [[0.0, 0.0], [0.0, 1.0], [1e-9, 5.0], [2.0, 2.0]])
+def test_plots_of_odd_values_can_be_drawn(attitudes: list[float]) -> None:
+    plots = plots_of(played("a", attitudes) + played("b", [3.0, None]))
+    for plot in plots.values():
+        for panel in plot.panels:
+            assert "nan" not in panel.svg.lower()

@@ -1,0 +1,181 @@
+"""`evaluate.py dataset`: what it leaves out, skips and refuses; the number of processes changes nothing."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from dataset_folders import CHEAP, CLUTTERED, contents, folder, run
+
+from agents.commands import dataset_making
+from agents.commands.choice import choose_policies, experts_for
+from agents.commands.dataset import main
+from agents.registry import policies_for
+from space_envs.envs import CaptureEnv
+from space_envs.evaluation import datasets_minari, datasets_recording
+from space_envs.evaluation.datasets import Dataset
+from space_envs.evaluation.datasets_card import read_card
+from space_envs.registration import ENTRIES
+
+
+def test_episodes_that_do_not_come_out_again_are_left_out(tmp_path, monkeypatch, capsys):
+    played = datasets_recording._side_by_side
+
+    def tampered(*arguments):
+        first, second, third = played(*arguments)
+        action = second.actions.copy()
+        action[5] *= np.float32(0.5)
+        return [first, replace(second, actions=action), third]
+
+    monkeypatch.setattr(datasets_recording, "_side_by_side", tampered)
+    assert run(tmp_path, "--policy", "gjm", "--episodes", "3") == 0
+    said = capsys.readouterr().out
+    assert "episode 1 (goal 865): the replay from its actions differs: observations differ from row 6" in said
+    card = read_card(folder(tmp_path))
+    assert card is not None
+    assert [one["episode"] for one in card["episodes"]["left_out"]] == [1]
+    assert Dataset.load(folder(tmp_path) / "episodes.npz").episode.tolist() == [0, 2]
+    assert "| 1 | 865 | the replay from its actions differs" in (folder(tmp_path) / "README.md").read_text()
+
+
+def test_a_policy_that_raises_loses_its_own_episodes_only(tmp_path, capsys):
+    assert (
+        run(tmp_path, "--policy", "harness_policies:Raises", "harness_policies:NaNs", "--episodes", "6") == 0
+    )
+    said = capsys.readouterr().out
+    for path in sorted(tmp_path.rglob("dataset.json")):
+        card = json.loads(path.read_text())
+        lost = {one["index"] for one in card["episodes"]["left_out"]}
+        kept = set(card["goal_indices"])
+        assert lost and kept and len(lost) + len(kept) == 6
+        # Both dislike goals on one side.
+        start = CaptureEnv(difficulty="medium", split="train")
+        for index in lost | kept:
+            observation, _ = start.reset(options={"index": index})
+            assert (start.task.layout.read(observation, "goal_position")[0] > 0.0) == (index in lost)
+    assert "it raised ValueError: a goal that I do not like (step 3)" in said
+    assert "the action held NaN or infinity at step 3" in said
+
+
+def test_nothing_left_is_said(tmp_path, capsys):
+    assert run(tmp_path, "--policy", "hold", "--episodes", "2", "--captured-only") == 1
+    assert "nothing to write" in capsys.readouterr().out
+    assert not list(tmp_path.rglob("*.npz"))
+
+
+def test_minari_has_a_root_of_its_own(tmp_path, monkeypatch):
+    pytest.importorskip("minari")
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    monkeypatch.delenv("MINARI_DATASETS_PATH", raising=False)
+    words = [
+        "--policy",
+        "hold",
+        "--episodes",
+        "1",
+        "--format",
+        "minari",
+        "--minari-root",
+        str(tmp_path / "m"),
+    ]
+    assert run(tmp_path / "out", *words) == 0
+    assert (folder(tmp_path / "m", policy="hold") / "data" / "main_data.hdf5").is_file()
+    assert [path.name for path in sorted(folder(tmp_path / "out", policy="hold").iterdir())] == [
+        "README.md",
+        "dataset.json",
+    ]
+    assert not (tmp_path / "home").exists()
+    (folder(tmp_path / "out", policy="hold") / "dataset.json").unlink()
+    assert run(tmp_path / "out", *words) == 2  # what is not ours stays
+
+
+def test_without_minari_nothing_begins(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(datasets_minari, "find_spec", lambda name: None)
+    assert run(tmp_path / "out", "--policy", "gjm", "--format", "npz", "minari") == 2
+    assert "pip install 'space-capture[minari]'" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_jobs_leave_the_bytes_alone(tmp_path, monkeypatch):
+    monkeypatch.setattr(dataset_making, "CHUNK", 2)
+    words = ["--policy", "gjm", "random", "--episodes", "5"]
+    assert run(tmp_path / "one", *words) == 0
+    assert run(tmp_path / "two", *words, jobs="2") == 0
+    assert len(contents(tmp_path / "one")) == 6
+    assert contents(tmp_path / "one") == contents(tmp_path / "two")
+
+
+def test_what_is_complete_is_skipped_and_the_rest_made_anew(tmp_path, monkeypatch, capsys):
+    words = ["--policy", "gjm", "hold", "--episodes", "2"]
+    assert run(tmp_path, *words) == 0
+    before = contents(tmp_path)
+    # Killed between the arrays and the card.
+    (folder(tmp_path, policy="hold") / "dataset.json").unlink()
+    (folder(tmp_path, policy="hold") / "episodes.npz").write_bytes(b"half")
+    played = []
+    real = dataset_making.record
+    monkeypatch.setattr(
+        dataset_making, "record", lambda unit: (played.append(unit.player.name), real(unit))[1]
+    )
+    capsys.readouterr()
+    assert run(tmp_path, *words) == 0
+    assert played == ["hold"]
+    assert contents(tmp_path) == before
+    assert "was complete" in capsys.readouterr().out
+
+
+def test_another_dataset_in_its_place_is_refused(tmp_path, capsys):
+    words = ["--policy", "hold", "--episodes"]
+    assert run(tmp_path, *words, "1") == 0
+    assert run(tmp_path, *words, "2") == 2
+    assert "episodes was 1, is 2" in capsys.readouterr().err
+    path = folder(tmp_path, policy="hold") / "episodes.npz"
+    path.write_bytes(path.read_bytes() + b" ")
+    assert run(tmp_path, *words, "1") == 2
+    assert "episodes.npz is not the file that was written" in capsys.readouterr().err
+
+
+def test_captured_only(tmp_path):
+    words = ["--env", CLUTTERED, "--policy", "gjm", "--episodes", "4"]
+    assert run(tmp_path / "all", *words) == 0
+    assert run(tmp_path / "captured", *words, "--captured-only") == 0
+    every = Dataset.load(folder(tmp_path / "all", CLUTTERED) / "episodes.npz")
+    some = Dataset.load(folder(tmp_path / "captured", CLUTTERED) / "episodes.npz")
+    assert 0 < every.captured.sum() < 4
+    assert some.captured.all()
+    assert some.index.tolist() == every.index[every.captured].tolist()
+    card = read_card(folder(tmp_path / "captured", CLUTTERED))
+    assert card is not None
+    assert card["episodes"]["not_captured_left_out"] == 4 - len(some)
+
+
+def test_experts_are_all_that_plan():
+    beginners = {"random", "hold", "bc", "ppo", "bc_reactionless", "ppo_reactionless"}
+    for env_id in ENTRIES:
+        experts = experts_for(env_id)
+        assert CHEAP[env_id] in experts
+        assert set(policies_for(env_id)) - set(experts) <= beginners
+        assert not set(experts) & beginners
+        assert [policy.name for policy in choose_policies(["experts"], env_id, list(ENTRIES))] == experts
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--split", "test"], "never those of split 'test'"),
+        (["--split", "ood"], "never those of split 'ood'"),
+        (["--split", "trian"], "Did you mean 'train'"),
+        (["--policy", "gmj"], "Did you mean 'gjm'"),
+        (["--policy", "reactionless"], "is made for SpaceCapture/DualArmPlanar-v0"),
+        (["--policy", "gjm", "gjm"], "policy given twice: gjm"),
+        (["--env", "SpaceCapture/SingleArm"], "Did you mean 'SpaceCapture/SingleArm-v0'"),
+        (["--format", "npy"], "Did you mean 'npz'"),
+        (["--policy", "gjm", "--episodes", "0"], "episodes must lie in 1"),
+        (["--policy", "gjm", "--jobs", "0"], "jobs must be at least 1"),
+        (["--policy", "gjm", "--seed", "-1"], "seed must be"),
+        (["--policy", "gjm", "--minari-root", "m"], "goes with --format minari"),
+    ],
+)
+def test_mistakes_are_named_before_anything_is_played(tmp_path, capsys, words, message):
+    assert main([*words, "--output", str(tmp_path / "out")]) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,294 @@
+"""The harness: records do not depend on jobs, backends, kills or other policies' failures."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import harness_policies
+import numpy as np
+import pytest
+
+from agents.commands.evaluate import main
+from agents.resolve import resolve_policy
+from space_envs.errors import ConfigurationError, PolicyError
+from space_envs.evaluation import runner
+from space_envs.evaluation.parallel import backend, check_backend
+from space_envs.evaluation.policy_process import TimeLimits
+from space_envs.evaluation.records import EpisodeRecord, Task, read_records, records_without_timing
+from space_envs.evaluation.runner import Evaluation, collect, play_missing, prepare, timings
+from space_envs.evaluation.units import CHUNK, Part, play
+from space_envs.registration import make_task
+
+ROOT = Path(__file__).resolve().parents[1]
+SINGLE = Task("SpaceCapture/SingleArm-v0", "medium", "validation")
+PLANAR = Task("SpaceCapture/DualArmPlanar-v0", "medium", "validation")
+HARNESS = "harness_policies"
+
+
+def evaluation(
+    *names: str,
+    task: Task = SINGLE,
+    episodes: int = 4,
+    seeds: tuple[int, ...] = (0,),
+    limits: TimeLimits | None = None,
+) -> Evaluation:
+    players = tuple((task, resolve_policy(name)) for name in names)
+    return Evaluation(players, episodes, seeds, limits=limits, paths=tuple(sys.path))
+
+
+def records_of(evaluated: Evaluation, folder: Path, jobs: int = 1, name: str = "loky") -> list[EpisodeRecord]:
+    prepare(evaluated, folder, resume=False)
+    units = evaluated.units()
+    play_missing(units, folder, jobs, name)
+    return finished(evaluated, folder)
+
+
+def finished(evaluated: Evaluation, folder: Path) -> list[EpisodeRecord]:
+    units = evaluated.units()
+    return [record for played in collect(units, timings(units, folder), folder) for record in played.records]
+
+
+@pytest.fixture(scope="module")
+def usual(tmp_path_factory: pytest.TempPathFactory) -> tuple[Evaluation, list[EpisodeRecord]]:
+    """Two policies, one of them stochastic, two seeds: in this process, one after the other."""
+    evaluated = evaluation("gjm", "random", episodes=CHUNK + 2, seeds=(0, 3))
+    return evaluated, records_of(evaluated, tmp_path_factory.mktemp("usual"))
+
+
+def test_records_stand_by_policy_seed_and_episode(usual) -> None:
+    evaluated, records = usual
+    told = [(record.policy, record.seed, record.episode) for record in records]
+    n = evaluated.episodes
+    assert told == [(p, s, k) for p in ("gjm", "random") for s in (0, 3) for k in range(n)]
+    assert len({record.index for record in records[:n]}) == n
+    for policy in (0, 2 * n):  # a seed plays the same goals with every policy
+        assert [r.index for r in records[policy : policy + n]] == [r.index for r in records[:n]]
+
+
+@pytest.mark.parametrize(("name", "package"), [("loky", "joblib"), ("ray", "ray"), ("dask", "distributed")])
+def test_jobs_and_backends_leave_the_records_unchanged(
+    name: str, package: str, usual, tmp_path: Path
+) -> None:
+    """On a real local cluster of two workers each."""
+    pytest.importorskip(package)
+    evaluated, records = usual
+    made = records_of(evaluated, tmp_path, jobs=2, name=name)
+    assert records_without_timing(made) == records_without_timing(records)
+
+
+def test_a_cluster_that_runs_already_is_used_and_goes_on(usual, tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed")
+    evaluated, records = usual
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        address = cluster.scheduler_address
+        prepare(evaluated, tmp_path, resume=False)
+        play_missing(evaluated.units(), tmp_path, 2, "dask", address)
+        with distributed.Client(address) as client:
+            assert client.submit(sum, (1, 2)).result() == 3
+    assert records_without_timing(finished(evaluated, tmp_path)) == records_without_timing(records)
+
+
+def command(folder: Path, *more: str) -> list[str]:
+    policies = ["--policy", "gjm", "minimum_jerk", "mpc", "promp", "--split", "validation"]
+    usual = ["--episodes", "75", "--jobs", "2", "--no-pictures", "--output", str(folder), *more]
+    return [sys.executable, "evaluate.py", *policies, *usual]
+
+
+@pytest.mark.slow
+def test_killed_again_and_again_it_ends_with_the_same_records(tmp_path: Path) -> None:
+    done = subprocess.run(command(tmp_path / "quiet"), cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    folder, kills = tmp_path / "killed", 0
+    for number in range(20):
+        more = ["--resume"] if number else []
+        process = subprocess.Popen(
+            command(folder, *more), cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, process_group=0
+        )
+        try:
+            process.communicate(timeout=4.0 + 0.7 * number)
+            break
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.communicate()
+            kills += 1
+        for path in folder.glob("parts/*.npz"):
+            np.load(path, allow_pickle=False).close()  # whole, or not there
+    assert process.returncode == 0
+    assert kills >= 1
+    made, undisturbed = (read_records(tmp_path / name / "records.jsonl") for name in ("killed", "quiet"))
+    assert records_without_timing(made) == records_without_timing(undisturbed)
+    assert not (folder / "parts").exists()
+
+
+def test_killed_between_two_units_it_goes_on_where_it_was(usual, tmp_path: Path) -> None:
+    evaluated, records = usual
+    prepare(evaluated, tmp_path, resume=False)
+    units = evaluated.units()
+    play_missing(units[::2], tmp_path, 1)
+    kept = {path: path.stat().st_mtime_ns for path in tmp_path.glob("parts/*.npz")}
+    damaged = next(iter(kept))
+    damaged.write_bytes(damaged.read_bytes()[:1000])  # as no kill can leave it, but a disk may
+    del kept[damaged]
+    prepare(evaluated, tmp_path, resume=True)
+    play_missing(units, tmp_path, 1)
+    assert {path: path.stat().st_mtime_ns for path in kept} == kept
+    assert records_without_timing(finished(evaluated, tmp_path)) == records_without_timing(records)
+
+
+def test_a_resumed_evaluation_is_the_same_one(tmp_path: Path) -> None:
+    prepare(evaluation("gjm"), tmp_path, resume=False)
+    with pytest.raises(ConfigurationError, match=r"holds another evaluation: .*episodes was 4, is 5"):
+        prepare(evaluation("gjm", episodes=5), tmp_path, resume=True)
+    with pytest.raises(ConfigurationError, match="entrants was"):
+        prepare(evaluation("gjm", "hold"), tmp_path, resume=True)
+
+
+def test_parts_never_unpickle(tmp_path: Path) -> None:
+    unit = evaluation("hold").units()[0]
+    part = play(unit)
+    part.save(tmp_path / "part.npz")
+    again = Part.load(tmp_path / "part.npz", unit)
+    assert again.records == part.records
+    np.testing.assert_array_equal(again.rollout.qpos, part.rollout.qpos)
+    np.savez(tmp_path / "bad.npz", told=np.array([Path()], dtype=object))
+    with pytest.raises(ConfigurationError, match=r"bad\.npz is damaged"):
+        Part.load(tmp_path / "bad.npz", unit)
+    with pytest.raises(ConfigurationError, match="other episodes"):
+        Part.load(tmp_path / "part.npz", replace(unit, indices=unit.indices[::-1]))
+
+
+@pytest.mark.parametrize(
+    ("name", "limits", "reason"),
+    [
+        ("Raises", None, "it raised ValueError: a goal that I do not like (step 3)"),
+        ("NaNs", None, "the action held NaN or infinity at step 3"),
+        ("Shapes", None, "it returned actions of shape (1, 14), expected (1, 7) (step 3)"),
+        ("Raises", TimeLimits(20.0, 20.0), "ValueError: a goal that I do not like (step 3)"),
+        ("Sleeps", TimeLimits(20.0, 1.0), "no action within 1 s (step 3)"),
+        ("Dies", TimeLimits(20.0, 20.0), "its process ended, with exit status 3 (step 3)"),
+    ],
+)
+def test_a_policy_loses_only_the_episodes_that_it_spoils(
+    name: str, limits: TimeLimits | None, reason: str, tmp_path: Path
+) -> None:
+    well = records_of(evaluation(f"{HARNESS}:Well", episodes=6), tmp_path / "well")
+    ill = records_of(evaluation(f"{HARNESS}:{name}", episodes=6, limits=limits), tmp_path / "ill")
+    goals = make_task(SINGLE.env_id, {}).goals(SINGLE.split, np.array([record.index for record in well]))
+    spoilt = harness_policies.chosen(goals.position)
+    assert 0 < spoilt.sum() < 6
+    for record, undisturbed, bad in zip(ill, well, spoilt, strict=True):
+        if bad:
+            assert (record.outcome, record.captured) == ("policy_error", False)
+            assert record.reason == reason
+            assert record.steps in (3, 4)
+        else:
+            assert record.outcome == undisturbed.outcome
+            assert record.attitude_cost == pytest.approx(undisturbed.attitude_cost, rel=1e-9)
+
+
+def test_limits_that_are_kept_change_nothing(tmp_path: Path) -> None:
+    free = records_of(evaluation(f"{HARNESS}:Prints", episodes=2), tmp_path / "free")
+    held = records_of(
+        evaluation(f"{HARNESS}:Prints", episodes=2, limits=TimeLimits(60.0, 60.0)), tmp_path / "held"
+    )
+    for one, other in zip(held, free, strict=True):
+        assert one.outcome == other.outcome
+        assert one.attitude_cost == pytest.approx(other.attitude_cost, rel=1e-9)
+    assert held[0].timing["action_ms"] is not None
+
+
+def test_a_death_without_limits_says_what_helps(tmp_path: Path) -> None:
+    evaluated = evaluation("hold", f"{HARNESS}:Dies", episodes=2 * CHUNK)
+    prepare(evaluated, tmp_path, resume=False)
+    with pytest.raises(PolicyError, match="with --time-limit policies run in processes of their own"):
+        play_missing(evaluated.units(), tmp_path, 2)
+
+
+def test_timing_is_of_one_thread_and_names_the_processor(usual) -> None:
+    _, records = usual
+    for record in records:
+        assert record.timing["threads"] == 1
+        assert record.timing["processor"]
+        assert record.timing["action_ms"] is not None
+
+
+def test_a_dry_run_plays_nothing_and_learns_from_what_was_played(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SPACE_ENVS_CACHE", str(tmp_path / "cache"))
+    arguments = [
+        "--policy",
+        "hold",
+        "--split",
+        "validation",
+        "--episodes",
+        "3",
+        "--no-pictures",
+        "--jobs",
+        "1",
+    ]
+    output = ["--output", str(tmp_path / "out")]
+    assert main([*arguments, *output, "--dry-run"]) == 0
+    assert "never played on this machine" in capsys.readouterr().out
+    assert not (tmp_path / "out").exists()
+    assert main([*arguments, *output]) == 0
+    capsys.readouterr()
+    monkeypatch.setattr(runner, "play", lambda unit: pytest.fail("an episode was played"))
+    assert main([*arguments, *output, "--dry-run"]) == 0
+    told = capsys.readouterr().out
+    assert "unknown" not in told
+    assert "1 units of work; about 0 s with 1 jobs" in told.replace("\n", "")
+
+
+def test_several_ids_splits_and_seeds_in_one_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    ids = [SINGLE.env_id, PLANAR.env_id]
+    more = ["--split", "validation", "train", "--episodes", "2", "--seeds", "0-1", "--no-pictures"]
+    policies = ["--policy", "gjm", "hold"]
+    assert main(["--env", *ids, *policies, *more, "--output", str(tmp_path), "--jobs", "1"]) == 0
+    records = read_records(tmp_path / "records.jsonl")
+    entrants = {(record.env_id, record.split, record.policy) for record in records}
+    # gjm is made for one arm alone.
+    assert entrants == {(ids[0], split, p) for split in ("validation", "train") for p in ("gjm", "hold")} | {
+        (ids[1], split, "hold") for split in ("validation", "train")
+    }
+    assert len(records) == 6 * 2 * 2
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert {record.config_hash for record in records} == set(summary["provenance"]["configurations"])
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize(
+    ("jobs", "name", "address", "said"),
+    [
+        (0, "loky", None, "jobs must be at least 1"),
+        (1, "lokey", None, "Did you mean 'loky'"),
+        (1, "loky", "localhost:1", "takes no address"),
+    ],
+)
+def test_backends_that_cannot_be_are_refused(jobs: int, name: str, address: str | None, said: str) -> None:
+    with pytest.raises(ConfigurationError, match=said):
+        check_backend(jobs, name, address)
+
+
+def test_an_address_that_nobody_answers_at_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("space_envs.evaluation.parallel.PATIENCE", 0.5)
+    with pytest.raises(ConfigurationError, match="no Dask cluster answers at tcp://127.0.0.1:9"):
+        with backend(2, "dask", "tcp://127.0.0.1:9"):
+            pytest.fail("there is no cluster")
+
+
+def test_results_come_as_they_are_done() -> None:
+    from joblib import delayed
+
+    def wait(seconds: float) -> float:
+        time.sleep(seconds)
+        return seconds
+
+    with backend(2) as spread:
+        assert sorted(spread(delayed(wait)(s) for s in (0.2, 0.0, 0.1))) == [0.0, 0.1, 0.2]
