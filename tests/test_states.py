@@ -1,72 +1,79 @@
-"""Recorded states: what is saved is read back, what is damaged is refused, and what is drawn is what was played."""
+"""Recorded states: what is saved is read back, damage is refused, what is drawn was played."""
 
 import io
 import json
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
-from synthetic_results import make_record
+from numpy.typing import NDArray
 
+from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError
 from space_envs.evaluation.metrics import episode_records
 from space_envs.evaluation.playing import model_states
 from space_envs.evaluation.records import Entrant, Task
 from space_envs.evaluation.replays import make_replays, replay_of
 from space_envs.evaluation.rollout import roll_out
-from space_envs.evaluation.states import States, concatenate, states_of
+from space_envs.evaluation.runner import Played
+from space_envs.evaluation.states import ABOUT, States, concatenate, states_of
+from space_envs.evaluation.units import task_keywords
 from space_envs.registration import ENTRIES, make_task
+from space_envs.tasks.base import CaptureTask
 
 SPATIAL = "SpaceCapture/DualArmSpatial-v0"
+EMPTY = np.zeros((3, 0))
 
 
 class Turning:
-    """Moves every joint a little."""
-
-    def predict(self, observation: Any, state: Any = None, **_: Any) -> tuple[np.ndarray, None]:
-        return np.full((len(observation), self.joints), 0.2), None
+    """Turns every joint a little."""
 
     def __init__(self, joints: int) -> None:
         self.joints = joints
 
+    def predict(
+        self,
+        observation: Array,
+        state: Any = None,
+        episode_start: NDArray[np.bool_] | None = None,
+        deterministic: bool = True,
+    ) -> tuple[Array, Any]:
+        return np.full((len(observation), self.joints), 0.2), None
 
-def played(env_id: str, split: str = "ood", seed: int = 0, variant: str | None = None) -> SimpleNamespace:
-    """Two episodes of three goals' worth of names: what `states_of` takes."""
-    keywords = {"difficulty": "easy", "split": split} | ({"variant": variant} if variant else {})
-    task = make_task(env_id, keywords)
+
+def played(env_id: str, variant: str | None = None) -> Played:
+    """Two short episodes."""
+    keywords = {"difficulty": "easy", "split": "ood"} | ({"variant": variant} if variant else {})
     environment = {"env_id": env_id, "control_mode": "joint_velocity", **keywords}
-    indices = np.array([70, 3])
     rollout = roll_out(
-        lambda context: Turning(len(context.robot.home)),
-        environment,
-        split,
-        indices,
-        seed,  # type: ignore[arg-type]
+        lambda context: Turning(context.model.nu), environment, "ood", np.array([70, 3]), seed=0
     )
-    entrant = Entrant(Task(env_id, "easy", split), "turning", "joint_velocity")
-    records = tuple(episode_records(rollout, task, entrant, seed))
-    return SimpleNamespace(entrant=entrant, variant=variant, records=records, rollout=rollout, task=task)
+    entrant = Entrant(Task(env_id, "easy", "ood"), "turning", "joint_velocity")
+    records = episode_records(rollout, make_task(env_id, keywords), entrant, seed=0)
+    return Played(entrant, variant, tuple(records), rollout, seconds=1.0)
+
+
+def task_of(done: Played) -> CaptureTask:
+    return make_task(done.entrant.task.env_id, task_keywords(done.entrant.task, done.variant))
 
 
 @pytest.fixture(scope="module")
-def one() -> SimpleNamespace:
+def one() -> Played:
     return played(SPATIAL)
 
 
 @pytest.fixture(scope="module")
-def states(one: SimpleNamespace) -> States:
-    return states_of(one, one.task)  # type: ignore[arg-type]
+def states(one: Played) -> States:
+    return states_of(one, task_of(one))
 
 
 def small(**changes: Any) -> States:
     """Made-up states of three episodes of two steps."""
     values: dict[str, Any] = {
-        "about": dict.fromkeys(("env_id", "difficulty", "split", "policy", "control_mode"), "x")
-        | {"variant": ""},
+        "about": dict.fromkeys(ABOUT, "x") | {"variant": ""},
         "period": 0.1,
         "scene": np.arange(18, dtype=float).reshape(3, 3, 2),
         "attitude": np.zeros((3, 3)),
@@ -103,13 +110,13 @@ def test_what_is_saved_is_read_back_and_equal_states_give_equal_bytes(states: St
 
 
 @pytest.mark.parametrize("env_id", ENTRIES)
-def test_states_of_every_id_say_what_was_played(env_id: str, one: SimpleNamespace) -> None:
+def test_states_of_every_id_say_what_was_played(env_id: str, one: Played) -> None:
     done = one if env_id == SPATIAL else played(env_id)
-    made = states_of(done, done.task)
-    assert made.scene.shape == (2, done.task.horizon + 1, done.task.render_model.nq)
-    assert made.task() == done.task
+    made = states_of(done, task_of(done))
+    assert made.scene.shape == (2, task_of(done).horizon + 1, task_of(done).render_model.nq)
+    assert made.task() == task_of(done)
     # The goals are those that the task itself gives, though they were read from the arrays.
-    goals, wanted = made.goals(), done.task.goals("ood", np.array([70, 3]))
+    goals, wanted = made.goals(), task_of(done).goals("ood", np.array([70, 3]))
     assert type(goals) is type(wanted)
     for name, value in vars(wanted).items():
         np.testing.assert_array_equal(getattr(goals, name), value)
@@ -124,18 +131,15 @@ def test_states_of_every_id_say_what_was_played(env_id: str, one: SimpleNamespac
 
 def test_the_variant_is_kept() -> None:
     done = played("SpaceCapture/SingleArm-v0", variant="physical")
-    made = states_of(done, done.task)  # type: ignore[arg-type]
+    made = states_of(done, task_of(done))
     assert made.about["variant"] == "physical"
-    assert (
-        made.task()
-        == done.task
-        != make_task("SpaceCapture/SingleArm-v0", {"difficulty": "easy", "split": "ood"})
-    )
+    assert made.task() == task_of(done)
+    assert replace(made, about={**made.about, "variant": ""}).task() != task_of(done)
 
 
-def test_replays_from_states_are_those_from_the_rollout(one: SimpleNamespace, states: States) -> None:
+def test_replays_from_states_are_those_from_the_rollout(one: Played, states: States) -> None:
     from_states = make_replays(states.task(), states, one.records)
-    from_rollout = make_replays(one.task, one.rollout, one.records)
+    from_rollout = make_replays(task_of(one), one.rollout, one.records)
     assert len(from_states) == len(from_rollout) == 2
     for got, wanted in zip(from_states, from_rollout, strict=True):
         assert (got.label, got.seed, got.episode, got.index) == (
@@ -149,9 +153,7 @@ def test_replays_from_states_are_those_from_the_rollout(one: SimpleNamespace, st
         np.testing.assert_array_equal(got.time, wanted.time)
 
 
-def test_drawn_states_are_the_recorded_ones_with_even_motion_between(
-    one: SimpleNamespace, states: States
-) -> None:
+def test_drawn_states_are_the_recorded_ones_with_even_motion_between(one: Played, states: States) -> None:
     model = states.task().render_model
     replay = replay_of("", 1, states.task(), states, one.records[1], states.goals())
     data = mujoco.MjData(model)
@@ -201,7 +203,7 @@ def test_rows_and_parts(states: States) -> None:
         ({"scene": np.full((3, 3, 2), np.nan)}, "scene holds NaN"),
         ({"scene": np.full((3, 3, 2), 1e300)}, "scene holds NaN or infinity"),
         ({"scene": np.zeros((3, 3))}, "scene must have shape"),
-        ({"scene": np.zeros((3, 0, 2)), "attitude": np.zeros((3, 0)), "position_error": np.zeros((3, 0))}, "length"),
+        ({"scene": np.zeros((3, 0, 2)), "attitude": EMPTY, "position_error": EMPTY}, "length must lie in"),
         ({"attitude": np.zeros((3, 4))}, r"attitude must have shape \(3, 3\), got \(3, 4\)"),
         ({"length": np.array([2, 0, 3])}, r"length must lie in 0..2"),
         ({"length": np.array([2, 0, -1])}, r"length must lie in 0..2"),
@@ -268,9 +270,7 @@ def test_states_of_another_model_or_goal_are_refused(states: States) -> None:
         replace(states, goal={}).goals()
 
 
-def test_states_that_do_not_fit_their_records_are_refused(one: SimpleNamespace) -> None:
-    twice = [replace(record, episode=0, checksum="") for record in one.records]
-    broken = SimpleNamespace(**{**vars(one), "records": twice})
+def test_records_with_an_episode_twice_are_refused(one: Played) -> None:
+    twice = tuple(replace(record, episode=0, checksum="") for record in one.records)
     with pytest.raises(ConfigurationError, match="stands twice"):
-        states_of(broken, one.task)  # type: ignore[arg-type]
-    assert make_record().entrant != one.entrant
+        states_of(replace(one, records=twice), task_of(one))

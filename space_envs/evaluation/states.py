@@ -215,7 +215,8 @@ def _checked(name: str, value: Any, kind: str, shape: tuple[str, ...], sizes: di
     array = np.asarray(value)
     if array.dtype.kind != kind and not (kind == "i" and array.dtype.kind == "u"):
         raise ConfigurationError(f"states: {name} must be of {np.dtype(_TYPES[kind])}, got {array.dtype}")
-    array = array.astype(_TYPES[kind])
+    with np.errstate(over="ignore"):  # what is too large becomes infinite, and is refused below
+        array = array.astype(_TYPES[kind])
     if array.ndim != len(shape):
         raise ConfigurationError(f"states: {name} must have shape {shape}, got {array.shape}")
     # The first array with a letter fixes it; all later ones must agree.

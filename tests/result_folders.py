@@ -1,0 +1,96 @@
+"""Small result folders as `evaluate.py` leaves them, for the tests of what reads them."""
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from synthetic_results import make_record
+
+from space_envs.evaluation.metrics import configuration_hash
+from space_envs.evaluation.records import EpisodeRecord, write_records
+from space_envs.evaluation.report import entrant_stem
+from space_envs.evaluation.states import ABOUT, States
+from space_envs.registration import make_task
+
+
+def configuration(**changes: Any) -> dict[str, Any]:
+    """A task's settings, as `summary.json` has them."""
+    usual = {"env_id": "SpaceCapture/SingleArm-v0", "control_mode": "joint_velocity", "difficulty": "medium"}
+    return {**usual, "horizon": 200, "envelope": {"position": 0.05, "hold": 1.0}, **changes}
+
+
+def episodes(count: int = 3, config: Mapping[str, Any] | None = None, **changes: Any) -> list[EpisodeRecord]:
+    """Records of a task with such settings."""
+    config = configuration() if config is None else config
+    own = {name: config[name] for name in ("env_id", "control_mode", "difficulty")}
+    own["config_hash"] = configuration_hash(config)
+    return [
+        make_record(**{"episode": number, "index": 10 + number, **own, **changes}) for number in range(count)
+    ]
+
+
+def edit(path: Path, old: str, new: str) -> None:
+    """Replace the first of a text in a file that has it."""
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new, 1), encoding="utf-8")
+
+
+def write_folder(
+    path: Path,
+    records: Sequence[EpisodeRecord],
+    configurations: Sequence[Mapping[str, Any]] = (configuration(),),
+    states: bool = False,
+) -> Path:
+    """Records, the summary with checksums and configurations, and made-up states if they are wanted."""
+    path.mkdir(parents=True)
+    write_records(path / "records.jsonl", records)
+    written = [path / "records.jsonl"]
+    if states:
+        for entrant in dict.fromkeys(record.entrant for record in records):
+            target = path / "states" / f"{entrant_stem(entrant)}.npz"
+            made_states([record for record in records if record.entrant == entrant]).save(target)
+            written.append(target)
+    summary = {
+        "schema": 2,
+        "provenance": {
+            "command": f"evaluate.py --output {path.name}",
+            "configurations": {configuration_hash(config): config for config in configurations},
+        },
+        "checksums": {
+            each.relative_to(path).as_posix(): hashlib.sha256(each.read_bytes()).hexdigest()
+            for each in written
+        },
+    }
+    (path / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
+    return path
+
+
+def made_states(records: Sequence[EpisodeRecord], horizon: int = 200) -> States:
+    """States of the records' episodes: joints turn by an angle that says which episode it is."""
+    first = records[0]
+    task = make_task(first.env_id, {"difficulty": first.difficulty, "split": first.split})
+    indices = np.array([record.index for record in records])
+    nq = task.render_model.nq
+    scene = np.zeros((len(records), horizon + 1, nq), dtype=np.float32)
+    scene[..., 3] = 1.0
+    scene[..., 7:] = np.linspace(0.0, 1.0, horizon + 1)[None, :, None]
+    scene[..., 7] += np.array([record.episode for record in records])[:, None]
+    about = {name: getattr(first, name) for name in ABOUT if name != "variant"}
+    flat = np.zeros((len(records), horizon + 1), dtype=np.float32)
+    return States(
+        about={**about, "variant": ""},
+        period=task.control_period,
+        scene=scene,
+        attitude=flat,
+        position_error=flat,
+        length=np.array([record.steps for record in records]),
+        seed=np.array([record.seed for record in records]),
+        episode=np.array([record.episode for record in records]),
+        index=indices,
+        outcome=np.array([record.outcome for record in records]),
+        goal=vars(task.goals(first.split, indices)),
+    )

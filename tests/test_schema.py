@@ -1,0 +1,151 @@
+"""The published schema accepts what the class accepts, and refuses what it refuses."""
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import jsonschema
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from synthetic_results import make_record, make_result
+
+from docs.generate import DOCS
+from docs.reading import comments
+from space_envs.errors import ConfigurationError
+from space_envs.evaluation.records import OUTCOMES, SCHEMA_VERSION, UNTIMED, EpisodeRecord, Timing
+from space_envs.evaluation.schema import DESCRIPTIONS, record_schema, schema_text
+
+VALIDATOR = jsonschema.Draft202012Validator(record_schema())
+FAILED = {"captured": False, "outcome": "timeout", "time_to_capture": None}
+RECORDS = {
+    "captured": make_record(),
+    "untimed": make_record(timing=UNTIMED),
+    "failed": make_record(**FAILED, reason="too late", attitude_cost=None, momentum_drift=None),
+}
+COUNTS = "index episode seed steps collisions clipped_actions".split()
+POSITIVE = (
+    "position_error orientation_error peak_attitude final_attitude attitude_cost base_angular_impulse "
+    "kinetic_energy_integral peak_power momentum_drift"
+).split()
+PLAIN = [name for name in json.loads(make_record().to_json()) if name not in ("timing", "checksum")]
+SIGNED = ("episode_return", "mechanical_work")
+NAMES = "env_id policy control_mode difficulty split config_hash".split()
+
+
+def accepted_by_class(values: Mapping[str, Any]) -> bool:
+    """Whether there is such a record, if its checksum is the right one: that is beyond a schema."""
+    try:
+        EpisodeRecord(**{name: value for name, value in values.items() if name != "checksum"})
+    except (ConfigurationError, TypeError):  # of unknown and of missing fields
+        return False
+    return "checksum" in values
+
+
+def test_the_published_file_is_that_of_the_code() -> None:
+    path = DOCS / "schema" / f"record-v{SCHEMA_VERSION}.json"
+    assert path.read_text(encoding="utf-8") == schema_text(), "run: python -m docs.generate"
+    schema = json.loads(schema_text())
+    jsonschema.Draft202012Validator.check_schema(schema)
+    assert schema["$schema"].endswith("2020-12/schema")
+    assert schema["$id"].endswith(f":{SCHEMA_VERSION}")
+
+
+def test_every_field_is_described_with_the_unit_of_its_comment() -> None:
+    names = {*comments(EpisodeRecord), *EpisodeRecord.__annotations__, *Timing.__annotations__}
+    assert set(DESCRIPTIONS) == names
+    schema = record_schema()
+    timing = schema["properties"]["timing"]
+    assert all(each["description"] for each in {**schema["properties"], **timing["properties"]}.values())
+    for name in POSITIVE:
+        unit = comments(EpisodeRecord)[name].split(",")[0].split(" or ")[0]
+        assert unit in DESCRIPTIONS[name], name
+
+
+@pytest.mark.parametrize("name", RECORDS)
+def test_records_are_accepted(name: str) -> None:
+    VALIDATOR.validate(json.loads(RECORDS[name].to_json()))
+
+
+def test_records_of_an_evaluation_and_all_outcomes_are_accepted() -> None:
+    for record in make_result(episodes=4, seeds=2).records:
+        VALIDATOR.validate(json.loads(record.to_json()))
+    for outcome in OUTCOMES[1:]:
+        VALIDATOR.validate(json.loads(make_record(**FAILED | {"outcome": outcome}).to_json()))
+
+
+def mutations() -> list[tuple[str, str, Any]]:
+    """Record, field and value that neither may accept; `None` in place of a value takes the field away."""
+    wrong: list[tuple[str, Any]] = [(name, value) for name in NAMES for value in ("", 3, [], {})]
+    wrong += [(name, value) for name in COUNTS for value in (-1, 1.5, "1", True, [])]
+    wrong += [(name, value) for name in POSITIVE for value in (-0.1, "1", True, {})]
+    wrong += [(name, value) for name in SIGNED for value in ("1", False, [])]
+    wrong += [("schema", value) for value in (1, 3, "2", 2.5, True)]
+    wrong += [("captured", value) for value in (0, 1, "true")]
+    wrong += [("outcome", value) for value in ("captred", "", 3)]
+    wrong += [("reason", value) for value in (3, [])]
+    wrong += [("time_to_capture", value) for value in (-1.0, "1", True)]
+    wrong += [("timing", value) for value in (3, [], {}, {**UNTIMED, "more": 1}, {"planning_ms": 1.0})]
+    for name in ("planning_ms", "action_ms"):
+        wrong += [("timing", {**UNTIMED, name: value}) for value in (-1.0, "1", True)]
+    wrong += [("timing", {**UNTIMED, "processor": value}) for value in ("", 3)]
+    wrong += [("timing", {**UNTIMED, "threads": value}) for value in (-1, 1.5, "1")]
+    wrong += [("an_unknown_field", 1), ("policy ", "x")]
+    return [(record, name, value) for record in RECORDS for name, value in wrong]
+
+
+@pytest.mark.parametrize("record", RECORDS)
+def test_what_the_class_refuses_the_schema_refuses(record: str) -> None:
+    whole = json.loads(RECORDS[record].to_json())
+    assert accepted_by_class(whole)
+    for _, name, value in (each for each in mutations() if each[0] == record):
+        values = whole | {name: value}
+        assert not accepted_by_class(values), (name, value)
+        assert not VALIDATOR.is_valid(values), (name, value)
+    for name in whole:
+        missing = {each: value for each, value in whole.items() if each != name}
+        assert not accepted_by_class(missing), name
+        assert not VALIDATOR.is_valid(missing), name
+    for other in ([], "text", 3, None, {}):
+        assert not VALIDATOR.is_valid(other)
+
+
+@pytest.mark.parametrize("name", [*PLAIN, "timing", "checksum"])
+@pytest.mark.parametrize("record", RECORDS)
+def test_null_is_accepted_by_both_or_by_neither(record: str, name: str) -> None:
+    values = json.loads(RECORDS[record].to_json()) | {name: None}
+    assert VALIDATOR.is_valid(values) == (accepted_by_class(values) and name != "checksum")
+
+
+def test_captured_outcome_and_time_agree() -> None:
+    for captured in (True, False):
+        for outcome in ("captured", "timeout"):
+            for time in (None, 1.0):
+                values = json.loads(make_record().to_json())
+                values |= {"captured": captured, "outcome": outcome, "time_to_capture": time}
+                assert VALIDATOR.is_valid(values) == accepted_by_class(values), values
+                assert VALIDATOR.is_valid(values) == (captured == (outcome == "captured") == bool(time))
+
+
+@pytest.mark.parametrize("checksum", ["", "0123", "0123456789abcdeF", "0123456789abcdef0", 3])
+def test_checksums_have_their_form(checksum: object) -> None:
+    values = json.loads(make_record().to_json()) | {"checksum": checksum}
+    assert not VALIDATOR.is_valid(values)
+    with pytest.raises(ConfigurationError, match="checksum"):
+        EpisodeRecord.from_dict(values)
+
+
+@given(
+    st.sampled_from(PLAIN),
+    st.one_of(
+        st.none(),
+        st.booleans(),
+        st.integers(),
+        st.floats(allow_nan=False, allow_infinity=False).filter(lambda value: not value.is_integer()),
+        st.text(),
+    ),
+    st.sampled_from(list(RECORDS)),
+)
+def test_both_judge_any_value_alike(name: str, value: object, record: str) -> None:
+    values = json.loads(RECORDS[record].to_json()) | {name: value}
+    assert VALIDATOR.is_valid(values) == accepted_by_class(values)
