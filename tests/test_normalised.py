@@ -1,13 +1,18 @@
 """Normalised scores against hand-worked cases."""
 
+import json
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 from played_episodes import played
-from synthetic_results import entrant
+from synthetic_results import entrant, make_result
 
 from space_envs.errors import ConfigurationError
 from space_envs.evaluation.normalised import MAIN_SCORE, SCORES, normalised_scores
 from space_envs.evaluation.records import EpisodeRecord
+from space_envs.evaluation.report import write_report
 
 
 def test_normalised_success_by_hand() -> None:
@@ -85,3 +90,17 @@ def test_scores_of_several_tasks_are_refused() -> None:
     records = played("a", [1.0]) + played("a", [1.0], split="train")
     with pytest.raises(ConfigurationError, match="train split"):
         normalised_scores(records, (), np.random.default_rng(0))
+
+
+def test_scores_stand_in_the_summary_and_on_the_page(tmp_path: Path) -> None:
+    made = make_result(episodes=6, policies=("random", "mpc", "gjm"))
+    paths = write_report(replace(made, experts=("mpc", "gjm")), tmp_path)
+    rows = {row["policy"]: row["normalised"] for row in json.loads(paths.summary.read_text())["rows"]}
+    assert rows["random"]["success"]["value"] == 0.0
+    assert max(rows[name]["success"]["value"] for name in ("mpc", "gjm")) == 1.0
+    page = paths.html.read_text()
+    assert "Normalised scores" in page
+    assert "1 is mpc" in page or "1 is gjm" in page
+    without = write_report(made, tmp_path / "without")
+    reason = json.loads(without.summary.read_text())["rows"][0]["normalised"]["success"]["reason"]
+    assert reason in without.html.read_text()

@@ -242,7 +242,7 @@ def test_many_replays_lose_frames_and_fit(
     (whole,) = values.values()
     assert stride == 1 and [len(each["time"]) for each in whole] == [len(one.time) for one in replays]
     size = sum(len(json_text(each)) for each in whole)
-    assert size < REPLAY_LETTERS / 100
+    assert size < REPLAY_LETTERS / 80
     monkeypatch.setattr(page_replays, "REPLAY_LETTERS", size // 2)
     stride, values = page_replays._fitting(motions)
     (fewer,) = values.values()

@@ -13,7 +13,12 @@ NO_EXPERTS = ("agents.baselines", "agents.learned_policy")  # modules of policie
 
 def experts_for(env_id: str) -> list[str]:
     """Names of the registered policies that plan, of those made for an id."""
-    return [name for name in policies_for(env_id) if POLICIES[name].policy.split(":")[0] not in NO_EXPERTS]
+    return [name for name in policies_for(env_id) if name in expert_names()]
+
+
+def expert_names() -> tuple[str, ...]:
+    """Names of all registered policies that plan."""
+    return tuple(name for name, entry in POLICIES.items() if entry.policy.split(":")[0] not in NO_EXPERTS)
 
 
 def choose_policies(

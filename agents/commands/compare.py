@@ -3,8 +3,10 @@
 import argparse
 import shlex
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+from agents.commands.choice import expert_names
 from agents.commands.show import show
 from space_envs.errors import ConfigurationError, SpaceEnvsError, unknown_name
 from space_envs.evaluation.folders import read_folder
@@ -57,6 +59,7 @@ def main(arguments: list[str]) -> int:
             "versions": versions(),
         }
         result, notes = merge(sources, about, options.separate)
+        result = replace(result, experts=expert_names())
         write_report(result, options.output)
         show(result.records, options.output, notes=notes)
     except SpaceEnvsError as error:

@@ -57,9 +57,8 @@ def parser() -> argparse.ArgumentParser:
         nargs="+",
         default=["all"],
         metavar="NAME",
-        help="built-in policies, 'all' for every one of them (default), 'experts' for the planners, your own as "
-        "package.module:Class, "
-        "the folder of a run of train.py, or a zip of stable-baselines3",
+        help="built-in policies, 'all' for every one of them (default), 'experts' for the planners, your own "
+        "as package.module:Class, the folder of a run of train.py, or a zip of stable-baselines3",
     )
     add("--split", nargs="+", default=["test"], metavar="NAME", help=f"{', '.join(SPLITS)} (default test)")
     what = f"{', '.join(DIFFICULTIES)} (default medium)"

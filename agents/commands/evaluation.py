@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from agents.commands.choice import expert_names
 from space_envs.evaluation.leaderboard import build_rows
 from space_envs.evaluation.metrics import config_hash, configuration, episode_traces
 from space_envs.evaluation.names import display_name
@@ -86,9 +87,8 @@ def _result(
     note = "Pictures were switched off with --no-pictures."
     if options.pictures:
         note = "" if pictures else " ".join(sorted(notes))
-    return EvaluationResult(
-        records, traces, _about(evaluation, units, options, started), pictures, note, replays, states
-    )
+    about = _about(evaluation, units, options, started)
+    return EvaluationResult(records, traces, about, pictures, note, replays, states, expert_names())
 
 
 def _about(evaluation: Evaluation, units: list[Unit], options: Options, started: float) -> dict[str, Any]:

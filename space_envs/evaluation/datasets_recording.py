@@ -112,7 +112,7 @@ def _side_by_side(
     """
     n = len(rows)
     env = CaptureVectorEnv(num_envs=n, autoreset_mode="disabled", **environment)
-    policy = on_one_thread(unit.player.build(context, unit.seed))
+    policy = on_one_thread(unit.player.build(context, unit.policy_seed))
     index = np.array(unit.indices)[rows]
     seeds = [unit.seed + unit.first + int(row) for row in rows]
     observation, _ = env.reset(seed=list(seeds), options={"split": unit.task.split, "index": index})

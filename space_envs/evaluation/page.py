@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib.resources import files
 from itertools import groupby
+from types import MappingProxyType
 from typing import Any
 
 import jinja2
@@ -26,6 +27,7 @@ from space_envs.evaluation.drawing import prefixed
 from space_envs.evaluation.leaderboard import Row
 from space_envs.evaluation.names import display_name
 from space_envs.evaluation.page_replays import page_replays
+from space_envs.evaluation.page_scores import Scores, score_table
 from space_envs.evaluation.records import OUTCOMES, Entrant, EpisodeRecord, EvaluationResult, Task
 from space_envs.evaluation.tables import ABLE, COLUMNS, NOTE, Column, by_task, leaders, row_name
 from space_envs.registration import ENTRIES
@@ -65,7 +67,10 @@ def make_plots(
 
 
 def to_html(
-    result: EvaluationResult, rows: Sequence[Row], plots: Mapping[Task, Sequence[figures.Plot]]
+    result: EvaluationResult,
+    rows: Sequence[Row],
+    plots: Mapping[Task, Sequence[figures.Plot]],
+    scores: Scores = MappingProxyType({}),
 ) -> str:
     """The page, self-contained.
 
@@ -83,7 +88,7 @@ def to_html(
     command = result.provenance.get("command")
     return environment.from_string(_template("report.html.j2")).render(
         title=display_name(", ".join(env_ids), 200),
-        pages=_pages(result, rows, plots),
+        pages=_pages(result, rows, plots, scores),
         columns=COLUMNS,
         note=NOTE,
         no_pictures=result.pictures_note or NO_PICTURES,
@@ -108,7 +113,10 @@ def highlights(rows: Sequence[Row]) -> list[dict[str, str]]:
 
 
 def _pages(
-    result: EvaluationResult, rows: Sequence[Row], plots: Mapping[Task, Sequence[figures.Plot]]
+    result: EvaluationResult,
+    rows: Sequence[Row],
+    plots: Mapping[Task, Sequence[figures.Plot]],
+    scores: Scores,
 ) -> list[dict[str, Any]]:
     """One page for each id, with a section for each of its tasks."""
     shade = _shade(rows)
@@ -131,6 +139,7 @@ def _pages(
                 "left_out": [plot.title for plot in plots[task] if plot not in fitting[task]],
                 "replays": watched,
                 "pictures": pictures[task],
+                "scores": score_table(mine, scores),
             }
             sections.append(section)
         pages.append(
@@ -147,7 +156,7 @@ def _pages(
 
 
 def _fitting(plots: Mapping[Task, Sequence[figures.Plot]]) -> dict[Task, list[figures.Plot]]:
-    """The plots for which the page has room: those of all policies together before those of each by itself."""
+    """The plots for which the page has room: those of all policies together before those of each alone."""
     room = PLOT_LETTERS
     fitting: dict[Task, list[figures.Plot]] = {task: [] for task in plots}
     for single in (False, True):

@@ -9,7 +9,7 @@ import hashlib
 import json
 import math
 import types
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self, TypedDict, Union, get_args, get_origin, get_type_hints
@@ -185,7 +185,8 @@ class EvaluationResult:
     or the machine's load decides goes under its key `timing`, so that the rest repeats byte for byte.
     `pictures` holds uint8 frames (height, width, 3) of a capture for each entrant, in order of time; where it
     is empty, `pictures_note` says why in one sentence. `replays` holds the best, the median and the worst
-    episode of each, `states` the recorded states of all.
+    episode of each, `states` the recorded states of all. `experts` are the names of policies among which the
+    best has the normalised score 1.
     """
 
     records: Sequence[EpisodeRecord]
@@ -195,6 +196,7 @@ class EvaluationResult:
     pictures_note: str = ""
     replays: Mapping[Entrant, Sequence[Replay]] = field(default_factory=dict)
     states: Mapping[Entrant, States] = field(default_factory=dict)
+    experts: Collection[str] = ()
 
 
 def write_records(path: str | Path, records: Iterable[EpisodeRecord]) -> None:

@@ -13,6 +13,7 @@ from space_envs.evaluation.exports import write_plots, write_videos
 from space_envs.evaluation.leaderboard import Row, build_rows
 from space_envs.evaluation.names import joined_file_name
 from space_envs.evaluation.page import make_plots, to_html
+from space_envs.evaluation.page_scores import Scores, all_scores, plain_scores
 from space_envs.evaluation.records import (
     SCHEMA_VERSION,
     Entrant,
@@ -64,7 +65,8 @@ def write_report(
         raise ConfigurationError("a report needs at least one record")
     generator = np.random.default_rng(BOOTSTRAP_SEED) if generator is None else generator
     rows = build_rows(result.records, generator)
-    summary_json(result, rows, {})  # says what is wrong with the provenance, before plots take their time
+    scores = all_scores(result.records, result.experts, generator)
+    summary_json(result, rows, scores, {})  # refuses provenance that is not plain, before plots take time
     plots = make_plots(result, rows, generator)
     folder = Path(folder)
     traces = {entrant: folder / "traces" / f"{entrant_stem(entrant)}.npz" for entrant in result.traces}
@@ -73,7 +75,7 @@ def write_report(
         "leaderboard.md": to_markdown(rows),
         "leaderboard.csv": to_csv(rows),
         "leaderboard.tex": to_latex(rows),
-        "report.html": to_html(result, rows, plots),
+        "report.html": to_html(result, rows, plots, scores),
     }
     for entrant, path in traces.items():
         result.traces[entrant].save(path)
@@ -85,7 +87,7 @@ def write_report(
         atomic_write_text(folder / name, text)
     relied_on = [folder / "records.jsonl", *traces.values(), *states.values()]
     checksums = {path.relative_to(folder).as_posix(): _sha256(path) for path in relied_on}
-    atomic_write_text(folder / "summary.json", summary_json(result, rows, checksums))
+    atomic_write_text(folder / "summary.json", summary_json(result, rows, scores, checksums))
     write_plots(plots, folder / "plots")
     written, note = {}, ""
     if videos:
@@ -110,7 +112,9 @@ def write_report(
     )
 
 
-def summary_json(result: EvaluationResult, rows: Sequence[Row], checksums: Mapping[str, str]) -> str:
+def summary_json(
+    result: EvaluationResult, rows: Sequence[Row], scores: Scores, checksums: Mapping[str, str]
+) -> str:
     """Schema version, provenance, rows, each with its trace file if it has one, and the SHA-256 of files that
     others may rely on, as indented JSON."""
     summary = {
@@ -118,6 +122,7 @@ def summary_json(result: EvaluationResult, rows: Sequence[Row], checksums: Mappi
         "provenance": result.provenance,
         "rows": [
             row.to_dict()
+            | {"normalised": plain_scores(scores[row.entrant])}
             | {"traces": f"traces/{entrant_stem(row.entrant)}.npz" if row.entrant in result.traces else None}
             for row in rows
         ],

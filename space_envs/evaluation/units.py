@@ -57,7 +57,7 @@ class Unit:
 
     Attributes:
         player: the policy. task: what is asked. variant: of the model, or None for the usual one.
-        seed: of the policy and the environment. first: number of its first episode within the seed.
+        seed: of goals, the policy and the environment. first: number of its first episode within the seed.
         indices: goals of the split. limits: of the policy's calls, if there are any.
         paths: where modules are found.
     """
@@ -75,6 +75,11 @@ class Unit:
     def entrant(self) -> Entrant:
         """The row of the leaderboard that it counts in."""
         return Entrant(self.task, self.player.name, self.player.control_mode)
+
+    @property
+    def policy_seed(self) -> int:
+        """Of the policy, so that what it draws differs from unit to unit."""
+        return int(np.random.SeedSequence([self.seed, self.first]).generate_state(1)[0])
 
     @property
     def keywords(self) -> dict[str, Any]:
@@ -156,7 +161,7 @@ def play(unit: Unit) -> Part:
     with prepared(unit):
         before = perf_counter()
         rollout = roll_out(
-            lambda context: on_one_thread(unit.player.build(context, unit.seed)),
+            lambda context: on_one_thread(unit.player.build(context, unit.policy_seed)),
             unit.environment,
             unit.task.split,
             np.array(unit.indices),
@@ -172,7 +177,7 @@ def time_unit(unit: Unit) -> PolicyTime:
     """Time the policy on a unit's episodes; errors as in `time_policy`."""
     with prepared(unit):
         return time_policy(
-            lambda context: on_one_thread(unit.player.build(context, unit.seed)),
+            lambda context: on_one_thread(unit.player.build(context, unit.policy_seed)),
             unit.environment,
             unit.task.split,
             np.array(unit.indices),
