@@ -221,12 +221,23 @@ def test_a_replay_plays_by_itself_only_where_motion_is_wanted(page: Page, option
         assert player.get_by_role("button", name="Play").is_visible()
 
 
+def rested(page: Page) -> bytes:
+    """The canvas once it changes no more: on a loaded machine the first frames come late."""
+    before = pixels(page)
+    for _ in range(40):
+        page.wait_for_timeout(150)
+        now = pixels(page)
+        if now == before:
+            return now
+        before = now
+    raise AssertionError("the canvas does not come to rest")
+
+
 def test_a_replay_plays_turns_and_is_steered_by_keys(page: Page) -> None:
     page.get_by_role("link", name="Watch minimum_jerk").click()
     until(page, "document.querySelector('.player .told').textContent.startsWith('Captured')")
-    page.wait_for_timeout(100)
-    still = pixels(page)
-    assert len(still) > 20_000 and pixels(page) == still  # a picture, and at rest
+    still = rested(page)
+    assert len(still) > 20_000  # a picture
     player, slider = page.locator(".player:visible"), page.locator(".player:visible .time")
 
     player.get_by_role("button", name="Play").click()
