@@ -70,7 +70,8 @@ class Painter {
       const along = (way) => Math.max(0, n.reduce((sum, each, i) => sum + each * way[i], 0) / length);
       const light = 0.28 + 0.25 * along(view.back) + 0.75 * along(scene.sun.map((each) => -each));
       const rgb = [0, 1, 2].map((i) => Math.min(255, Math.round(scene.colours[4 * a + i] * light)));
-      const distance = screen[3 * a + 2] + screen[3 * b + 2] + screen[3 * c + 2];
+      // By the farthest corner: what is large comes before the small things that lie on it.
+      const distance = Math.max(screen[3 * a + 2], screen[3 * b + 2], screen[3 * c + 2]);
       found.push([distance, a, b, c, `rgba(${rgb.join(",")},${scene.colours[4 * a + 3] / 255})`]);
     }
     return found.sort((left, right) => right[0] - left[0]);
