@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.sparse import csc_matrix
 
+from agents.ipopt import Expressions
 from agents.optimal.ocp_model import GAUSS, ORDER, SingleArm, Torque
 from agents.splines import DEGREE, Mesh, Terms
 from space_envs.dynamics.rotations import Array
@@ -228,26 +229,7 @@ def build(
     bend = _bend(layout, bends, SCALE * square, lam_f)
 
     values = ca.Function("values", [x, p], [f, g], ["x", "p"], ["f", "g"])
-    slope_of = ca.Function("nlp_jac_g", [x, p], [g, slopes], ["x", "p"], ["g", "jac_g_x"])
-    solver = ca.nlpsol(
-        "solver",
-        "ipopt",
-        {"x": x, "p": p, "f": f, "g": g},
-        {
-            "grad_f": ca.Function("nlp_grad_f", [x, p], [f, gradient], ["x", "p"], ["f", "grad_f_x"]),
-            "jac_g": slope_of,
-            "hess_lag": ca.Function(
-                "nlp_hess_l",
-                [x, p, lam_f, lam_g],
-                [bend],
-                ["x", "p", "lam_f", "lam_g"],
-                ["triu_hess_gamma_x_x"],
-            ),
-            "no_nlp_grad": True,
-            "calc_lam_p": False,
-            **options,
-        },
-    )
+    solver = Expressions(x, p, f, g, gradient, slopes, (lam_f, lam_g), bend).solver(options)
     both = ca.Function("slopes", [x, p], [gradient, slopes])
     return Program(
         mesh, solver, values, both, n, (len(rates), len(accelerations)), n * len(times), clearances

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import BarycentricInterpolator
 from scipy.special import roots_legendre
 
+from agents.ipopt import Expressions
 from agents.planning import Limits
 from agents.reactionless.free_model import compiled
 from agents.reactionless.model import PathModel
@@ -203,30 +204,15 @@ def _built(
         value = states @ ca.DM(matrix.T)
         parts.append(ca.vec(value if row else value - half * rates))
     weights = ca.DM(grid.weights).T
-    programme = {
-        "x": variables,
-        "p": parameters,
-        "f": half * ca.dot(energies, weights),
-        "g": ca.vertcat(*parts),
-    }
-    jacobian, cost_slope = _first_derivatives(local, x, rates, velocity, half, linear, n, rows, weights)
-    factor, multipliers = ca.MX.sym("factor"), ca.MX.sym("multipliers", programme["g"].numel())
+    cost, constraints = half * ca.dot(energies, weights), ca.vertcat(*parts)
+    jacobian, gradient = _first_derivatives(local, x, rates, velocity, half, linear, n, rows, weights)
+    factor, multipliers = ca.MX.sym("factor"), ca.MX.sym("multipliers", constraints.numel())
     share = ca.reshape(multipliers[: rows * points], rows, points)
     bends = local["bend"].map(points)(x, rates, velocity, share, factor * half * weights)
-    arguments = [variables, parameters]
-    options = {
-        "ipopt": IPOPT,
-        "print_time": False,
-        "no_nlp_grad": True,
-        "calc_lam_p": False,
-        "error_on_fail": False,
-        "jac_g": ca.Function("jac_g", arguments, [programme["g"], jacobian]),
-        "grad_f": ca.Function("grad_f", arguments, [programme["f"], cost_slope]),
-        "hess_lag": ca.Function(
-            "hess_lag", [*arguments, factor, multipliers], [_second_derivatives(bends, n, points)]
-        ),
-    }
-    solver = ca.nlpsol("reactionless_ocp", "ipopt", programme, options)
+    hessian = _second_derivatives(bends, n, points)
+    solver = Expressions(
+        variables, parameters, cost, constraints, gradient, jacobian, (factor, multipliers), hessian
+    ).solver({"ipopt": IPOPT, "print_time": False, "error_on_fail": False})
     return Programme(solver, points, n, rows, (rows + n) * points + (n if from_rest else 0))
 
 

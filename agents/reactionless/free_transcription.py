@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 from scipy.sparse import csc_matrix
 
+from agents.ipopt import Expressions
 from agents.reactionless.free_model import HeldAttitude, Smooth
 from agents.splines import Mesh, Terms
 from space_envs.dynamics.rotations import Array
@@ -84,25 +85,7 @@ def build(
     bends = ca.vec(cost.bend.map(count)(*nodes, *extra, bend_weight[0] * weights.T))
     bend = _bend(model, mesh, n, bends, (middles, last), across, bend_weight[1])
     slopes = ca.Function("nlp_jac_g", [x, p], [g, slope], ["x", "p"], ["g", "jac_g_x"])
-    solver = ca.nlpsol(
-        "solver",
-        "ipopt",
-        {"x": x, "p": p, "f": f, "g": g},
-        {
-            "grad_f": ca.Function("nlp_grad_f", [x, p], [f, gradient], ["x", "p"], ["f", "grad_f_x"]),
-            "jac_g": slopes,
-            "hess_lag": ca.Function(
-                "nlp_hess_l",
-                [x, p, *bend_weight],
-                [bend],
-                ["x", "p", "lam_f", "lam_g"],
-                ["triu_hess_gamma_x_x"],
-            ),
-            "no_nlp_grad": True,
-            "calc_lam_p": False,
-            **options,
-        },
-    )
+    solver = Expressions(x, p, f, g, gradient, slope, bend_weight, bend).solver(options)
     return Program(mesh, solver, slopes, n, shown, turning.numel(), ending.numel())
 
 
