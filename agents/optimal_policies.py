@@ -127,12 +127,6 @@ class OptimalControl(OptimalPolicy):
         return list(plans)
 
 
-class OptimalControlKept(OptimalControl):
-    """The same with the base's first attitude at the end."""
-
-    keep_attitude = True
-
-
 class PrompOptimal(OptimalPolicy):
     """Least eq. 20 in the weights of a ProMP, from stored optimal motions; the attitude is free."""
 

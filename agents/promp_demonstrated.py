@@ -23,9 +23,3 @@ class PrompDemonstrated(OptimalPolicy):
     def plan(self, asked: list[Reach]) -> list[Motion | Failure]:
         """Plans of all rows."""
         return [self._planner.plan(reach) for reach in asked]
-
-
-class PrompDemonstratedKept(PrompDemonstrated):
-    """The same with the base's first attitude at the end."""
-
-    keep_attitude = True
