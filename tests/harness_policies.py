@@ -73,6 +73,15 @@ class Dies(Well):
         return super().predict(observation, state, episode_start, deterministic)
 
 
+class Leaves(Well):
+    """Leaves the program where there is such a row."""
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        if self.bad(observation).any():
+            raise SystemExit(4)
+        return super().predict(observation, state, episode_start, deterministic)
+
+
 class Prints(Well):
     """Writes to standard output, which is none of the harness's pipes."""
 

@@ -15,7 +15,7 @@ import pytest
 
 from agents.commands.evaluate import main
 from agents.resolve import resolve_policy
-from space_envs.errors import ConfigurationError, PolicyError
+from space_envs.errors import ConfigurationError
 from space_envs.evaluation import runner
 from space_envs.evaluation.parallel import backend, check_backend
 from space_envs.evaluation.policy_process import TimeLimits
@@ -168,7 +168,8 @@ def test_parts_never_unpickle(tmp_path: Path) -> None:
         ("Raises", None, "it raised ValueError: a goal that I do not like (step 3)"),
         ("NaNs", None, "the action held NaN or infinity at step 3"),
         ("Shapes", None, "it returned actions of shape (1, 14), expected (1, 7) (step 3)"),
-        ("Raises", TimeLimits(20.0, 20.0), "ValueError: a goal that I do not like (step 3)"),
+        ("Leaves", None, "it raised SystemExit: 4 (step 3)"),
+        ("Raises", TimeLimits(20.0, 20.0), "it raised ValueError: a goal that I do not like (step 3)"),
         ("Sleeps", TimeLimits(20.0, 1.0), "no action within 1 s (step 3)"),
         ("Dies", TimeLimits(20.0, 20.0), "its process ended, with exit status 3 (step 3)"),
     ],
@@ -202,11 +203,36 @@ def test_limits_that_are_kept_change_nothing(tmp_path: Path) -> None:
     assert held[0].timing["action_ms"] is not None
 
 
-def test_a_death_without_limits_says_what_helps(tmp_path: Path) -> None:
-    evaluated = evaluation("hold", f"{HARNESS}:Dies", episodes=2 * CHUNK)
-    prepare(evaluated, tmp_path, resume=False)
-    with pytest.raises(PolicyError, match="with --time-limit policies run in processes of their own"):
-        play_missing(evaluated.units(), tmp_path, 2)
+@pytest.mark.parametrize(
+    ("name", "package"),
+    [
+        ("loky", "joblib"),
+        pytest.param("ray", "ray", marks=pytest.mark.slow),
+        pytest.param("dask", "distributed", marks=pytest.mark.slow),
+    ],
+)
+def test_a_policy_that_ends_its_process_loses_only_its_own_episodes(
+    name: str, package: str, tmp_path: Path
+) -> None:
+    """Whatever played beside it in the same processes; the others' bytes are those of an undisturbed run."""
+    pytest.importorskip(package)
+    quiet = records_of(evaluation("random", f"{HARNESS}:Well", episodes=8), tmp_path / "quiet")
+    made = records_of(evaluation("random", f"{HARNESS}:Dies", episodes=8), tmp_path / "dead", 2, name)
+    assert records_without_timing(made[:8]) == records_without_timing(quiet[:8])
+    goals = make_task(SINGLE.env_id, {}).goals(SINGLE.split, np.array([record.index for record in made[8:]]))
+    spoilt = harness_policies.chosen(goals.position)
+    assert 0 < spoilt.sum() < 8
+    for record, bad in zip(made[8:], spoilt, strict=True):
+        assert (record.outcome == "policy_error") == bad
+        assert record.reason == ("its process ended, with exit status 3 (step 3)" if bad else None)
+
+
+@pytest.mark.parametrize("name", ["Raises", "NaNs", "Shapes", "Leaves", "Well"])
+def test_a_process_of_its_own_changes_no_record(name: str) -> None:
+    (unit,) = evaluation(f"{HARNESS}:{name}", episodes=6).units()
+    here, apart = play(unit), play(unit, apart=True)
+    assert apart.records == here.records
+    np.testing.assert_array_equal(apart.rollout.torque, here.rollout.torque)
 
 
 def test_timing_is_of_one_thread_and_names_the_processor(usual) -> None:
@@ -238,7 +264,7 @@ def test_a_dry_run_plays_nothing_and_learns_from_what_was_played(
     assert not (tmp_path / "out").exists()
     assert main([*arguments, *output]) == 0
     capsys.readouterr()
-    monkeypatch.setattr(runner, "play", lambda unit: pytest.fail("an episode was played"))
+    monkeypatch.setattr(runner, "play", lambda *_: pytest.fail("an episode was played"))
     assert main([*arguments, *output, "--dry-run"]) == 0
     told = capsys.readouterr().out
     assert "unknown" not in told

@@ -5,7 +5,6 @@ import re
 import shlex
 import sys
 from collections.abc import Iterator, Sequence
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from hashlib import sha256
 from itertools import chain
@@ -22,7 +21,7 @@ from space_envs.evaluation.datasets import Dataset
 from space_envs.evaluation.datasets_card import CARD, EPISODES, checksum, make_card, read_card, write_card
 from space_envs.evaluation.datasets_minari import DATA, write_minari
 from space_envs.evaluation.datasets_recording import Recorded, record
-from space_envs.evaluation.parallel import backend
+from space_envs.evaluation.parallel import ProcessDiedError, backend
 from space_envs.evaluation.provenance import provenance
 from space_envs.evaluation.records import Task
 from space_envs.evaluation.rollout import split_indices
@@ -198,7 +197,7 @@ def make(requests: Sequence[Request], places: Places, jobs: int) -> Iterator[tup
                 if left[number] == 0:
                     yield requests[number], _written(requests[number], parts[number], places)
                     parts[number] = []
-        except BrokenProcessPool:
+        except ProcessDiedError:
             raise PolicyError(
                 "a process died while a policy played in it; complete datasets are kept"
             ) from None

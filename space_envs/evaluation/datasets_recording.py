@@ -11,7 +11,8 @@ from space_envs.envs import CaptureEnv, CaptureVectorEnv
 from space_envs.errors import PolicyError
 from space_envs.evaluation.datasets import Trajectory, first_difference
 from space_envs.evaluation.policy import Policy, PolicyContext
-from space_envs.evaluation.units import Unit, on_one_thread, prepared
+from space_envs.evaluation.rollout import ask
+from space_envs.evaluation.units import Unit, built, prepared
 
 
 @dataclass(frozen=True)
@@ -112,7 +113,7 @@ def _side_by_side(
     """
     n = len(rows)
     env = CaptureVectorEnv(num_envs=n, autoreset_mode="disabled", **environment)
-    policy = on_one_thread(unit.player.build(context, unit.policy_seed))
+    policy = built(unit, context)
     index = np.array(unit.indices)[rows]
     seeds = [unit.seed + unit.first + int(row) for row in rows]
     observation, _ = env.reset(seed=list(seeds), options={"split": unit.task.split, "index": index})
@@ -161,20 +162,11 @@ def _act(
     Raises:
         PolicyError: if the policy raises, or returns NaN, infinity or another shape.
     """
+    start = np.full(len(observation), step == 0)
     try:
-        start = np.full(len(observation), step == 0)
-        action, state = policy.predict(
-            observation.copy(), state=state, episode_start=start, deterministic=True
-        )
-        action = np.array(action, dtype=np.float64)
-    except PolicyError:
-        raise
-    except Exception as error:
-        raise PolicyError(f"it raised {type(error).__name__}: {error} (step {step})") from error
-    if action.shape != env.action_space.shape:
-        raise PolicyError(
-            f"it returned actions of shape {action.shape}, expected {env.action_space.shape} (step {step})"
-        )
+        action, state = ask(policy, observation, state, start, env.single_action_space.shape)
+    except PolicyError as error:
+        raise PolicyError(f"{error} (step {step})") from error
     action[~running] = 0.0
     if not np.isfinite(action).all():
         raise PolicyError(f"the action held NaN or infinity at step {step}")

@@ -8,7 +8,6 @@ that have them and carry no interval.
 """
 
 import math
-import zlib
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -25,6 +24,7 @@ from space_envs.evaluation.statistics import (
     capture_rate,
     interquartile_mean,
     median,
+    named_generator,
     stratified_bootstrap,
 )
 
@@ -134,9 +134,8 @@ def _row(entrant: Entrant, records: list[EpisodeRecord], entropy: int, resamples
         figures[capture_key(limit)] = capture_rate(captured, final_attitude, limit)
     for name, statistic in _BOOTSTRAPPED.items():
         words = (task.env_id, task.difficulty, task.split, policy, control_mode, name)
-        stream = zlib.crc32("\0".join(words).encode("utf-8", "surrogatepass"))
         figures[name] = stratified_bootstrap(
-            _column(records, name), seeds, np.random.default_rng([entropy, stream]), statistic, resamples
+            _column(records, name), seeds, named_generator(entropy, *words), statistic, resamples
         )
     outcomes = Counter(record.outcome for record in records)
     reasons = Counter(record.reason for record in records if record.reason and not record.captured)

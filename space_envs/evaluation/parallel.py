@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from importlib.util import find_spec
 from itertools import islice
@@ -18,6 +19,10 @@ GROUP = 4  # calls a process that Ray is given at a time, since its backend give
 Spread = Callable[[Iterable[Any]], Iterator[Any]]
 """From joblib's delayed calls to their results, in the order in which they are done."""
 _PACKAGES = {"ray": ("ray",), "dask": ("dask", "distributed")}
+
+
+class ProcessDiedError(RuntimeError):
+    """A process ended under its work, and may have taken others with it."""
 
 
 def check_backend(jobs: int, name: str = "loky", address: str | None = None) -> None:
@@ -50,23 +55,47 @@ def backend(jobs: int, name: str = "loky", address: str | None = None) -> Iterat
         jobs: processes. name: of the backend. address: of a cluster that already runs; without one, ray and
             dask start a cluster of `jobs` processes on this machine and stop it at the end.
 
+    What is yielded raises ProcessDiedError if one of the processes does. One job on this machine is done in
+    this process.
+
     Raises:
         ConfigurationError: as `check_backend`, or if nothing answers at the address.
     """
     check_backend(jobs, name, address)
     if name == "ray":
+        from ray.exceptions import RayError
+
         with _ray(jobs, address):
-            yield lambda calls: _in_groups(jobs, calls)
+            yield lambda calls: _watched(_in_groups(jobs, calls), RayError)
     elif name == "dask":
+        from distributed import KilledWorker
+
         with _dask(jobs, address):
-            yield _at_once(jobs)
+            yield lambda calls: _watched(_at_once(jobs, calls), KilledWorker)
     else:
-        yield _at_once(jobs)
+        yield lambda calls: _watched(_at_once(jobs, calls), BrokenProcessPool)
 
 
-def _at_once(jobs: int) -> Spread:
+def elsewhere(call: Any) -> Any:
+    """The result of a delayed call, in another process of this machine, which the next call finds again.
+
+    Raises:
+        ProcessDiedError: if it dies. What the call raises.
+    """
+    (result,) = _watched(_at_once(2, [call]), BrokenProcessPool)  # two, since one job is done in this process
+    return result
+
+
+def _watched(results: Iterator[Any], death: type[Exception]) -> Iterator[Any]:
+    try:
+        yield from results
+    except death as error:
+        raise ProcessDiedError(_first_line(error)) from error
+
+
+def _at_once(jobs: int, calls: Iterable[Any]) -> Iterator[Any]:
     spread: Any = Parallel(n_jobs=jobs, return_as="generator_unordered")
-    return spread
+    return spread(calls)
 
 
 def _in_groups(jobs: int, calls: Iterable[Any]) -> Iterator[Any]:
@@ -109,12 +138,30 @@ def _dask(jobs: int, address: str | None) -> Iterator[None]:
     except (OSError, ValueError) as error:
         raise ConfigurationError(f"no Dask cluster answers at {address}: {_first_line(error)}") from None
     try:
-        with parallel_config(backend="dask"):
+        with parallel_config(backend=_dask_backend(client)):
             yield
     finally:
         client.close()
         if cluster is not None:
             cluster.close()
+
+
+def _dask_backend(client: Any) -> Any:
+    """joblib's own, which would wait for ever for a call whose worker died."""
+    from joblib._dask import DaskDistributedBackend
+
+    class Backend(DaskDistributedBackend):
+        def submit(self, func: Any, callback: Any = None) -> Any:
+            future = super().submit(func, callback)
+            future.add_done_callback(lambda done: done.exception() and callback(done.exception()))
+            return future
+
+        def retrieve_result_callback(self, out: Any) -> Any:
+            if isinstance(out, Exception):
+                raise out
+            return super().retrieve_result_callback(out)
+
+    return Backend(client=client)
 
 
 def _first_line(error: BaseException) -> str:

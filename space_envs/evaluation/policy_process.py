@@ -1,9 +1,13 @@
 """A policy in a process of its own, so that a call that takes too long can be ended.
 
-The process gets arrays and gives arrays; it has no way to the simulation. What passes between the two
-processes is pickled by the one for the other alone; nothing that is read from a file is.
+The process gets arrays and gives arrays; it has no way to the simulation. What builds the policy goes to the
+process as a pickle, made for it alone; its answers are JSON and plain arrays, so nothing that a policy says
+is unpickled.
 """
 
+import io
+import json
+import math
 import os
 import pickle
 import select
@@ -23,7 +27,7 @@ from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError, PolicyError
 from space_envs.evaluation.policy import Policy, PolicyContext
 
-STARTING = 120.0  # s, that a policy may take to be imported and built
+STARTING = 120.0  # s, that a policy may take to be imported and built, where its calls have limits
 _LENGTH = struct.Struct("<Q")
 
 
@@ -52,7 +56,7 @@ class PolicyProcess:
 
     Args:
         build: makes the policy from a context. environment: keywords of the `CaptureVectorEnv` that the
-            context is of. limits: of its calls.
+            context is of. limits: of its calls; None for as long as they take.
 
     Attributes:
         seconds: that the last call took, without what passes between the processes.
@@ -62,7 +66,7 @@ class PolicyProcess:
         self,
         build: Callable[[PolicyContext], Policy],
         environment: dict[str, Any],
-        limits: TimeLimits,
+        limits: TimeLimits | None = None,
     ) -> None:
         self._start = cloudpickle.dumps((list(sys.path), cloudpickle.dumps((build, environment))))
         self._limits = limits
@@ -90,10 +94,17 @@ class PolicyProcess:
         begins = state is None or (episode_start is not None and bool(np.any(episode_start)))
         if self._process is None:
             self._started()
-        limit = self._limits.planning if begins else self._limits.action
-        message = (observation, state is None, episode_start, deterministic)
-        self.seconds, action, failures = self._asked(pickle.dumps(message), limit, _said(begins, limit))
-        return action, _Token(failures)
+        limits = self._limits
+        limit = math.inf if limits is None else limits.planning if begins else limits.action
+        told = {
+            "fresh": state is None,
+            "start": None if episode_start is None else np.asarray(episode_start, dtype=bool).tolist(),
+            "deterministic": deterministic,
+        }
+        late = f"no {'first action' if begins else 'action'} within {limit:g} s"
+        answer, action = self._asked(_packed(told, observation), limit, late)
+        self.seconds = answer["seconds"]
+        return action, _Token(answer["failures"])
 
     def _started(self) -> None:
         self._process = subprocess.Popen(
@@ -102,25 +113,26 @@ class PolicyProcess:
             stdout=subprocess.PIPE,
             env=os.environ | {"PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path)},
         )
-        self._asked(self._start, STARTING, f"it was not built within {STARTING:g} s")
+        limit = math.inf if self._limits is None else STARTING
+        self._asked(self._start, limit, f"it was not built within {STARTING:g} s")
 
-    def _asked(self, message: bytes, limit: float, late: str) -> Any:
+    def _asked(self, message: bytes, limit: float, late: str) -> tuple[dict[str, Any], Any]:
         process = self._process
         if process is None or process.stdin is None or process.stdout is None:
             raise PolicyError("the policy's process is not there")
         try:
             _write(process.stdin, message)
-            ready, _, _ = select.select([process.stdout], [], [], limit)
+            ready, _, _ = select.select([process.stdout], [], [], limit if math.isfinite(limit) else None)
             if not ready:
                 self._stop()
                 raise TimeLimitError(late)
-            answer, value = pickle.loads(_read(process.stdout))  # written by `_serve`, in our own process
+            answer, array = _unpacked(_read(process.stdout))
         except (OSError, EOFError):
             self._stop()
             raise PolicyError(f"its process ended, with exit status {process.returncode}") from None
-        if answer == "error":
-            raise PolicyError(value)
-        return value
+        if "error" in answer:
+            raise PolicyError(answer["error"])
+        return answer, array
 
     def _stop(self) -> None:
         if self._process is not None:
@@ -142,8 +154,19 @@ class _Token:
     failures: Any
 
 
-def _said(begins: bool, limit: float) -> str:
-    return f"no {'first action' if begins else 'action'} within {limit:g} s"
+def _packed(told: dict[str, Any], array: NDArray[Any] | None = None) -> bytes:
+    """Plain values and an array; ValueError for an array of objects."""
+    head, body = json.dumps(told).encode(), io.BytesIO()
+    if array is not None:
+        np.save(body, array, allow_pickle=False)
+    return _LENGTH.pack(len(head)) + head + body.getvalue()
+
+
+def _unpacked(message: bytes) -> tuple[dict[str, Any], Any]:
+    """What `_packed` was given."""
+    (size,) = _LENGTH.unpack(message[: _LENGTH.size])
+    head, body = message[_LENGTH.size :][:size], message[_LENGTH.size + size :]
+    return json.loads(head), np.load(io.BytesIO(body), allow_pickle=False) if body else None
 
 
 def _write(pipe: BinaryIO | Any, message: bytes) -> None:
@@ -167,38 +190,40 @@ def _serve() -> None:
     asking, answering = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what a policy prints must not stand between answers
 
-    def answer(make: Callable[[], Any]) -> Any:
+    def answer(make: Callable[[], tuple[Any, bytes]]) -> Any:
         try:
-            made = make()
-        except Exception as error:
-            _write(answering, pickle.dumps(("error", f"{type(error).__name__}: {error}")))
-            return None
-        _write(answering, pickle.dumps(("made", made[1])))
-        return made[0]
+            made, message = make()
+        except PolicyError as error:
+            made, message = None, _packed({"error": str(error)})
+        except (Exception, SystemExit) as error:
+            made, message = None, _packed({"error": f"it raised {type(error).__name__}: {error}"})
+        _write(answering, message)
+        return made
 
-    def build() -> tuple[Policy, None]:
+    def build() -> tuple[Policy, bytes]:
         from space_envs.envs import CaptureVectorEnv
 
         sys.path[:], packed = pickle.loads(_read(asking))
         make, environment = pickle.loads(packed)  # once modules are found where the harness finds them
-        return make(PolicyContext.from_env(CaptureVectorEnv(**{**environment, "num_envs": 1}))), None
+        return make(PolicyContext.from_env(CaptureVectorEnv(**{**environment, "num_envs": 1}))), _packed({})
 
     policy = answer(build)
     state: Any = None
     while policy is not None:
         try:
-            observation, fresh, start, deterministic = pickle.loads(_read(asking))
+            told, observation = _unpacked(_read(asking))
         except EOFError:
             return
 
-        def call(
-            observation=observation, given=None if fresh else state, start=start, sure=deterministic
-        ) -> Any:
+        def call(told=told, observation=observation, given=state) -> tuple[Any, bytes]:
+            start = None if told["start"] is None else np.array(told["start"], dtype=bool)
             before = time.perf_counter()
-            action, after = policy.predict(observation, given, start, sure)
+            action, after = policy.predict(
+                observation, None if told["fresh"] else given, start, told["deterministic"]
+            )
             seconds = time.perf_counter() - before
-            failures = [None if told is None else str(told) for told in getattr(after, "failures", ())]
-            return after, (seconds, np.asarray(action), failures)
+            failures = [None if each is None else str(each) for each in getattr(after, "failures", ())]
+            return after, _packed({"seconds": seconds, "failures": failures}, np.asarray(action))
 
         state = answer(call)
 

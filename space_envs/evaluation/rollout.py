@@ -74,6 +74,7 @@ def roll_out(
     indices: NDArray[np.int64],
     seed: int,
     limits: TimeLimits | None = None,
+    apart: bool = False,
 ) -> Rollout:
     """Play one episode per index.
 
@@ -86,15 +87,27 @@ def roll_out(
         indices: (K,) goals of the split.
         seed: of the environment's generators.
         limits: of the policy's calls, which are then made for one episode at a time in a process of its own.
+        apart: call the policy in a process of its own, with the same actions, since it may end it.
     """
     if limits is not None:
         with PolicyProcess(factory, environment, limits) as policy:
             return join([_played(policy, environment, split, one, seed) for one in indices[:, None]])
-    context = PolicyContext.from_env(CaptureVectorEnv(**{**environment, "num_envs": 1}))
+    if apart:
+
+        def once(some: NDArray[np.int64]) -> Rollout:
+            with PolicyProcess(factory, environment) as policy:
+                return _played(policy, environment, split, some, seed)
+
+    else:
+        context = PolicyContext.from_env(CaptureVectorEnv(**{**environment, "num_envs": 1}))
+
+        def once(some: NDArray[np.int64]) -> Rollout:
+            return _played(factory(context), environment, split, some, seed)
+
     try:
-        return _played(factory(context), environment, split, indices, seed)
+        return once(indices)
     except PolicyError:
-        return join([_played(factory(context), environment, split, one, seed) for one in indices[:, None]])
+        return join([once(one) for one in indices[:, None]])
 
 
 def _played(
@@ -125,7 +138,7 @@ def _played(
     running = np.ones(n, dtype=bool)
     for step in range(horizon):
         try:
-            action, state = _act(
+            action, state = ask(
                 policy, observation, state, np.full(n, step == 0), env.single_action_space.shape
             )
         except PolicyError as error:
@@ -184,15 +197,25 @@ def _played(
     )
 
 
-def _act(
+def ask(
     policy: Policy, observation: Array, state: Any, start: NDArray[np.bool_], shape: tuple[int, ...]
 ) -> tuple[Array, Any]:
+    """A policy's next actions (N, m), m of `shape`, and its state; they may hold NaN.
+
+    Args:
+        observation: (N, d); the policy gets a copy. start: (N,) where an episode begins.
+
+    Raises:
+        PolicyError: if the policy raises, leaves the program, or returns another shape.
+    """
     try:
-        action, state = policy.predict(observation, state=state, episode_start=start, deterministic=True)
+        action, state = policy.predict(
+            observation.copy(), state=state, episode_start=start, deterministic=True
+        )
         action = np.array(action, dtype=np.float64)
     except PolicyError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise PolicyError(f"it raised {type(error).__name__}: {error}") from error
     if action.shape != (len(observation), *shape):
         raise PolicyError(
@@ -264,7 +287,7 @@ def _timed(
         durations = []
         for step in range(steps):
             before = perf_counter()
-            action, state = _act(
+            action, state = ask(
                 policy, observation, state, np.array([step == 0]), env.single_action_space.shape
             )
             # A policy in a process of its own says itself how long it took.

@@ -7,7 +7,6 @@ What is finished is written to the folder by `collect`'s caller; then the parts 
 import json
 import shutil
 from collections.abc import Iterator, Sequence
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ from joblib import delayed
 from tqdm import tqdm
 
 from space_envs.errors import ConfigurationError, PolicyError
-from space_envs.evaluation.parallel import backend
+from space_envs.evaluation.parallel import ProcessDiedError, backend, elsewhere
 from space_envs.evaluation.policy_process import TimeLimits
 from space_envs.evaluation.provenance import commit, processor, versions
 from space_envs.evaluation.records import SCHEMA_VERSION, UNTIMED, Entrant, EpisodeRecord, Task, Timing
@@ -133,38 +132,45 @@ def play_missing(
 ) -> None:
     """Play every unit that has no part yet, in parallel.
 
+    If a policy ends the process that it plays in, what is left is played with policies in processes of their
+    own, so that it loses the episodes in which it does so and nothing else is lost.
+
     Args:
         jobs, name, address: of the processes, as in `space_envs.evaluation.parallel.backend`.
 
     Raises:
-        PolicyError: if a process died with its policy; what is done is kept.
+        PolicyError: if processes go on to die; what is done is kept.
     """
-    missing = [unit for unit in units if _kept(folder, unit) is None]
-    total = sum(len(unit.indices) for unit in units)
-    with tqdm(total=total, unit="episode", desc="episodes", leave=False, smoothing=0.0) as bar:
-        bar.update(total - sum(len(unit.indices) for unit in missing))
+    for apart in (False, True):
+        missing = [unit for unit in units if _kept(folder, unit) is None]
         if not missing:
             return
-        with backend(min(jobs, len(missing)), name, address) as spread:
-            try:
-                for number, part in spread(delayed(_played)(k, unit) for k, unit in enumerate(missing)):
+        total = sum(len(unit.indices) for unit in units)
+        done = total - sum(len(unit.indices) for unit in missing)
+        bar = tqdm(total=total, initial=done, unit="episode", desc="episodes", leave=False, smoothing=0.0)
+        calls = (delayed(_played)(number, unit, apart) for number, unit in enumerate(missing))
+        try:
+            with bar, backend(min(jobs, len(missing)), name, address) as spread:
+                for number, part in spread(calls):
                     part.save(_path(folder, missing[number]))
                     bar.update(len(missing[number].indices))
-            except BrokenProcessPool:
+            return
+        except ProcessDiedError as error:
+            if apart:
                 raise PolicyError(
-                    "a process died while a policy played in it; what is done is kept for --resume, and with "
-                    "--time-limit policies run in processes of their own"
+                    f"a process died ({error}), and again with policies in processes of their own; is "
+                    "the memory full? What is done is kept for --resume"
                 ) from None
 
 
-def _played(number: int, unit: Unit) -> tuple[int, Part]:
-    return number, play(unit)
+def _played(number: int, unit: Unit, apart: bool) -> tuple[int, Part]:
+    return number, play(unit, apart)
 
 
 def timings(units: Sequence[Unit], folder: Path) -> dict[Entrant, Timing]:
     """Planning time and time per action of each entrant, one episode at a time on one thread.
 
-    A policy that raises, or takes too long, where it is timed has none.
+    A policy that raises, takes too long or ends its process where it is timed has none.
     """
     first = {unit.entrant: unit for unit in reversed(units)}
     found: dict[Entrant, Timing] = {}
@@ -174,11 +180,11 @@ def timings(units: Sequence[Unit], folder: Path) -> dict[Entrant, Timing]:
         path = folder / PARTS / f"{first[entrant].key}-timing.json"
         if not path.exists():
             try:
-                time = time_unit(unit)
+                time = elsewhere(delayed(time_unit)(unit))
                 made = Timing(
                     planning_ms=time.planning, action_ms=time.action, processor=processor(), threads=1
                 )
-            except PolicyError:
+            except (PolicyError, ProcessDiedError):
                 made = UNTIMED
             atomic_write_text(path, json.dumps(made))
         try:

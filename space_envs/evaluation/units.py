@@ -10,6 +10,7 @@ import json
 import sys
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from time import perf_counter
@@ -26,6 +27,7 @@ from space_envs.evaluation.records import UNTIMED, Entrant, EpisodeRecord, Task
 from space_envs.evaluation.rollout import PolicyTime, Rollout, roll_out, time_policy
 from space_envs.files import atomic_write
 from space_envs.registration import make_task
+from space_envs.threads import on_one_thread
 
 CHUNK = 25  # episodes of a unit
 _ARRAYS = (
@@ -156,17 +158,18 @@ def task_keywords(task: Task, variant: str | None) -> dict[str, Any]:
     return usual if variant is None else {**usual, "variant": variant}
 
 
-def play(unit: Unit) -> Part:
-    """Play a unit's episodes on one thread."""
+def play(unit: Unit, apart: bool = False) -> Part:
+    """Play a unit's episodes on one thread; `apart` as in `roll_out`, which changes no record."""
     with prepared(unit):
         before = perf_counter()
         rollout = roll_out(
-            lambda context: on_one_thread(unit.player.build(context, unit.policy_seed)),
+            partial(built, unit),
             unit.environment,
             unit.task.split,
             np.array(unit.indices),
             unit.seed,
             unit.limits,
+            apart,
         )
         task = make_task(unit.task.env_id, unit.keywords)
         records = episode_records(rollout, task, unit.entrant, unit.seed, unit.first, UNTIMED)
@@ -177,7 +180,7 @@ def time_unit(unit: Unit) -> PolicyTime:
     """Time the policy on a unit's episodes; errors as in `time_policy`."""
     with prepared(unit):
         return time_policy(
-            lambda context: on_one_thread(unit.player.build(context, unit.policy_seed)),
+            partial(built, unit),
             unit.environment,
             unit.task.split,
             np.array(unit.indices),
@@ -193,9 +196,8 @@ def prepared(unit: Unit) -> Iterator[None]:
         yield
 
 
-def on_one_thread(policy: Policy) -> Policy:
-    """The policy, once torch (if it is here at all) keeps to one thread too."""
-    torch = sys.modules.get("torch")
-    if torch is not None:
-        torch.set_num_threads(1)
+def built(unit: Unit, context: PolicyContext) -> Policy:
+    """A unit's policy, with all that was loaded to build it on one thread."""
+    policy = unit.player.build(context, unit.policy_seed)
+    on_one_thread()
     return policy
