@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from scipy.linalg import lapack
 
 from agents.planning import Cause, Failure, Limits
 from agents.reactionless.checks import checked_plan
@@ -26,6 +27,8 @@ MOST_CALLS = 4000  # of the law of joint rates; a regular motion takes a tenth o
 NODES_A_STEP = 6  # of a plan, in each step of the integration, which is shorter where more happens
 
 Choice = Callable[[Matrices, Array, Array], Array]
+Law = Callable[[float, Array, Matrices], Array]
+"""Joint rates (n,) at a time, joint angles (n,) and the matrices there."""
 
 
 class Singular(Exception):
@@ -39,14 +42,18 @@ def solutions(at: Matrices, velocity: Array) -> tuple[Array, Array]:
     Raises:
         Singular: if the constraints have lost rank.
     """
-    rows = at.task.shape[0]
-    q, r = np.linalg.qr(at.task.T, mode="complete")
-    triangle = r[:rows].T
-    if np.abs(np.diagonal(triangle)).min() < SMALLEST:
+    rows, n = at.task.shape
+    # LAPACK itself: this is called some thousand times a plan, and numpy's own checks take twice as long.
+    square = np.zeros((n, n), order="F")
+    factors, tau, _, _ = lapack.dgeqrf(at.task.T)
+    if np.abs(np.diagonal(factors)).min() < SMALLEST:
         raise Singular("the end-effector velocities and the reactionless constraint depend on each other")
+    square[:, :rows] = factors
+    q, _, _ = lapack.dorgqr(square, tau, overwrite_a=True)
     wanted = np.zeros(rows)
     wanted[: len(velocity)] = velocity
-    return q[:, :rows] @ np.linalg.solve(triangle, wanted), q[:, rows:]
+    along, _ = lapack.dtrtrs(factors[:rows], wanted, trans=1)
+    return q[:, :rows] @ along, q[:, rows:]
 
 
 def zeta_zero(at: Matrices, particular: Array, null: Array) -> Array:
@@ -105,13 +112,12 @@ def _centre(robot: FloatingRobot, q: Array) -> Array:
 def _plan(
     method: str, robot: FloatingRobot, capture: Capture, limits: Limits, choice: Choice
 ) -> Plan | Failure:
-    capture, model = capture.checked(robot), PathModel.of(robot)
-    path = capture_path(robot, model, capture)
+    capture = capture.checked(robot)
+    path = capture_path(robot, PathModel.of(robot), capture)
     if isinstance(path, str):
         return Failure(method, Cause.OUT_OF_REACH, path)
 
-    def rate(time: float, q: Array) -> Array:
-        at = model(q)
+    def rate(time: float, q: Array, at: Matrices) -> Array:
         particular, null = solutions(at, path.velocity(time))
         found = particular + null @ choice(at, particular, null)
         if np.abs(found).max() > FASTEST:
@@ -127,7 +133,7 @@ def integrate(
     capture: Capture,
     limits: Limits,
     path: PolynomialPath,
-    rate: Callable[[float, Array], Array],
+    rate: Law,
     notes: str = "",
 ) -> Plan | Failure:
     """Follow a law of joint rates from the start of a capture to its end, and check what came of it."""
@@ -139,8 +145,11 @@ def integrate(
         calls[0] += 1
         if calls[0] > MOST_CALLS:
             raise Singular("the joint rates change faster and faster")
-        thetadot = rate(time, state[:-1])
-        return np.append(thetadot, thetadot @ model(state[:-1]).mass @ thetadot)
+        at = model(state[:-1])
+        slope = np.empty(len(state))
+        slope[:-1] = thetadot = rate(time, state[:-1], at)
+        slope[-1] = thetadot @ at.mass @ thetadot
+        return slope
 
     begin = np.append(capture.start, 0.0)
     try:
@@ -163,7 +172,7 @@ def integrate(
     inner = np.arange(NODES_A_STEP) / NODES_A_STEP
     times = np.append((found.t[:-1, None] + np.diff(found.t)[:, None] * inner).ravel(), found.t[-1])
     position = found.sol(times)[:-1].T
-    rates = np.array([rate(time, q) for time, q in zip(times, position, strict=True)])
+    rates = np.array([rate(time, q, model(q)) for time, q in zip(times, position, strict=True)])
     return checked_plan(
         method, robot, capture, limits, path, times, position, rates, float(found.y[-1, -1]), notes
     )

@@ -20,7 +20,7 @@ from agents.reactionless.fixed_path import (
     solutions,
     zeta_zero,
 )
-from agents.reactionless.model import PathModel
+from agents.reactionless.model import Matrices, PathModel
 from agents.reactionless.paths import PolynomialPath
 from agents.reactionless.problem import Capture, Plan
 from space_envs.dynamics import FloatingRobot
@@ -61,10 +61,11 @@ def plan_ocp(
     if isinstance(path, str):
         return Failure(METHOD, Cause.OUT_OF_REACH, path)
     first = [plan(robot, capture, limits) for plan in (plan_zeta_zero, plan_local)]
-    # Without bounds first, from every start: that takes milliseconds. The best are then led into the bounds.
+    # Without bounds first, from every start: that takes milliseconds. The best are then led into the bounds,
+    # where a start from rest is one.
     found: list[tuple[float, str, Solution]] = []
     reasons = []
-    free = Programme.of(robot, model, NODES)
+    free = Programme.of(robot, model, BOUNDED_NODES if from_rest else NODES)
     for name, guess in _starts(model, path, capture, first, free.times(capture.duration)):
         solution = free.solve(path, capture, Limits(), guess)
         if isinstance(solution, str):
@@ -140,8 +141,9 @@ def _led(
     """Lead a solution without bounds into them."""
     bounded = limits.acceleration is not None, limits.control is not None
     programme = Programme.of(robot, model, BOUNDED_NODES, from_rest, *bounded)
-    curve, _ = solution.curves()
-    return programme.solve(path, capture, limits, curve(programme.times(capture.duration)), share)
+    curve = solution.curve()
+    guess = np.array([curve(time)[0] for time in programme.times(capture.duration)])
+    return programme.solve(path, capture, limits, guess, share)
 
 
 def _followed(
@@ -154,12 +156,12 @@ def _followed(
     note: str,
 ) -> Plan | Failure:
     """Follow a collocated motion accurately: exactly on the paths, and exactly reactionless."""
-    curve, slope = solution.curves()
+    curve = solution.curve()
 
-    def rate(time: float, q: Array) -> Array:
-        at = model(q)
+    def rate(time: float, q: Array, at: Matrices) -> Array:
         particular, null = solutions(at, path.velocity(time))
-        wanted = slope(time) + FEEDBACK * (curve(time) - q)
+        position, velocity = curve(time)
+        wanted = velocity + FEEDBACK * (position - q)
         return particular + null @ (null.T @ (wanted - particular))
 
     return integrate(METHOD, robot, capture, limits, path, rate, note)

@@ -1,6 +1,7 @@
 """End-effector paths with given end velocities: the 3-4-5 polynomial, eq. 10 and 11 of shah2013."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -21,7 +22,7 @@ class PolynomialPath:
     end_velocity: Array
     duration: float
 
-    @property
+    @cached_property
     def coefficients(self) -> tuple[Array, Array, Array, Array]:
         """a, b, c, d of eq. 10, m/s."""
         v = (self.end - self.start) / self.duration
