@@ -33,6 +33,30 @@ def below(key: str, others: tuple[str, ...], most: float, name: str) -> Callable
     return test
 
 
+def comparison(
+    record: Record,
+    key: str,
+    others: tuple[str, ...],
+    name: str,
+    names: Mapping[str, str],
+    shown: Callable[[float], str],
+    unit: str,
+) -> str:
+    """A sentence with a figure of one method and of others, and the change against the least of them.
+
+    Args:
+        names: of the methods. shown: the figure as text, in `unit`.
+    """
+    values = {each: figures_of(record, each) for each in (key, *others)}
+    told = ", ".join(
+        f"{names[each]} {shown(found[name])}" if found else f"{names[each]} none"
+        for each, found in values.items()
+    )
+    change = ratio(record, key, others, name)
+    last = "" if change is None else f": {percent(100 * (change - 1.0))} %"
+    return f"{told} {unit}{last}."
+
+
 def percent(change: float) -> str:
     """A change in percent with its sign: one decimal, or one digit where that would be none."""
     return f"{change:+.1f}" if abs(change) >= 0.1 else f"{change:+.1g}"

@@ -19,7 +19,7 @@ import jinja2
 from markupsafe import Markup
 
 from reproduce.animation import Movie
-from reproduce.claims import SHARE_NOTE, Claim
+from reproduce.claims import SHARE_NOTE, Claim, Record
 from reproduce.figures import Figure, standalone
 from space_envs.evaluation.names import csv_name, display_name, markdown_name
 from space_envs.files import atomic_write, atomic_write_text
@@ -226,6 +226,35 @@ def _markdown_table(heads: Sequence[str], rows: Iterable[Sequence[str]], align: 
         for number, line in enumerate([*lines, *rows])
     ]
     return "\n".join(text)
+
+
+def cases_csv(case: str, records: Iterable[Record]) -> str:
+    """Every figure of every method in every record, as CSV; the first column is called `case`."""
+    records = list(records)
+    methods = [(record, key, found) for record in records for key, found in record["methods"].items()]
+    names = list(
+        dict.fromkeys(name for *_, found in methods for name in found if name not in ("cause", "reason"))
+    )
+    rows = [
+        (record["index"], key, found.get("cause"), *map(found.get, names), record["timing"][key])
+        for record, key, found in methods
+    ]
+    return table_csv((case, "method", "cause", *names, "planning_s"), rows)
+
+
+def claims_csv(case: str, claims: Iterable[Claim]) -> str:
+    """What came of every claim, as CSV; `case` is the paper's own."""
+    rows = [
+        (
+            claim.rule.key,
+            claim.rule.where,
+            claim.rule.says,
+            claim.verdict,
+            *(vars(claim.share).values() if claim.share else [None] * 3),
+        )
+        for claim in claims
+    ]
+    return table_csv(("claim", "where", "says", case, "holds", "of", "left_out"), rows)
 
 
 def table_csv(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:

@@ -409,6 +409,18 @@ def test_report_repeats_byte_for_byte(paths: ReportPaths, tmp_path: Path) -> Non
         assert (tmp_path / "second" / path.relative_to(tmp_path / "first")).read_bytes() == path.read_bytes()
 
 
+def test_what_an_evaluation_before_left_is_removed(tmp_path: Path) -> None:
+    made = make_result(episodes=4, policies=("mpc", "gjm"))
+    write_report(made, tmp_path)
+    mine = tmp_path / "traces" / "notes.txt"
+    mine.write_text("mine")
+    (tmp_path / "videos").mkdir()
+    (tmp_path / "videos" / "old.mp4").write_bytes(b"")
+    left = write_report(make_result(episodes=4, policies=("gjm",)), tmp_path)
+    assert {path for path in (tmp_path / "traces").iterdir()} == {mine, *left.traces.values()}
+    assert not list((tmp_path / "videos").iterdir())
+
+
 def test_another_clock_changes_timing_only(tmp_path: Path) -> None:
     result = dataclasses.replace(make_result(episodes=10, policies=("mpc", "gjm")), traces={})
     slower = [dataclasses.replace(record, timing=timed(None, 99.0)) for record in result.records]

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 from scipy.integrate import solve_ivp
-from scipy.linalg import lapack
+from scipy.linalg import get_lapack_funcs
 
 from agents.planning import Cause, Failure, Limits
 from agents.reactionless.checks import checked_plan
@@ -29,6 +29,8 @@ NODES_A_STEP = 6  # of a plan, in each step of the integration, which is shorter
 Choice = Callable[[Matrices, Array, Array], Array]
 Law = Callable[[float, Array, Matrices], Array]
 """Joint rates (n,) at a time, joint angles (n,) and the matrices there."""
+# LAPACK itself, for `solutions` is called some thousand times a plan: what numpy does around it takes longer.
+_geqrf, _orgqr, _trtrs = get_lapack_funcs(("geqrf", "orgqr", "trtrs"), dtype=np.float64)
 
 
 class Singular(Exception):
@@ -43,16 +45,15 @@ def solutions(at: Matrices, velocity: Array) -> tuple[Array, Array]:
         Singular: if the constraints have lost rank.
     """
     rows, n = at.task.shape
-    # LAPACK itself: this is called some thousand times a plan, and numpy's own checks take twice as long.
     square = np.zeros((n, n), order="F")
-    factors, tau, _, _ = lapack.dgeqrf(at.task.T)
+    factors, tau, _, _ = _geqrf(at.task.T)
     if np.abs(np.diagonal(factors)).min() < SMALLEST:
         raise Singular("the end-effector velocities and the reactionless constraint depend on each other")
     square[:, :rows] = factors
-    q, _, _ = lapack.dorgqr(square, tau, overwrite_a=True)
+    q, _, _ = _orgqr(square, tau, overwrite_a=True)
     wanted = np.zeros(rows)
     wanted[: len(velocity)] = velocity
-    along, _ = lapack.dtrtrs(factors[:rows], wanted, trans=1)
+    along, _ = _trtrs(factors[:rows], wanted, trans=1)
     return q[:, :rows] @ along, q[:, rows:]
 
 

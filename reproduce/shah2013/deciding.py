@@ -6,7 +6,7 @@ Records are those of `reproduce.shah2013.runs.work_out`.
 from collections.abc import Callable
 
 from reproduce import compare
-from reproduce.compare import Record, figures_of, percent
+from reproduce.compare import Record, figures_of
 
 PAPER = ("zeta_zero", "local", "ocp")  # methods (a), (b), (c)
 SAME = 1e-9  # relative; energies that differ by less are equal
@@ -152,16 +152,9 @@ def smooth_figures(record: Record) -> str:
 
 
 def pair(name: str, unit: str, scale: float, key: str, *others: str) -> Callable[[Record], str]:
-    """A sentence with a figure of one method and of others, and the change in percent."""
+    """As `reproduce.compare.comparison`."""
 
     def text(record: Record) -> str:
-        values = {each: figures_of(record, each) for each in (key, *others)}
-        shown = ", ".join(
-            f"{LETTERS[each]} {scale * found[name]:.5g}" if found else f"{LETTERS[each]} none"
-            for each, found in values.items()
-        )
-        change = ratio(record, key, others, name)
-        last = "" if change is None else f": {percent(100 * (change - 1.0))} %"
-        return f"{shown} {unit}{last}."
+        return compare.comparison(record, key, others, name, LETTERS, lambda v: f"{scale * v:.5g}", unit)
 
     return text

@@ -12,7 +12,7 @@ import numpy as np
 from reproduce.cases import Record
 from reproduce.claims import Claim, Share, settle
 from reproduce.compare import figures_of
-from reproduce.page import Block, Claims, Page, Section, Table, Text, table_csv
+from reproduce.page import Block, Claims, Page, Section, Table, Text, cases_csv, claims_csv, table_csv
 from reproduce.shah2013.cases import Sampler
 from reproduce.shah2013.claims import BEYOND, CLAIMS
 from reproduce.shah2013.deciding import nonsingular, ratio
@@ -310,44 +310,17 @@ def _files(
         "claims": [_claim_dict(claim) for claim in (*claims, *beyond)],
         "cases": list(records),
     }
-    every = (worked.record, *records)
-    names = list(
-        dict.fromkeys(
-            name
-            for record in every
-            for found in record["methods"].values()
-            for name in found
-            if name not in ("cause", "reason")
-        )
-    )
-    rows = [
-        (record["index"], key, found.get("cause"), *map(found.get, names), record["timing"][key])
-        for record in every
-        for key, found in record["methods"].items()
-    ]
     curves = [
         (key, *map(float, (c.time[k], *c.zeta[k], *c.turning[k], c.base_rate[k], c.energy[k], c.power[k])))
         for key, c in worked.curves.items()
         for k in range(0, len(c.time), 4)
     ]
-    counts = [
-        (
-            c.rule.key,
-            c.rule.where,
-            c.rule.says,
-            c.verdict,
-            *(vars(c.share).values() if c.share else [None] * 3),
-        )
-        for c in (*claims, *beyond)
-    ]
-    case_heads = ("case", "method", "cause", *names, "planning_s")
     curve_heads = ("method", "time", "zeta1", "zeta2", "omega1z", "omega2z", "base_rate", "energy", "power")
-    claim_heads = ("claim", "where", "says", "canonical", "holds", "of", "left_out")
     return {
         "summary.json": ("Summary", json.dumps(summary, indent=1, allow_nan=False) + "\n"),
-        "cases.csv": ("Cases", table_csv(case_heads, rows)),
+        "cases.csv": ("Cases", cases_csv("case", (worked.record, *records))),
         "curves.csv": ("Curves", table_csv(curve_heads, curves)),
-        "claims.csv": ("Claims", table_csv(claim_heads, counts)),
+        "claims.csv": ("Claims", claims_csv("canonical", (*claims, *beyond))),
     }
 
 

@@ -8,7 +8,7 @@ from math import degrees, inf, radians
 
 import numpy as np
 
-from reproduce.compare import Record, figures_of, percent, ratio
+from reproduce.compare import Record, comparison, figures_of, percent
 from reproduce.shyam2020.methods import METHODS
 
 MUCH = 0.9  # of another's cost or attitude, below which it counts as lower
@@ -60,18 +60,12 @@ def meets_figures(*keys: str) -> Callable[[Record], str]:
 
 
 def pair(name: str, key: str, *others: str) -> Callable[[Record], str]:
-    """A sentence with a figure of one method and of others, and the change against the least of them."""
+    """As `reproduce.compare.comparison`."""
     scale, unit = {"cost": (1e4, "cm²/s"), "end_attitude": (degrees(1.0), "deg")}[name]
+    names = {each: METHODS[each].name for each in (key, *others)}
 
     def text(record: Record) -> str:
-        values = {each: figures_of(record, each) for each in (key, *others)}
-        shown = ", ".join(
-            f"{METHODS[each].name} {scale * found[name]:.3f}" if found else f"{METHODS[each].name} none"
-            for each, found in values.items()
-        )
-        change = ratio(record, key, others, name)
-        last = "" if change is None else f": {percent(100 * (change - 1.0))} %"
-        return f"{shown} {unit}{last}."
+        return comparison(record, key, others, name, names, lambda v: f"{scale * v:.3f}", unit)
 
     return text
 

@@ -12,7 +12,7 @@ import numpy as np
 from reproduce.cases import Record
 from reproduce.claims import Claim, settle
 from reproduce.compare import figures_of
-from reproduce.page import Block, Claims, Page, Section, Table, Text, table_csv
+from reproduce.page import Block, Claims, Page, Section, Table, Text, cases_csv, claims_csv, table_csv
 from reproduce.shyam2020.cases import DIFFICULTY, C, limits
 from reproduce.shyam2020.claims import BEYOND, CLAIMS
 from reproduce.shyam2020.deciding import MET, sampling_gain
@@ -313,7 +313,6 @@ def _assumptions(worked: Worked, options: Options) -> Text:
 def _files(
     options: Options, worked: Worked, records: Sequence[Record], claims: Sequence[Claim]
 ) -> dict[str, tuple[str, str]]:
-    every = (worked.record, *records)
     summary: dict[str, Any] = {
         "paper": STUDY.name,
         "seed": options.seed,
@@ -329,34 +328,10 @@ def _files(
         ],
         "cases": list(records),
     }
-    names = list(
-        dict.fromkeys(
-            name
-            for record in every
-            for found in record["methods"].values()
-            for name in found
-            if name not in ("cause", "reason")
-        )
-    )
-    rows = [
-        (record["index"], key, found.get("cause"), *map(found.get, names), record["timing"][key])
-        for record in every
-        for key, found in record["methods"].items()
-    ]
     curves = [
         (key, *map(float, (c.time[k], *c.rotation[k], *c.base[k], *c.tip[k], c.running[k])))
         for key, c in worked.courses.items()
         for k in range(0, len(c.time), 10)
-    ]
-    counts = [
-        (
-            c.rule.key,
-            c.rule.where,
-            c.rule.says,
-            c.verdict,
-            *(vars(c.share).values() if c.share else [None] * 3),
-        )
-        for c in claims
     ]
     place = ("x", "y", "z")
     curve_heads = (
@@ -367,10 +342,7 @@ def _files(
     )
     return {
         "summary.json": ("Summary", json.dumps(summary, indent=1, allow_nan=False) + "\n"),
-        "cases.csv": ("Cases", table_csv(("goal", "method", "cause", *names, "planning_s"), rows)),
+        "cases.csv": ("Cases", cases_csv("goal", (worked.record, *records))),
         "curves.csv": ("Curves", table_csv(curve_heads, curves)),
-        "claims.csv": (
-            "Claims",
-            table_csv(("claim", "where", "says", "own", "holds", "of", "left_out"), counts),
-        ),
+        "claims.csv": ("Claims", claims_csv("own", claims)),
     }

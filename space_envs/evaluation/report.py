@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -97,6 +97,9 @@ def write_report(
             if replays
         }
         written, note = write_videos(targets)
+    _remove_others(folder / "traces", "*.npz", traces.values())
+    _remove_others(folder / "states", "*.npz", states.values())
+    _remove_others(folder / "videos", "*.mp4", written.values())
     return ReportPaths(
         folder=folder,
         records=folder / "records.jsonl",
@@ -132,6 +135,12 @@ def summary_json(
         return json.dumps(summary, indent=2, allow_nan=False) + "\n"
     except (TypeError, ValueError) as error:
         raise ConfigurationError(f"provenance must hold plain JSON values: {error}") from error
+
+
+def _remove_others(folder: Path, pattern: str, kept: Iterable[Path]) -> None:
+    """Remove what an evaluation that was here before left behind."""
+    for path in set(folder.glob(pattern)) - set(kept):
+        path.unlink()
 
 
 def _sha256(path: Path) -> str:
