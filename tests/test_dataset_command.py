@@ -57,6 +57,23 @@ def test_a_policy_that_raises_loses_its_own_episodes_only(tmp_path, capsys):
     assert "the action held NaN or infinity at step 3" in said
 
 
+def test_another_control_mode_and_variant_are_another_dataset(tmp_path):
+    words = ("--policy", "random", "--episodes", "2", "--difficulty", "easy")
+    assert run(tmp_path, *words) == 0
+    assert run(tmp_path, *words, "--control-mode", "joint_torque", "--variant", "physical") == 0
+    usual, other = sorted(path.parent for path in tmp_path.rglob("dataset.json"))
+    assert other.name == "random-joint_torque-physical-easy-train-v0"
+    cards = [read_card(path) for path in (usual, other)]
+    assert [card["action"]["control_mode"] for card in cards if card] == ["joint_velocity", "joint_torque"]
+    datasets = [Dataset.load(path / "episodes.npz") for path in (usual, other)]
+    env = CaptureEnv(control_mode="joint_torque", variant="physical", difficulty="easy", split="train")
+    seen, _ = env.reset(seed=int(datasets[1].seed[0]), options={"index": int(datasets[1].index[0])})
+    np.testing.assert_array_equal(datasets[1].observations[0], seen)
+    seen, *_ = env.step(datasets[1].actions[0])
+    np.testing.assert_array_equal(datasets[1].observations[1], seen)
+    assert not np.array_equal(datasets[0].observations[1], seen)
+
+
 def test_nothing_left_is_said(tmp_path, capsys):
     assert run(tmp_path, "--policy", "hold", "--episodes", "2", "--captured-only") == 1
     assert "nothing to write" in capsys.readouterr().out

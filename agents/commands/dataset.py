@@ -13,11 +13,13 @@ from rich.table import Table
 
 from agents.commands.choice import check_fit, choose_policies, distinct
 from agents.commands.dataset_making import Places, Request, complete, make
+from space_envs.control import CONTROL_MODES
 from space_envs.errors import ConfigurationError, SpaceEnvsError, unknown_name
 from space_envs.evaluation.datasets_card import read_card
 from space_envs.evaluation.datasets_minari import ROOT_VARIABLE, require_minari
 from space_envs.evaluation.parallel import check_backend
 from space_envs.evaluation.records import Task
+from space_envs.models.parameters import VARIANTS
 from space_envs.registration import ENTRIES
 from space_envs.tasks.common import DIFFICULTIES, SPLITS
 
@@ -64,6 +66,9 @@ def parser() -> argparse.ArgumentParser:
     what = f"{' or '.join(LEARNED_FROM)} (default train); goals that policies are tested on are refused"
     add("--split", default="train", metavar="NAME", help=what)
     add("--difficulty", default="medium", metavar="NAME", help=f"{', '.join(DIFFICULTIES)} (default medium)")
+    what = f"{', '.join(CONTROL_MODES)}; by default what each policy was made for"
+    add("--control-mode", metavar="MODE", help=what)
+    add("--variant", help=f"inertias of the single arm's model: {', '.join(VARIANTS)} (default paper)")
     add("--episodes", type=int, default=100, metavar="N", help="different goals (default 100)")
     what = "draws the goals and their order, and is the policy's (default 0)"
     add("--seed", type=int, default=0, help=what)
@@ -113,6 +118,8 @@ def _requests(options: argparse.Namespace) -> list[Request]:
         for name in names:
             if name not in known:
                 raise unknown_name(title, name, known)
+    if options.control_mode is not None and options.control_mode not in CONTROL_MODES:
+        raise unknown_name("control mode", options.control_mode, CONTROL_MODES)
     if options.split not in LEARNED_FROM:
         raise ConfigurationError(
             f"datasets are to learn from: they have goals of {' or '.join(LEARNED_FROM)}, never those of "
@@ -134,9 +141,11 @@ def _requests(options: argparse.Namespace) -> list[Request]:
             options.seed,
             options.captured_only,
             formats,
+            options.control_mode,
+            options.variant,
         )
         for env_id in env_ids
-        for policy in choose_policies(options.policy, env_id, env_ids)
+        for policy in choose_policies(options.policy, env_id, env_ids, options.control_mode)
     ]
     distinct("name of a dataset", [request.id for request in requests])
     for request in requests:

@@ -32,7 +32,10 @@ NAMESPACE, VERSION = "space-capture", "v0"
 
 @dataclass(frozen=True)
 class Request:
-    """One dataset: which episodes of which policy, and in which formats."""
+    """One dataset: which episodes of which policy, and in which formats.
+
+    `control_mode` and `variant` are those that were asked for; without, the policy's own and the paper's.
+    """
 
     task: Task
     policy: ResolvedPolicy
@@ -40,18 +43,21 @@ class Request:
     seed: int
     captured_only: bool
     formats: tuple[str, ...]
+    control_mode: str | None = None
+    variant: str | None = None
 
     @property
     def id(self) -> str:
         """Of the dataset, in Minari's form, where a name is made of letters, digits, - and _."""
         name = re.sub(r"[^\w-]+", "-", self.policy.name, flags=re.ASCII).strip("-") or "policy"
         env = self.task.env_id.split("/")[1]
-        return f"{NAMESPACE}/{env}/{name}-{self.task.difficulty}-{self.task.split}-{VERSION}"
+        words = [name, self.control_mode, self.variant, self.task.difficulty, self.task.split, VERSION]
+        return f"{NAMESPACE}/{env}/{'-'.join(filter(None, words))}"
 
     @property
     def keywords(self) -> dict[str, Any]:
         """Of `gym.make`, but for the id."""
-        return {"control_mode": self.policy.control_mode, **task_keywords(self.task, None)}
+        return {"control_mode": self.policy.control_mode, **task_keywords(self.task, self.variant)}
 
     def make_env(self) -> CaptureVectorEnv:
         """The environment, for one episode."""
@@ -69,7 +75,7 @@ class Request:
             Unit(
                 self.policy,
                 self.task,
-                None,
+                self.variant,
                 self.seed,
                 first,
                 tuple(indices[first : first + CHUNK]),
@@ -90,6 +96,7 @@ class Request:
             "source": source.name if file else source,
             "source_checksum": sha256(source.read_bytes()).hexdigest() if file else None,
             "control_mode": self.policy.control_mode,
+            "variant": self.variant,
             "difficulty": self.task.difficulty,
             "split": self.task.split,
             "episodes": self.episodes,
@@ -111,6 +118,8 @@ class Request:
             str(self.episodes),
         ]
         words += ["--seed", str(self.seed), "--format", *self.formats]
+        words += [] if self.control_mode is None else ["--control-mode", self.control_mode]
+        words += [] if self.variant is None else ["--variant", self.variant]
         return shlex.join([*words, "--captured-only"] if self.captured_only else words)
 
 
