@@ -1,8 +1,10 @@
 """The one table of policies."""
 
+import traceback
 from dataclasses import dataclass
+from typing import Any
 
-from space_envs.errors import ConfigurationError, unknown_name
+from space_envs.errors import ConfigurationError, PolicyError, SpaceEnvsError, unknown_name
 from space_envs.evaluation.policy import DEFAULT_CONTROL_MODE, Policy, PolicyContext, load_policy_class
 
 
@@ -172,7 +174,17 @@ def make_policy(name: str, context: PolicyContext, seed: int) -> Policy:
     """Build a policy by its name.
 
     Raises:
-        ConfigurationError, PolicyError: as `policy_class` says, or if the context's control mode is not the
-            policy's.
+        ConfigurationError, PolicyError: as `policy_class` says, if the context's control mode is not the
+            policy's, or if one that is not built in raises.
     """
-    return policy_class(name)(context, seed)  # pyright: ignore[reportCallIssue]
+    build: Any = policy_class(name)
+    try:
+        return build(context, seed)
+    except SpaceEnvsError:
+        raise
+    except Exception as error:
+        if name in POLICIES:
+            raise
+        last = traceback.extract_tb(error.__traceback__)[-1]
+        told = f"{type(error).__name__}: {error} (line {last.lineno} of {last.filename})"
+        raise PolicyError(f"policy {name!r} could not be built with (context, seed): {told}") from error

@@ -88,3 +88,13 @@ class Prints(Well):
     def predict(self, observation, state=None, episode_start=None, deterministic=True):
         print("thinking")
         return super().predict(observation, state, episode_start, deterministic)
+
+
+class Unbuilt:
+    """Takes no seed."""
+
+    def __init__(self, context):
+        raise ValueError("never reached")
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        return np.zeros((len(observation), 7)), state

@@ -192,6 +192,13 @@ def test_a_policy_loses_only_the_episodes_that_it_spoils(
             assert record.attitude_cost == pytest.approx(undisturbed.attitude_cost, rel=1e-9)
 
 
+def test_a_policy_that_cannot_be_built_is_told_before_anything_is_played(tmp_path: Path, capsys) -> None:
+    assert main(["--policy", f"{HARNESS}:Unbuilt", "--output", str(tmp_path / "out")]) == 2
+    told = capsys.readouterr().err
+    assert f"policy '{HARNESS}:Unbuilt' could not be built with (context, seed): TypeError: " in told
+    assert not (tmp_path / "out").exists()
+
+
 def test_limits_that_are_kept_change_nothing(tmp_path: Path) -> None:
     free = records_of(evaluation(f"{HARNESS}:Prints", episodes=2), tmp_path / "free")
     held = records_of(

@@ -116,7 +116,8 @@ def _ray(jobs: int, address: str | None) -> Iterator[None]:
         else:
             ray.init(address=address, **quiet)
     except (ConnectionError, ValueError, RuntimeError, TimeoutError) as error:
-        raise ConfigurationError(f"no Ray cluster answers at {address}: {_first_line(error)}") from None
+        told = f"no Ray cluster answers at {address}: {_first_line(error)}"
+        raise ConfigurationError(f"{told} (one that wants a token needs RAY_AUTH_MODE=token)") from None
     try:
         register_ray()
         with parallel_config(backend="ray"):
