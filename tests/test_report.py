@@ -118,13 +118,15 @@ def test_tasks_and_control_modes_never_share_a_row() -> None:
         make_record(split="ood"),
         make_record(control_mode="reactionless"),
         make_record(env_id="SpaceCapture/Other-v0"),
+        make_record(env_id="SpaceCapture/DualArmPlanar-v0"),
     ]
     assert [(r.task.env_id[13:18], r.task.difficulty, r.task.split) for r in rows_of(records)] == [
-        ("Other", "medium", "test"),
         ("Singl", "easy", "test"),
-        ("Singl", "medium", "ood"),
         ("Singl", "medium", "test"),
+        ("Singl", "medium", "ood"),
         ("Singl", "hard", "test"),
+        ("DualA", "medium", "test"),
+        ("Other", "medium", "test"),
     ]
 
 

@@ -27,8 +27,9 @@ from space_envs.evaluation.statistics import (
     named_generator,
     stratified_bootstrap,
 )
+from space_envs.registration import ENTRIES
+from space_envs.tasks.common import DIFFICULTIES, SPLITS
 
-DIFFICULTIES = ("easy", "medium", "hard")
 TIMINGS = ("planning_ms", "action_ms")
 
 # Figure -> the statistic of the record field of the same name.
@@ -167,9 +168,15 @@ def _timing(records: list[EpisodeRecord], key: str) -> float:
 
 def _rank(row: Row) -> tuple[Any, ...]:
     task, figures = row.task, row.figures
-    difficulty = DIFFICULTIES.index(task.difficulty) if task.difficulty in DIFFICULTIES else len(DIFFICULTIES)
     merit = (-figures["success"].value, figures["final_attitude"].value, figures["attitude_cost"].value)
-    return (task.env_id, difficulty, task.difficulty, task.split, *merit, row.policy, row.control_mode)
+    place = (_place(task.env_id, ENTRIES), _place(task.difficulty, DIFFICULTIES), _place(task.split, SPLITS))
+    return (*place, *merit, row.policy, row.control_mode)
+
+
+def _place(name: str, names: Iterable[str]) -> tuple[int, str]:
+    """Sorts by the place in a list, and what is not in it behind."""
+    names = list(names)
+    return (names.index(name) if name in names else len(names), name)
 
 
 def _plain(value: float) -> float | None:
