@@ -15,6 +15,7 @@ from synthetic_results import HOSTILE, make_played, make_record, make_result
 
 from space_envs.evaluation.leaderboard import build_rows
 from space_envs.evaluation.page import make_plots, to_html
+from space_envs.evaluation.page_scores import all_scores
 from space_envs.evaluation.records import EpisodeRecord, EvaluationResult
 from space_envs.evaluation.replays import Replay, make_replays
 
@@ -67,8 +68,9 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> str:
     rows = build_rows(made.records, np.random.default_rng(0))
     # Plots of one task are enough to look at.
     medium = replace(made, records=[record for record in made.records if record.difficulty == "medium"])
+    scores = all_scores(medium.records, medium.experts, np.random.default_rng(0))
     plots = make_plots(
-        medium, [row for row in rows if row.task.difficulty == "medium"], np.random.default_rng(0)
+        medium, [row for row in rows if row.task.difficulty == "medium"], scores, np.random.default_rng(0)
     )
     path = tmp_path_factory.mktemp("browser") / "report.html"
     path.write_text(
@@ -110,7 +112,7 @@ def page(
     )
     opened = context.new_page()
     watch(opened, complaints)
-    opened.goto(f"{address}#page-1")
+    opened.goto(f"{address}#page-0")
     yield opened
     context.close()
     assert complaints == []
@@ -134,13 +136,13 @@ def watch(opened: Page, complaints: list[str]) -> None:
     opened.on("websocket", lambda socket: asked(socket.url))
 
 
-def names(page: Page, task: int = 2) -> list[str]:
+def names(page: Page, task: int = 1) -> list[str]:
     """Policies that a task's table shows, in order."""
     rows = page.locator(f"#task-{task} table.sortable tbody tr:visible")
     return rows.evaluate_all("rows => rows.map((row) => row.dataset.name)")
 
 
-def head(page: Page, title: str, task: int = 2) -> Locator:
+def head(page: Page, title: str, task: int = 1) -> Locator:
     return page.locator(f"#task-{task} table.sortable th").filter(has=page.get_by_role("button", name=title))
 
 
@@ -185,26 +187,26 @@ def test_filters_by_words_difficulty_and_split(page: Page) -> None:
     words = page.get_by_role("searchbox", name="Filter policies")
     words.focus()
     page.keyboard.type("JERK")
-    assert names(page) == ["minimum_jerk"] and names(page, 1) == []
+    assert names(page) == ["minimum_jerk"] and names(page, 0) == []
     assert page.locator("output:visible").inner_text() == "1 of 7 rows"
     words.fill("")
     assert len(names(page)) == 3
     page.get_by_label("Difficulty").select_option("easy")
-    assert names(page) == [] and names(page, 1) == ["mpc", "still"]
-    assert not page.locator("#task-2").is_visible() and page.locator("#task-1").is_visible()
-    assert page.locator("#page-1 select[data-filter=split]").count() == 0  # there is one only
+    assert names(page) == [] and names(page, 0) == ["mpc", "still"]
+    assert not page.locator("#task-1").is_visible() and page.locator("#task-0").is_visible()
+    assert page.locator("#page-0 select[data-filter=split]").count() == 0  # there is one only
 
 
 def test_pages_are_links(page: Page) -> None:
     page.get_by_role("link", name="DualArmPlanar").click()
-    until(page, "document.querySelector('h2').offsetParent")
+    until(page, "document.querySelector('#page-1 h2').offsetParent")
     assert page.locator("h2:visible").inner_text() == "SpaceCapture/DualArmPlanar-v0"
     page.get_by_role("link", name="How it was made").focus()
     page.keyboard.press("Enter")
     until(page, "document.querySelector('#about').offsetParent")
     assert "--policy random hold" in page.locator("pre:visible").inner_text()
     page.go_back()
-    until(page, "!document.querySelector('#page-0').hidden")
+    until(page, "!document.querySelector('#page-1').hidden")
 
 
 @pytest.mark.parametrize("options", [{}, {"reduced_motion": "no-preference"}], ids=["still", "moving"])
@@ -284,7 +286,7 @@ def test_a_replay_without_webgl(engine: Playwright, address: str, complaints: li
     plain = engine.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-3d-apis"])
     page = plain.new_page(viewport={"width": 700, "height": 700}, reduced_motion="reduce")
     watch(page, complaints)
-    page.goto(f"{address}#page-1")
+    page.goto(f"{address}#page-0")
     page.get_by_role("link", name="Watch minimum_jerk").click()
     until(page, "document.querySelector('.player .told').textContent.startsWith('Captured')")
     until(page, "document.querySelector('.player .readout').textContent")
@@ -316,7 +318,7 @@ def test_fits_a_phone(page: Page, options: dict[str, object]) -> None:
         page.evaluate(f"location.hash = '{key}'")
         until(page, f"!document.getElementById('{key}').hidden")
         assert page.evaluate("document.documentElement.scrollWidth") == 375, key
-    page.evaluate("location.hash = 'page-1'")
+    page.evaluate("location.hash = 'page-0'")
     table = page.locator("#table-2")
     assert table.evaluate("box => box.scrollWidth > box.clientWidth && box.clientWidth < 375")
 

@@ -25,6 +25,7 @@ from space_envs.evaluation import figures
 from space_envs.evaluation.leaderboard import FIGURES, Row, build_rows
 from space_envs.evaluation.names import csv_name, display_name, file_name, latex_name, markdown_name
 from space_envs.evaluation.page import NO_PICTURES, SCRIPTS, highlights
+from space_envs.evaluation.page_scores import all_scores
 from space_envs.evaluation.records import (
     EpisodeRecord,
     EvaluationResult,
@@ -285,6 +286,23 @@ def test_figures_are_xml_with_names_as_text(result: EvaluationResult, rows: list
             used = set(re.findall(r'(?:href="#|url\(#)([^")]+)', panel.svg))
             assert used and used <= defined
     assert {"mpc", "minimum_jerk", "<img src=x onerro...", "time [s]"} <= seen
+
+
+def test_normalised_scores_are_drawn_where_both_references_were_played() -> None:
+    made = make_result()
+    rows = rows_of(list(made.records))
+    shade = figures.colours([row.policy for row in rows])
+    scores = all_scores(made.records, ("mpc",), np.random.default_rng(0))
+    plot = figures.scores_plot(rows, scores, shade)
+    assert plot is not None
+    assert {panel.key for panel in plot.panels} >= {"scores-success", "scores-final_attitude"}
+    alt = {panel.key: panel.alt for panel in plot.panels}
+    assert "random 0" in alt["scores-success"] and "mpc 1" in alt["scores-success"]
+    gjm = scores[entrant("gjm")]["success"].estimate
+    assert gjm is not None and f"gjm {gjm.value:.3g}" in alt["scores-success"]
+    without = [record for record in made.records if record.policy != "random"]
+    left = [row for row in rows if row.policy != "random"]
+    assert figures.scores_plot(left, all_scores(without, ("mpc",), np.random.default_rng(0)), shade) is None
 
 
 def test_figures_repeat_whatever_the_users_style(rows: list[Row]) -> None:

@@ -5,7 +5,7 @@ alone. `shade` gives each policy its colour, the same in all figures (see `colou
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,8 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 from space_envs.evaluation.drawing import INK, WIDTH, Panel, draw_panel, label_points
 from space_envs.evaluation.leaderboard import Row
 from space_envs.evaluation.names import display_name, figure_name
+from space_envs.evaluation.normalised import SCORES, Scores
+from space_envs.evaluation.statistics import Estimate
 from space_envs.evaluation.tables import row_name
 from space_envs.evaluation.traces import Traces
 
@@ -41,42 +43,75 @@ def colours(policies: Sequence[str]) -> dict[str, str]:
 
 def intervals_plot(rows: Sequence[Row], shade: Mapping[str, str]) -> Plot:
     """Success and final attitude with their 95 % intervals, one line for each row."""
-    names = [row_name(row, rows) for row in rows]
-    colour = [shade[row.policy] for row in rows]
     panels = []
     for key, title, scale in (
         ("success", "success [%]", 100.0),
         ("capture@1deg", "capture@1deg [%]", 100.0),
         ("final_attitude", "final attitude [deg]", 1.0),
     ):
+        estimates = [row.figures[key] for row in rows]
 
-        def draw(axes: Axes, key: str = key, title: str = title, scale: float = scale) -> None:
-            for number, row in enumerate(rows):
-                estimate = row.figures[key]
-                if not math.isfinite(estimate.value):
-                    continue
-                low, high = (scale * end for end in (estimate.low, estimate.high))
-                if math.isfinite(low) and math.isfinite(high):
-                    axes.plot([low, high], [number, number], color=colour[number], lw=5, alpha=0.35)
-                axes.plot(scale * estimate.value, number, "o", color=colour[number], ms=7, clip_on=False)
-            axes.set_yticks(range(len(rows)), [figure_name(name) for name in names])
-            axes.set_ylim(len(rows) - 0.4, -0.6)
-            axes.set_xlabel(title)
-            axes.grid(axis="x")
+        def dress(axes: Axes, scale: float = scale, estimates: list[Estimate] = estimates) -> None:
             if scale == 100:
                 axes.set_xlim(-3, 103)
             else:
-                _wide_range(axes, [row.figures[key].value for row in rows])
-            axes.tick_params(axis="y", length=0)
+                _wide_range(axes, [estimate.value for estimate in estimates])
 
-        figures = ", ".join(
-            f"{display_name(n)} {scale * r.figures[key].value:.3g}" for n, r in zip(names, rows, strict=True)
-        )
-        panels.append(
-            draw_panel(f"intervals-{key}", draw, f"{title}: {figures}", height=0.75 + 0.27 * len(rows))
-        )
+        panels.append(_interval_panel(f"intervals-{key}", title, rows, estimates, scale, shade, dress))
     caption = "Dots are the figures of the table, bars their 95 % intervals. Failures count."
     return Plot("intervals", "Success and attitude", caption, tuple(panels))
+
+
+def scores_plot(rows: Sequence[Row], scores: Scores, shade: Mapping[str, str]) -> Plot | None:
+    """Normalised scores with their 95 % intervals, one panel for each score that exists."""
+    panels = []
+    scored = [row for row in rows if row.entrant in scores]
+    for name in SCORES:
+        estimates = [scores[row.entrant][name].estimate for row in scored]
+        found = [estimate for estimate in estimates if estimate is not None]
+        if not scored or len(found) < len(scored):
+            continue
+
+        def dress(axes: Axes) -> None:
+            for reference in (0.0, 1.0):
+                axes.axvline(reference, color=INK, lw=0.8, ls=(0, (4, 2)))
+
+        title = name.replace("_", " ")
+        panels.append(_interval_panel(f"scores-{name}", title, scored, found, 1.0, shade, dress))
+    caption = "Dashed lines: random has 0, the best expert 1. Bars are 95 % intervals. Failures count."
+    return Plot("scores", "Normalised scores", caption, tuple(panels)) if panels else None
+
+
+def _interval_panel(
+    key: str,
+    title: str,
+    rows: Sequence[Row],
+    estimates: Sequence[Estimate],
+    scale: float,
+    shade: Mapping[str, str],
+    dress: Callable[[Axes], None],
+) -> Panel:
+    """A dot and a bar for each row; `dress` finishes the axes."""
+    names = [row_name(row, rows) for row in rows]
+
+    def draw(axes: Axes) -> None:
+        for number, (row, estimate) in enumerate(zip(rows, estimates, strict=True)):
+            if not math.isfinite(estimate.value):
+                continue
+            low, high = (scale * end for end in (estimate.low, estimate.high))
+            colour = shade[row.policy]
+            if math.isfinite(low) and math.isfinite(high):
+                axes.plot([low, high], [number, number], color=colour, lw=5, alpha=0.35)
+            axes.plot(scale * estimate.value, number, "o", color=colour, ms=7, clip_on=False)
+        axes.set_yticks(range(len(rows)), [figure_name(name) for name in names])
+        axes.set_ylim(len(rows) - 0.4, -0.6)
+        axes.set_xlabel(title)
+        axes.grid(axis="x")
+        dress(axes)
+        axes.tick_params(axis="y", length=0)
+
+    told = (f"{display_name(n)} {scale * e.value:.3g}" for n, e in zip(names, estimates, strict=True))
+    return draw_panel(key, draw, f"{title}: {', '.join(told)}", height=0.75 + 0.27 * len(rows))
 
 
 def outcomes_plot(rows: Sequence[Row]) -> Plot:

@@ -46,6 +46,10 @@ class NormalisedScore:
     reason: str | None
 
 
+Scores = Mapping[Entrant, Mapping[str, NormalisedScore]]
+"""Of each entrant, by the names in SCORES."""
+
+
 @dataclass(frozen=True)
 class _Scale:
     merits: Mapping[Entrant, np.ndarray]  # score of each episode

@@ -26,8 +26,9 @@ from space_envs.evaluation.comparison_figures import comparison_plots
 from space_envs.evaluation.drawing import prefixed
 from space_envs.evaluation.leaderboard import Row
 from space_envs.evaluation.names import display_name
+from space_envs.evaluation.normalised import Scores
 from space_envs.evaluation.page_replays import page_replays
-from space_envs.evaluation.page_scores import Scores, score_table
+from space_envs.evaluation.page_scores import score_table
 from space_envs.evaluation.records import OUTCOMES, Entrant, EpisodeRecord, EvaluationResult, Task
 from space_envs.evaluation.tables import ABLE, COLUMNS, NOTE, Column, by_task, leaders, row_name
 from space_envs.registration import ENTRIES
@@ -42,7 +43,7 @@ NO_PICTURES = (
 
 
 def make_plots(
-    result: EvaluationResult, rows: Sequence[Row], generator: np.random.Generator
+    result: EvaluationResult, rows: Sequence[Row], scores: Scores, generator: np.random.Generator
 ) -> dict[Task, list[figures.Plot]]:
     """Every plot of each task, in the order of the page."""
     shade = _shade(rows)
@@ -56,6 +57,7 @@ def make_plots(
         records = [record for record in result.records if record.entrant.task == task]
         made = [
             figures.intervals_plot(group, shade),
+            figures.scores_plot(group, scores, shade),
             *comparison_plots(group, records, shade, generator),
             figures.cost_plot(group, shade),
             figures.outcomes_plot(group),

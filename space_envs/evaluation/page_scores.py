@@ -7,11 +7,9 @@ import numpy as np
 
 from space_envs.evaluation.leaderboard import Row
 from space_envs.evaluation.names import display_name
-from space_envs.evaluation.normalised import SCORES, NormalisedScore, normalised_scores
-from space_envs.evaluation.records import Entrant, EpisodeRecord, Task
+from space_envs.evaluation.normalised import SCORES, NormalisedScore, Scores, normalised_scores
+from space_envs.evaluation.records import EpisodeRecord, Task
 from space_envs.evaluation.tables import row_name
-
-Scores = Mapping[Entrant, Mapping[str, NormalisedScore]]
 
 
 def all_scores(

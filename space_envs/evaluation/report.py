@@ -12,8 +12,9 @@ from space_envs.errors import ConfigurationError
 from space_envs.evaluation.exports import write_plots, write_videos
 from space_envs.evaluation.leaderboard import Row, build_rows
 from space_envs.evaluation.names import joined_file_name
+from space_envs.evaluation.normalised import Scores
 from space_envs.evaluation.page import make_plots, to_html
-from space_envs.evaluation.page_scores import Scores, all_scores, plain_scores
+from space_envs.evaluation.page_scores import all_scores, plain_scores
 from space_envs.evaluation.records import (
     SCHEMA_VERSION,
     Entrant,
@@ -67,7 +68,7 @@ def write_report(
     rows = build_rows(result.records, generator)
     scores = all_scores(result.records, result.experts, generator)
     summary_json(result, rows, scores, {})  # refuses provenance that is not plain, before plots take time
-    plots = make_plots(result, rows, generator)
+    plots = make_plots(result, rows, scores, generator)
     folder = Path(folder)
     traces = {entrant: folder / "traces" / f"{entrant_stem(entrant)}.npz" for entrant in result.traces}
     # All text is made first, so that a result that cannot be reported leaves the folder as it was.
