@@ -167,7 +167,7 @@ class Ticking(Nan):
         return np.zeros((len(observation), self.size)), None
 
 
-@pytest.mark.parametrize(("first", "planning"), [(2.25, 2000.0), (0.25, None), (0.45, None)])
+@pytest.mark.parametrize(("first", "planning"), [(2.5, 2250.0), (0.25, None), (2.4, None)])
 def test_timing_tells_planning_from_acting(monkeypatch, first, planning):
     monkeypatch.setattr("space_envs.evaluation.rollout.perf_counter", lambda: Ticking.clock)
     monkeypatch.setattr(Ticking, "first", first)
