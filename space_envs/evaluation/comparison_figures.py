@@ -29,7 +29,7 @@ from space_envs.evaluation.leaderboard import Row
 from space_envs.evaluation.names import display_name, figure_name
 from space_envs.evaluation.records import EpisodeRecord
 from space_envs.evaluation.statistics import Estimates
-from space_envs.evaluation.tables import COLUMNS
+from space_envs.evaluation.tables import COLUMNS, row_name
 
 _POINTS = 81  # of a profile
 _DASHES: tuple[Any, ...] = ("-", (0, (4, 1.6)), (0, (1.2, 1.2)), (0, (7, 1.5, 1.2, 1.5)), (0, (2.2, 0.8)))
@@ -88,7 +88,7 @@ def _profile_panel(
     shade: Mapping[str, str],
 ) -> Panel:
     column = next(column for column in COLUMNS if column.key == metric)
-    names = _names(rows)
+    names = [row_name(row, rows) for row in rows]
     order = sorted(range(len(rows)), key=lambda number: -found[number].value.mean())
     wide = tau[0] > 0 and tau[-1] > 30 * tau[0]
 
@@ -159,7 +159,7 @@ def improvement_plot(rows: Sequence[Row], found: Improvement) -> Plot | None:
         for end in (found.probability.value, found.probability.low, found.probability.high)
     )
     better, worse = low > 0.5, high < 0.5
-    names = _names(rows)
+    names = [row_name(row, rows) for row in rows]
     roomy = count <= _ROOMY
 
     def draw(axes: Axes) -> None:
@@ -212,7 +212,7 @@ def improvement_plot(rows: Sequence[Row], found: Improvement) -> Plot | None:
 
 def pareto_plot(rows: Sequence[Row], shade: Mapping[str, str]) -> Plot | None:
     """Final attitude against the time to the first action, both logarithmic; None where nothing was timed."""
-    names, standings = _names(rows), pareto_front(rows)
+    names, standings = [row_name(row, rows) for row in rows], pareto_front(rows)
     shown = [
         (name, shade[standing.entrant.policy], standing)
         for name, standing in zip(names, standings, strict=True)
@@ -283,9 +283,3 @@ def pareto_plot(rows: Sequence[Row], shade: Mapping[str, str]) -> Plot | None:
     )
     panel = draw_panel("pareto", draw, alt, width=1.5 * WIDTH, height=5.0)
     return Plot("pareto", "Attitude, success and planning time", caption, (panel,))
-
-
-def _names(rows: Sequence[Row]) -> list[str]:
-    """Policies' names, with the control mode where a policy stands in several: figures have little room."""
-    times = Counter(row.policy for row in rows)
-    return [f"{row.policy} ({row.control_mode})" if times[row.policy] > 1 else row.policy for row in rows]

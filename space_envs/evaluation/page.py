@@ -30,7 +30,7 @@ from space_envs.evaluation.normalised import Scores
 from space_envs.evaluation.page_replays import page_replays
 from space_envs.evaluation.page_scores import score_table
 from space_envs.evaluation.records import OUTCOMES, Entrant, EpisodeRecord, EvaluationResult, Task
-from space_envs.evaluation.tables import ABLE, COLUMNS, NOTE, Column, by_task, leaders, row_name
+from space_envs.evaluation.tables import ABLE, COLUMNS, NOTE, Column, by_task, leaders, modes_told, row_name
 from space_envs.registration import ENTRIES
 
 SCRIPTS = ("pages.js", "table.js", "scene.js", "webgl.js", "painter.js", "player.js")
@@ -194,7 +194,7 @@ def _section(
     return {
         "number": number,
         "task": {name: display_name(value) for name, value in vars(task).items()},
-        "modes": [display_name(mode) for mode in sorted({row.control_mode for row in rows})],
+        "modes": display_name(modes_told(rows), 200),
         "episodes": " to ".join(str(end) for end in dict.fromkeys((episodes[0], episodes[-1]))),
         "seeds": len({seed for row in rows for seed in row.seeds}),
         "highlights": highlights(rows),

@@ -3,6 +3,7 @@
 import csv
 import io
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
@@ -105,9 +106,21 @@ def by_task(rows: Sequence[Row]) -> list[tuple[Task, list[Row]]]:
 
 
 def row_name(row: Row, rows: Sequence[Row]) -> str:
-    """The policy's name, with its control mode where the rows shown together differ in it."""
-    modes = {other.control_mode for other in rows}
-    return row.policy if len(modes) == 1 else f"{row.policy} ({row.control_mode})"
+    """The policy's name, with its control mode where that is not the one of most rows shown together."""
+    usual = usual_mode(rows)
+    return row.policy if row.control_mode == usual else f"{row.policy} ({row.control_mode})"
+
+
+def usual_mode(rows: Sequence[Row]) -> str:
+    """The control mode of most rows; of several, the first in the alphabet."""
+    count = Counter(row.control_mode for row in rows)
+    return min(count, key=lambda mode: (-count[mode], mode))
+
+
+def modes_told(rows: Sequence[Row]) -> str:
+    """The control mode of the rows, in words."""
+    several = len({row.control_mode for row in rows}) > 1
+    return usual_mode(rows) + (" where no other is named" if several else "")
 
 
 def leaders(column: Column, rows: Sequence[Row]) -> list[Row]:
@@ -138,8 +151,7 @@ def to_terminal(rows: Sequence[Row], console: Console | None = None) -> None:
         while console.measure(table, options=options).maximum > width and len(columns) > 1:
             columns.remove(max(columns, key=lambda column: column.priority))
             table = _rich_table(group, columns)
-        modes = ", ".join(sorted({row.control_mode for row in group}))
-        _print(console, Text(display_name(f"{task}, {modes}", 200), style="bold"), width)
+        _print(console, Text(display_name(f"{task}, {modes_told(group)}", 200), style="bold"), width)
         _print(console, table, width)
         hidden = [column.title for column in COLUMNS if column not in columns]
         if hidden:
@@ -151,10 +163,8 @@ def to_markdown(rows: Sequence[Row]) -> str:
     """One table for each task, with intervals; names are escaped."""
     parts = ["# Leaderboard\n"]
     for task, group in by_task(rows):
-        modes = ", ".join(sorted({row.control_mode for row in group}))
-        parts.append(
-            f"\n## {markdown_name(str(task), 200)}\n\nControl mode: {markdown_name(modes, 200)}.\n\n"
-        )
+        told = markdown_name(modes_told(group), 200)
+        parts.append(f"\n## {markdown_name(str(task), 200)}\n\nControl mode: {told}.\n\n")
         parts.append("| policy | " + " | ".join(column.heading for column in COLUMNS) + " |\n")
         parts.append("| --- |" + " ---: |" * len(COLUMNS) + "\n")
         for row in group:
@@ -190,7 +200,8 @@ def to_latex(rows: Sequence[Row]) -> str:
     parts = ["% \\usepackage{booktabs} in the preamble.\n"]
     for task, group in by_task(rows):
         episodes = ", ".join(str(count) for count in sorted({row.episodes for row in group}))
-        caption = f"{latex_name(str(task))}: {episodes} episodes a policy, 95\\,\\% intervals in brackets."
+        caption = f"{latex_name(str(task))}: {episodes} episodes a policy, 95\\,\\% intervals in brackets. "
+        caption += f"Control mode: {latex_name(modes_told(group))}."
         heads = [latex_name(column.title) for column in columns]
         units = [f"[{_latex_unit(column.unit)}]" for column in columns]
         parts += [
