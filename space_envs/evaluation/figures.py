@@ -76,7 +76,7 @@ def scores_plot(rows: Sequence[Row], scores: Scores, shade: Mapping[str, str]) -
             for reference in (0.0, 1.0):
                 axes.axvline(reference, color=INK, lw=0.8, ls=(0, (4, 2)))
 
-        title = name.replace("_", " ")
+        title = f"score in {name.replace('_', ' ')}"
         panels.append(_interval_panel(f"scores-{name}", title, scored, found, 1.0, shade, dress))
     caption = "Dashed lines: random has 0, the best expert 1. Bars are 95 % intervals. Failures count."
     return Plot("scores", "Normalised scores", caption, tuple(panels)) if panels else None
