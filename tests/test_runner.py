@@ -242,6 +242,15 @@ def test_a_process_of_its_own_changes_no_record(name: str) -> None:
     np.testing.assert_array_equal(apart.rollout.torque, here.rollout.torque)
 
 
+def test_a_policy_draws_anew_in_each_unit_and_seed() -> None:
+    evaluated = evaluation("random", "hold", episodes=2 * CHUNK, seeds=(0, 1))
+    drawn = {unit: unit.policy_seed for unit in evaluated.units()}
+    assert len(drawn) == 8
+    for name in ("random", "hold"):
+        own = [seed for unit, seed in drawn.items() if unit.player.name == name]
+        assert len(set(own)) == 4
+
+
 def test_timing_is_of_one_thread_and_names_the_processor(usual) -> None:
     _, records = usual
     for record in records:
