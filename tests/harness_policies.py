@@ -14,6 +14,8 @@ AT = 3  # step at which they misbehave
 class Well(GeneralizedJacobian):
     """Behaves, and knows how to tell goals apart."""
 
+    at = AT
+
     def __init__(self, context: PolicyContext, seed: int = 0) -> None:
         super().__init__(context, seed)
         self.period = context.control_period
@@ -22,7 +24,7 @@ class Well(GeneralizedJacobian):
         """Rows (N,) in which a subclass misbehaves now: goals on one side, at one time."""
         read = self.context.layout.read
         step = np.rint(read(observation, "time")[:, 0] / self.period)
-        return (step == AT) & chosen(read(observation, "goal_position"))
+        return (step == self.at) & chosen(read(observation, "goal_position"))
 
 
 def chosen(goal: np.ndarray) -> np.ndarray:
@@ -62,6 +64,12 @@ class Sleeps(Well):
         if self.bad(observation).any():
             time.sleep(60.0)
         return super().predict(observation, state, episode_start, deterministic)
+
+
+class Ponders(Sleeps):
+    """Takes its time to begin with."""
+
+    at = 0
 
 
 class Dies(Well):
