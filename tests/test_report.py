@@ -190,6 +190,23 @@ def test_markdown_is_a_table_whatever_the_names(rows: list[Row]) -> None:
     assert re.search(r"\| mpc \| 100 \[93, 100\] \|", text)
 
 
+def test_tables_say_why_episodes_failed() -> None:
+    reasons = ["it raised ValueError: <b>\x1b[3m", "it raised ValueError: <b>\x1b[3m", "late", "later", None]
+    records = [
+        make_record(episode=k, captured=False, outcome="policy_error", reason=reason, time_to_capture=None)
+        for k, reason in enumerate(reasons)
+    ]
+    rows = rows_of([*records, make_record(policy="gjm")])
+    file = io.StringIO()
+    to_terminal(rows, Console(file=file))
+    (line,) = (line for line in file.getvalue().splitlines() if "Failed:" in line)
+    assert line.startswith("Failed: mpc, 4 of 5: it raised ValueError: <b>") and "\x1b" not in line
+    assert line.endswith(", and 2 other reasons")
+    (line,) = (line for line in to_markdown(rows).splitlines() if line.startswith("- "))
+    assert line.startswith("- mpc, 4 of 5: it raised ValueError: &lt;b&gt;")
+    assert "Failed:" not in to_markdown(rows_of([make_record(policy="gjm")]))
+
+
 def test_csv_has_every_figure_with_its_interval(rows: list[Row]) -> None:
     table = list(csv.DictReader(io.StringIO(to_csv(rows))))
     assert [line["policy"] for line in table] == [csv_name(row.policy) for row in rows]

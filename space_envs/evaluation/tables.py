@@ -123,6 +123,18 @@ def modes_told(rows: Sequence[Row]) -> str:
     return usual_mode(rows) + (" where no other is named" if several else "")
 
 
+def reasons_told(rows: Sequence[Row]) -> list[tuple[str, str]]:
+    """Policies whose episodes failed for a reason that is known: how many, and the most frequent."""
+    told = []
+    for row in rows:
+        if row.reasons:
+            count, more = sum(count for _, count in row.reasons), len(row.reasons) - 1
+            others = f", and {more} other reason{'s' if more > 1 else ''}" if more else ""
+            reason = display_name(row.reasons[0][0], 200)
+            told.append((row_name(row, rows), f"{count} of {row.episodes}: {reason}{others}"))
+    return told
+
+
 def leaders(column: Column, rows: Sequence[Row]) -> list[Row]:
     """The rows of one task with the best figure, as far as the digits shown tell them apart.
 
@@ -156,6 +168,8 @@ def to_terminal(rows: Sequence[Row], console: Console | None = None) -> None:
         hidden = [column.title for column in COLUMNS if column not in columns]
         if hidden:
             _print(console, Text(f"Not shown at this width: {', '.join(hidden)}.", style="dim"), width)
+        for name, reasons in reasons_told(group):
+            _print(console, Text(f"Failed: {display_name(name)}, {reasons}", style="dim"), width)
     _print(console, Text(NOTE, style="dim"), console.width if console.is_terminal else 100)
 
 
@@ -170,6 +184,9 @@ def to_markdown(rows: Sequence[Row]) -> str:
         for row in group:
             cells = [f"{column.value(row)} {column.interval(row)}".strip() for column in COLUMNS]
             parts.append(f"| {markdown_name(row_name(row, group))} | " + " | ".join(cells) + " |\n")
+        failed = reasons_told(group)
+        parts.append("\nFailed:\n\n" if failed else "")
+        parts += [f"- {markdown_name(name)}, {markdown_name(reasons, 300)}\n" for name, reasons in failed]
     parts.append(f"\n{NOTE}\n")
     return "".join(parts)
 
