@@ -14,6 +14,8 @@ from rich.table import Table
 from rich.text import Text
 
 from agents.commands.choice import expert_names
+from agents.commands.show import show
+from space_envs.evaluation.folders import read_folder
 from space_envs.evaluation.leaderboard import build_rows
 from space_envs.evaluation.metrics import config_hash, configuration, episode_traces
 from space_envs.evaluation.names import display_name
@@ -49,11 +51,13 @@ def run(evaluation: Evaluation, options: Options) -> None:
     """Play what is missing, write every file of the result, and print the table.
 
     Raises:
-        SpaceEnvsError: if the folder cannot be used, or a process dies with its policy.
+        SpaceEnvsError: if the folder cannot be used or read, or a process dies with its policy.
     """
     started = perf_counter()
     folder = options.output
-    prepare(evaluation, folder, options.resume)
+    if not prepare(evaluation, folder, options.resume):
+        show(read_folder(folder).records, folder, notes=(f"{folder} is complete; nothing was played",))
+        return
     units = evaluation.units()
     play_missing(units, folder, options.jobs, options.backend, options.address)
     times = timings(units, folder)

@@ -11,9 +11,9 @@ import numpy as np
 from rich.console import Console
 
 from space_envs.errors import SpaceEnvsError, unknown_name
-from space_envs.evaluation.folders import RECORDS, REPORT, read_folder
+from space_envs.evaluation.folders import read_folder
 from space_envs.evaluation.leaderboard import Row, build_rows
-from space_envs.evaluation.records import EpisodeRecord
+from space_envs.evaluation.records import RECORDS, REPORT, EpisodeRecord
 from space_envs.evaluation.report import BOOTSTRAP_SEED
 from space_envs.evaluation.tables import COLUMNS, by_task, to_terminal
 

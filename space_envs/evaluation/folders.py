@@ -9,13 +9,11 @@ from typing import Any
 
 from space_envs.errors import ConfigurationError
 from space_envs.evaluation.metrics import configuration_hash
-from space_envs.evaluation.records import Entrant, EpisodeRecord, read_records
+from space_envs.evaluation.records import RECORDS, SUMMARY, Entrant, EpisodeRecord, read_records
 from space_envs.evaluation.report import entrant_stem
 from space_envs.evaluation.runner import PARTS, PLAN
 from space_envs.evaluation.states import States
 from space_envs.evaluation.traces import Traces
-
-RECORDS, SUMMARY, REPORT = "records.jsonl", "summary.json", "report.html"
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,8 +7,8 @@ from typing import Any
 
 from space_envs.errors import ConfigurationError
 from space_envs.evaluation.agreement import check_agreement
-from space_envs.evaluation.folders import RECORDS, ResultFolder
-from space_envs.evaluation.records import Entrant, EpisodeRecord, EvaluationResult, Task
+from space_envs.evaluation.folders import ResultFolder
+from space_envs.evaluation.records import RECORDS, Entrant, EpisodeRecord, EvaluationResult, Task
 from space_envs.evaluation.replays import Replay, make_replays
 from space_envs.evaluation.states import States, concatenate
 from space_envs.evaluation.traces import Traces

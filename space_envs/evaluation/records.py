@@ -23,6 +23,7 @@ from space_envs.evaluation.traces import Traces
 from space_envs.files import atomic_write_text
 
 SCHEMA_VERSION = 2
+RECORDS, SUMMARY, REPORT = "records.jsonl", "summary.json", "report.html"  # in a result folder
 OUTCOMES = ("captured", "timeout", "attitude_lost", "diverged", "collision", "policy_error")
 
 

@@ -16,7 +16,10 @@ from space_envs.evaluation.normalised import Scores
 from space_envs.evaluation.page import make_plots, to_html
 from space_envs.evaluation.page_scores import all_scores, plain_scores
 from space_envs.evaluation.records import (
+    RECORDS,
+    REPORT,
     SCHEMA_VERSION,
+    SUMMARY,
     Entrant,
     EvaluationResult,
     write_records,
@@ -76,19 +79,19 @@ def write_report(
         "leaderboard.md": to_markdown(rows),
         "leaderboard.csv": to_csv(rows),
         "leaderboard.tex": to_latex(rows),
-        "report.html": to_html(result, rows, plots, scores),
+        REPORT: to_html(result, rows, plots, scores),
     }
     for entrant, path in traces.items():
         result.traces[entrant].save(path)
     states = {entrant: folder / "states" / f"{entrant_stem(entrant)}.npz" for entrant in result.states}
     for entrant, path in states.items():
         result.states[entrant].save(path)
-    write_records(folder / "records.jsonl", result.records)
+    write_records(folder / RECORDS, result.records)
     for name, text in texts.items():
         atomic_write_text(folder / name, text)
-    relied_on = [folder / "records.jsonl", *traces.values(), *states.values()]
+    relied_on = [folder / RECORDS, *traces.values(), *states.values()]
     checksums = {path.relative_to(folder).as_posix(): _sha256(path) for path in relied_on}
-    atomic_write_text(folder / "summary.json", summary_json(result, rows, scores, checksums))
+    atomic_write_text(folder / SUMMARY, summary_json(result, rows, scores, checksums))
     write_plots(plots, folder / "plots")
     written, note = {}, ""
     if videos:
@@ -103,12 +106,12 @@ def write_report(
     _remove_others(folder / "videos", "*.mp4", written.values())
     return ReportPaths(
         folder=folder,
-        records=folder / "records.jsonl",
-        summary=folder / "summary.json",
+        records=folder / RECORDS,
+        summary=folder / SUMMARY,
         markdown=folder / "leaderboard.md",
         csv=folder / "leaderboard.csv",
         latex=folder / "leaderboard.tex",
-        html=folder / "report.html",
+        html=folder / REPORT,
         plots=folder / "plots",
         traces=traces,
         videos=written,

@@ -19,7 +19,15 @@ from space_envs.errors import ConfigurationError, PolicyError
 from space_envs.evaluation.parallel import ProcessDiedError, backend, elsewhere
 from space_envs.evaluation.policy_process import TimeLimits
 from space_envs.evaluation.provenance import commit, processor, versions
-from space_envs.evaluation.records import SCHEMA_VERSION, UNTIMED, Entrant, EpisodeRecord, Task, Timing
+from space_envs.evaluation.records import (
+    SCHEMA_VERSION,
+    SUMMARY,
+    UNTIMED,
+    Entrant,
+    EpisodeRecord,
+    Task,
+    Timing,
+)
 from space_envs.evaluation.rollout import Rollout, join, split_indices
 from space_envs.evaluation.units import CHUNK, Part, Player, Unit, play, task_keywords, time_unit
 from space_envs.files import atomic_write_text
@@ -99,8 +107,11 @@ class Played:
     seconds: float
 
 
-def prepare(evaluation: Evaluation, folder: Path, resume: bool) -> None:
-    """Write down what is played, or check that the folder holds parts of the same.
+def prepare(evaluation: Evaluation, folder: Path, resume: bool) -> bool:
+    """Write down what is played, or check that the folder holds the same.
+
+    Returns:
+        Whether there is anything to do; not where the folder that is resumed holds all of it.
 
     Raises:
         ConfigurationError: if the folder cannot be written, or what it holds is something else.
@@ -117,14 +128,19 @@ def prepare(evaluation: Evaluation, folder: Path, resume: bool) -> None:
             names = [name for name in plan if before.get(name) != plan[name]]
             told = "; ".join(f"{name} was {before.get(name)}, is {plan[name]}" for name in names)
             raise ConfigurationError(f"{folder} holds another evaluation: {told}")
+        if path.is_file() and (folder / SUMMARY).is_file() and not (folder / PARTS).is_dir():
+            return False
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if not resume:
+            # First, since a plan without parts says that all of it was played.
+            path.unlink(missing_ok=True)
             shutil.rmtree(folder / PARTS, ignore_errors=True)
         (folder / PARTS).mkdir(exist_ok=True)
         atomic_write_text(path, json.dumps(plan, indent=2) + "\n")
     except OSError as error:
         raise ConfigurationError(f"cannot write to {folder}: {error.strerror}") from None
+    return True
 
 
 def play_missing(
