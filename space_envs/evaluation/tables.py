@@ -27,7 +27,7 @@ NOTE = (
 )
 
 ABLE = 0.9  # success from which a policy competes for the gentlest and the fastest capture
-_TERMINAL_NAME = 28  # letters of a policy's name that a terminal shows
+_TERMINAL_NAME = 40  # letters of a policy's name that a terminal shows
 # What a page of a paper has room for.
 _IN_PAPERS = (
     "success",
