@@ -125,6 +125,29 @@ def test_killed_again_and_again_it_ends_with_the_same_records(tmp_path: Path) ->
     assert not (folder / "parts").exists()
 
 
+def test_killed_while_it_plays_it_ends_with_the_same_records(usual, tmp_path: Path) -> None:
+    evaluated, records = usual
+    arguments = ["--policy", "gjm", "random", "--split", "validation", "--seeds", "0,3", "--jobs", "2"]
+    arguments += ["--episodes", str(evaluated.episodes), "--no-pictures", "--output", str(tmp_path)]
+    kept = 0
+    for more in ([], ["--resume"]):
+        process = subprocess.Popen(
+            [sys.executable, "evaluate.py", *arguments, *more],
+            cwd=ROOT,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            process_group=0,
+        )
+        while process.poll() is None and len(list(tmp_path.glob("parts/*.npz"))) <= kept:
+            time.sleep(0.01)
+        os.killpg(process.pid, signal.SIGKILL)
+        assert process.wait() == -signal.SIGKILL
+        kept = len(list(tmp_path.glob("parts/*.npz")))
+        assert 0 < kept < len(evaluated.units())
+    assert main([*arguments, "--resume"]) == 0
+    assert records_without_timing(read_records(tmp_path / "records.jsonl")) == records_without_timing(records)
+
+
 def test_killed_between_two_units_it_goes_on_where_it_was(usual, tmp_path: Path) -> None:
     evaluated, records = usual
     prepare(evaluated, tmp_path, resume=False)
