@@ -8,8 +8,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from rich import box
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from agents.commands.choice import check_fit, choose_policies, distinct
 from agents.commands.dataset_making import Places, Request, complete, make
@@ -17,8 +19,10 @@ from space_envs.control import CONTROL_MODES
 from space_envs.errors import ConfigurationError, SpaceEnvsError, unknown_name
 from space_envs.evaluation.datasets_card import read_card
 from space_envs.evaluation.datasets_minari import ROOT_VARIABLE, require_minari
+from space_envs.evaluation.names import display_name
 from space_envs.evaluation.parallel import check_backend
 from space_envs.evaluation.records import Task
+from space_envs.evaluation.tables import print_at, width_of
 from space_envs.models.parameters import VARIANTS
 from space_envs.registration import ENTRIES
 from space_envs.tasks.common import DIFFICULTIES, SPLITS
@@ -162,9 +166,11 @@ def _show(
 ) -> bool:
     """Print what was made; whether a dataset was left with no episode."""
     cards = {request.id: card for request, card in made}
-    table = Table("id", "policy", "episodes", "captured", "left out", "state")
-    for column in table.columns:
-        column.overflow = "fold"
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for name in ("id", "policy", "episodes", "captured", "left out", "state"):
+        table.add_column(
+            name, justify="left" if name in ("id", "policy", "state") else "right", overflow="fold"
+        )
     console = Console()
     reasons: list[str] = []
     for request in requests:
@@ -174,12 +180,13 @@ def _show(
         state = "written" if request in missing else "was complete"
         state = state if told["written"] else "nothing to write"
         counts = (told["written"], told["captured"], len(left_out))
-        table.add_row(request.task.env_id.split("/")[1], request.policy.name, *map(str, counts), state)
+        names = (request.task.env_id.split("/")[1], request.policy.name)
+        table.add_row(*(Text(display_name(name)) for name in names), *map(str, counts), state)
         for one in left_out[:TOLD]:
             reasons.append(f"{request.id}: episode {one['episode']} (goal {one['index']}): {one['reason']}")
         if len(left_out) > TOLD:
             reasons.append(f"{request.id}: {len(left_out) - TOLD} more, in its card")
-    console.print(table)
+    print_at(console, table, width_of(console))
     for line in reasons:
         console.print(f"left out of {line}", highlight=False, soft_wrap=True, markup=False)
     console.print(f"Folder: {places.output}", highlight=False, soft_wrap=True, markup=False)

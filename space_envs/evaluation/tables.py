@@ -37,7 +37,7 @@ _IN_PAPERS = (
     "time_to_capture",
     "planning_ms",
 )
-_PIPE_WIDTH = 400  # a file has no width; rows stay on one line
+_PIPE_WIDTH = 400
 
 
 @dataclass(frozen=True)
@@ -158,19 +158,19 @@ def to_terminal(rows: Sequence[Row], console: Console | None = None) -> None:
     console = Console() if console is None else console
     for task, group in by_task(rows):
         columns, table = list(COLUMNS), _rich_table(group, COLUMNS)
-        width = console.width if console.is_terminal else _PIPE_WIDTH
+        width = width_of(console)
         options = console.options.update(max_width=_PIPE_WIDTH)
         while console.measure(table, options=options).maximum > width and len(columns) > 1:
             columns.remove(max(columns, key=lambda column: column.priority))
             table = _rich_table(group, columns)
-        _print(console, Text(display_name(f"{task}, {modes_told(group)}", 200), style="bold"), width)
-        _print(console, table, width)
+        print_at(console, Text(display_name(f"{task}, {modes_told(group)}", 200), style="bold"), width)
+        print_at(console, table, width)
         hidden = [column.title for column in COLUMNS if column not in columns]
         if hidden:
-            _print(console, Text(f"Not shown at this width: {', '.join(hidden)}.", style="dim"), width)
+            print_at(console, Text(f"Not shown at this width: {', '.join(hidden)}.", style="dim"), width)
         for name, reasons in reasons_told(group):
-            _print(console, Text(f"Failed: {display_name(name)}, {reasons}", style="dim"), width)
-    _print(console, Text(NOTE, style="dim"), console.width if console.is_terminal else 100)
+            print_at(console, Text(f"Failed: {display_name(name)}, {reasons}", style="dim"), width)
+    print_at(console, Text(NOTE, style="dim"), console.width if console.is_terminal else 100)
 
 
 def to_markdown(rows: Sequence[Row]) -> str:
@@ -261,7 +261,12 @@ def _rich_table(rows: Sequence[Row], columns: Sequence[Column]) -> Table:
     return table
 
 
-def _print(console: Console, renderable: Text | Table, width: int) -> None:
+def width_of(console: Console) -> int:
+    """Columns that a table may take: those of a terminal; a file has no width, and rows stay on one line."""
+    return console.width if console.is_terminal else _PIPE_WIDTH
+
+
+def print_at(console: Console, renderable: Text | Table, width: int) -> None:
     """Print at a width of our own, in characters that the output's encoding has."""
     rendered = io.StringIO()
     # A console prints no wider than itself, and one that writes to a pipe believes to have 80 columns.
