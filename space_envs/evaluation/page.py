@@ -8,6 +8,7 @@ import base64
 import hashlib
 import io
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib.resources import files
@@ -85,7 +86,7 @@ def to_html(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters["unit"] = lambda unit: unit.replace("^2", "²")
-    environment.filters["breakable"] = lambda title: Markup("@<wbr>").join(title.split("@"))
+    environment.filters["breakable"] = lambda name: Markup("<wbr>").join(re.split(r"(?<=[@_:.])", name))
     env_ids = list(dict.fromkeys(row.task.env_id for row in rows))
     command = result.provenance.get("command")
     return environment.from_string(_template("report.html.j2")).render(
