@@ -8,6 +8,7 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import harness_policies
 import numpy as np
@@ -15,11 +16,12 @@ import pytest
 
 from agents.commands.evaluate import main
 from agents.resolve import resolve_policy
-from space_envs.errors import ConfigurationError
+from space_envs.errors import ConfigurationError, PolicyError
 from space_envs.evaluation import runner
 from space_envs.evaluation.parallel import backend, check_backend
 from space_envs.evaluation.policy_process import TimeLimits
 from space_envs.evaluation.records import EpisodeRecord, Task, read_records, records_without_timing
+from space_envs.evaluation.rollout import PolicyTime
 from space_envs.evaluation.runner import Evaluation, collect, play_missing, prepare, timings
 from space_envs.evaluation.units import CHUNK, Part, play
 from space_envs.registration import make_task
@@ -284,21 +286,51 @@ def test_timing_is_of_one_thread_and_names_the_processor(usual) -> None:
         assert record.timing["action_ms"] is not None
 
 
+@pytest.mark.parametrize(
+    ("told", "planning", "action"),
+    [
+        ([(9.0, 0.3), (7.0, 0.5), (8.0, 0.4)], 7.0, 0.3),
+        ([(None, 0.3), (None, 0.2), (None, 0.4)], None, 0.2),
+        ([(9.0, 0.3), (None, 0.5), (8.0, 0.4)], None, 0.3),
+        ([(9.0, 0.3), None], None, None),
+    ],
+)
+def test_the_fastest_of_several_rounds_is_its_time(
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    told: list[tuple[float | None, float] | None],
+    planning: float | None,
+    action: float | None,
+) -> None:
+    evaluated = evaluation("gjm", "hold")
+    prepare(evaluated, tmp_path, resume=False)
+    units = evaluated.units()
+    rounds, turns = {"gjm": iter(told), "hold": iter([(None, 1.0)] * runner.ROUNDS)}, []
+
+    def timed(call: Any) -> PolicyTime:
+        (unit,) = call[1]
+        turns.append(unit.player.name)
+        one = next(rounds[unit.player.name])
+        if one is None:
+            raise PolicyError("it took too long")
+        return PolicyTime(*one)
+
+    monkeypatch.setattr(runner, "elsewhere", timed)
+    found = {entrant.policy: timing for entrant, timing in timings(units, tmp_path).items()}
+    assert (found["gjm"]["planning_ms"], found["gjm"]["action_ms"]) == (planning, action)
+    assert (found["hold"]["planning_ms"], found["hold"]["action_ms"]) == (None, 1.0)
+    # One after the other rather than all of one policy, and no more of one that failed.
+    assert turns == ["gjm", "hold"] * len(told) + ["hold"] * (runner.ROUNDS - len(told))
+    monkeypatch.setattr(runner, "elsewhere", lambda *_: pytest.fail("it was timed before"))
+    timings(units, tmp_path)
+
+
 def test_a_dry_run_plays_nothing_and_learns_from_what_was_played(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("SPACE_ENVS_CACHE", str(tmp_path / "cache"))
-    arguments = [
-        "--policy",
-        "hold",
-        "--split",
-        "validation",
-        "--episodes",
-        "3",
-        "--no-pictures",
-        "--jobs",
-        "1",
-    ]
+    arguments = ["--policy", "hold", "--split", "validation", "--episodes", "3", "--no-pictures"]
+    arguments += ["--jobs", "1"]
     output = ["--output", str(tmp_path / "out")]
     assert main([*arguments, *output, "--dry-run"]) == 0
     assert "never played on this machine" in capsys.readouterr().out
