@@ -289,9 +289,10 @@ def test_timing_is_of_one_thread_and_names_the_processor(usual) -> None:
 @pytest.mark.parametrize(
     ("told", "planning", "action"),
     [
-        ([(9.0, 0.3), (7.0, 0.5), (8.0, 0.4)], 7.0, 0.3),
-        ([(None, 0.3), (None, 0.2), (None, 0.4)], None, 0.2),
-        ([(9.0, 0.3), (None, 0.5), (8.0, 0.4)], None, 0.3),
+        ([(9.0, 0.3), (7.0, 0.5)], 7.0, 0.3),
+        ([(None, 0.3), (None, 0.2)], None, 0.2),
+        ([(9.0, 0.3), (None, 0.5)], None, 0.3),
+        ([None], None, None),
         ([(9.0, 0.3), None], None, None),
     ],
 )

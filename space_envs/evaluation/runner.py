@@ -35,7 +35,7 @@ from space_envs.registration import make_task
 
 PLAN, PARTS = "run.json", "parts"
 TIMED_EPISODES = 5
-ROUNDS = 3  # of timing, apart in time: what else a machine does slows a policy down for seconds
+ROUNDS = 2  # of timing, apart in time: what else a machine does slows a policy down for seconds
 
 
 @dataclass(frozen=True)

@@ -52,7 +52,7 @@ DESCRIPTIONS = {
     "timing": "What a clock decided; not a part of the checksum.",
     "checksum": "First 16 hexadecimal digits of the SHA-256 of all fields but timing and itself, in their "
     "order, as Python's json.dumps writes them.",
-    "planning_ms": "ms to make the plan, median over episodes played one at a time, in the fastest of three "
+    "planning_ms": "ms to make the plan, median over episodes played one at a time, in the faster of two "
     "rounds; null without a plan.",
     "action_ms": "ms to choose one action, likewise; null where nothing was timed.",
     "processor": "Name of the processor it was timed on.",
