@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from agents.optimal.check import check
@@ -103,6 +103,8 @@ def test_compiled_derivatives_agree_with_differences(name: str) -> None:
 def test_what_a_motion_does_is_differentiated_exactly(seed: int) -> None:
     space, y = space_of(seed)
     at = space.disturbance(y[None])
+    # At half a turn a rotation vector jumps to the other side, and close to it differences lose their digits.
+    assume(all(np.linalg.norm(at.miss[0, part]) < np.pi - 0.01 for part in (slice(3, 6), slice(6, 9))))
     way = np.random.default_rng(seed + 1).standard_normal(y.shape)
     high, low = (space.disturbance((y + sign * 1e-6 * way)[None]) for sign in (1, -1))
     for name in ("residual", "miss"):
