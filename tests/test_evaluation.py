@@ -9,9 +9,11 @@ import pytest
 
 from agents.commands.evaluate import main
 from agents.resolve import resolve_policy
+from space_envs.evaluation import runner
 from space_envs.evaluation.metrics import episode_metrics
-from space_envs.evaluation.records import read_records, records_without_timing
+from space_envs.evaluation.records import Task, read_records, records_without_timing
 from space_envs.evaluation.rollout import roll_out, split_indices, time_policy
+from space_envs.evaluation.runner import Evaluation, prepare
 from space_envs.registration import make_task
 
 SINGLE = "SpaceCapture/SingleArm-v0"
@@ -221,6 +223,23 @@ def test_a_complete_evaluation_is_not_played_again_by_resume(tmp_path, capsys):
     assert main([*arguments, "--resume"]) == 0
     assert "complete" not in capsys.readouterr().err
     assert (folder / "summary.json").exists()
+
+
+def test_a_restart_that_was_killed_is_not_complete(tmp_path, monkeypatch):
+    task = Task(SINGLE, "medium", "test")
+    evaluation = Evaluation(((task, resolve_policy("hold")),), 4, (3,))
+    (tmp_path / "summary.json").write_text("{}")  # of an evaluation before
+    assert prepare(evaluation, tmp_path, resume=False)
+
+    def killed(path, **_):
+        path.rmdir()
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(runner.shutil, "rmtree", killed)
+        with pytest.raises(KeyboardInterrupt):
+            prepare(evaluation, tmp_path, resume=False)
+    assert prepare(evaluation, tmp_path, resume=True)
 
 
 def test_a_users_own_class_runs_by_its_name(tmp_path, capsys, monkeypatch):
