@@ -1,7 +1,8 @@
 """A multilayer perceptron in numpy: what a learned policy needs to act, without a learning library.
 
-Rows are multiplied in blocks of a fixed size, so that the result for an observation does not depend on how
-many others are evaluated with it.
+Each row is a matrix product of its own, so that the result for an observation depends neither on how many
+others are evaluated with it nor on its place among them. In a product of several rows it can: some kernels of
+OpenBLAS sum the columns at the edge of a block in another order.
 """
 
 from collections.abc import Callable
@@ -24,7 +25,6 @@ ACTIVATIONS: dict[str, Callable[[Floats], Floats]] = {
     "gelu": lambda x: 0.5 * x * (1.0 + erf(x / 2.0**0.5)),
 }
 LOG_DEVIATION = (-20.0, 2.0)  # bounds, those of stable-baselines3's SAC
-_BLOCK = 16  # rows in one matrix product
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,15 +75,12 @@ class Network:
 
     def actions(self, features: NDArray, generator: np.random.Generator | None = None) -> NDArray[np.float32]:
         """Actions (N, m) in [-1, 1] for features (N, F); drawn from the policy where a generator is given."""
-        count = len(features)
-        x = np.zeros((-(-count // _BLOCK) * _BLOCK, self.inputs), dtype=np.float32)
-        x[:count] = features
-        x = x.reshape(-1, _BLOCK, self.inputs)
+        x = np.ascontiguousarray(features, dtype=np.float32)[:, None, :]
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
             x = ACTIVATIONS[self.activation](x @ weight + bias)
-        mean = (x @ self.weights[-1] + self.biases[-1]).reshape(-1, self.outputs)[:count]
+        mean = (x @ self.weights[-1] + self.biases[-1])[:, 0]
         if generator is not None:
-            log = (x @ self.deviation_weight + self.deviation_bias).reshape(-1, self.outputs)[:count]
+            log = (x @ self.deviation_weight + self.deviation_bias)[:, 0]
             noise = generator.standard_normal(mean.shape, dtype=np.float32)
             mean = mean + np.exp(np.clip(log, *LOG_DEVIATION)) * noise
         return np.tanh(mean) if self.squash else np.clip(mean, -1.0, 1.0)
