@@ -58,8 +58,8 @@ class Cloning:
         layers, _ = actor_modules(self.model)
         self.actor = [parameter for layer in layers for parameter in layer.parameters()]
         self.optimizer = th.optim.Adam(self.actor, parameters.learning_rate)
-        self.steps_a_round = parameters.num_envs * parameters.episode
-        self.rounds = max(1, parameters.steps // self.steps_a_round)
+        self.steps_a_round = parameters.round
+        self.rounds = -(-parameters.steps // self.steps_a_round)
         self._shards = folder.path / "demonstrations"
         self._data: list[Pairs] = []
 

@@ -51,8 +51,11 @@ SINGLE_ARM_FEATURES = (
     Feature("position_error", "bearing", 0.1),
     Feature("rotation_error", "bearing", 0.2),
 )
-
-
+CLUTTERED_FEATURES = (
+    *SINGLE_ARM_FEATURES,
+    Feature("obstacle_position", "from_base", 1.0),
+    Feature("obstacle_radius", "plain", 0.3),
+)
 DUAL_PLANAR_FEATURES = (
     Feature("joint_position", "from_home", 0.5),
     Feature("joint_velocity", "plain", 0.2),

@@ -1,10 +1,11 @@
 """Every number that learning depends on, in typed tables per task and algorithm."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 from agents.features import (
+    CLUTTERED_FEATURES,
     DUAL_PLANAR_FEATURES,
     DUAL_SPATIAL_FEATURES,
     SINGLE_ARM_FEATURES,
@@ -12,9 +13,11 @@ from agents.features import (
     feature_table,
 )
 from agents.network import ACTIVATIONS
-from space_envs.errors import ConfigurationError, unknown_name
+from space_envs.errors import ConfigurationError, positive, positive_integer, unknown_name
 
 ALGORITHMS = ("ppo", "sac", "td3", "bc")
+_LARGEST = {"num_envs": 2**16, "steps": 10**12, "batch_size": 2**24, "interval": 10**12}
+LARGEST_WIDTH = 2**14
 
 
 @dataclass(frozen=True)
@@ -46,18 +49,22 @@ class Hyperparameters:
     def __post_init__(self) -> None:
         if self.activation not in ACTIVATIONS:
             raise unknown_name("activation", self.activation, ACTIVATIONS)
-        for name in ("num_envs", "steps", "batch_size", "interval"):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-                raise ConfigurationError(f"{name} must be a positive integer, got {value!r}")
-        if not self.learning_rate > 0:
-            raise ConfigurationError(f"learning_rate must be positive, got {self.learning_rate!r}")
-        if self.minutes is not None and not self.minutes > 0:
+        for name, largest in _LARGEST.items():
+            positive_integer(name, getattr(self, name), largest)
+        positive("learning_rate", self.learning_rate)
+        if self.minutes is not None and not self.minutes > 0:  # infinity lifts a table's limit
             raise ConfigurationError(f"minutes must be positive, got {self.minutes!r}")
-        if not 0 < self.gamma <= 1:
+        if positive("gamma", self.gamma) > 1:
             raise ConfigurationError(f"gamma must lie in (0, 1], got {self.gamma!r}")
-        if not self.hidden or not all(isinstance(width, int) and width > 0 for width in self.hidden):
-            raise ConfigurationError(f"hidden must be positive layer widths, got {self.hidden!r}")
+        if not self.hidden:
+            raise ConfigurationError("hidden must be layer widths, got none")
+        for width in self.hidden:
+            positive_integer("a layer width of hidden", width, LARGEST_WIDTH)
+
+    @property
+    def round(self) -> int:
+        """Steps of all environments together between two updates; a run takes whole rounds."""
+        raise NotImplementedError
 
 
 @dataclass(frozen=True)
@@ -84,6 +91,11 @@ class PPO(Hyperparameters):
     critic_warm_up: int = 0
     final_rate: float = 0.1
 
+    @property
+    def round(self) -> int:
+        """Steps of a rollout."""
+        return self.num_envs * self.n_steps
+
 
 @dataclass(frozen=True)
 class OffPolicy(Hyperparameters):
@@ -98,6 +110,11 @@ class OffPolicy(Hyperparameters):
     tau: float = 0.005
     train_freq: int = 1
     gradient_steps: int = 8
+
+    @property
+    def round(self) -> int:
+        """Steps between two updates."""
+        return self.num_envs * self.train_freq
 
 
 @dataclass(frozen=True)
@@ -154,6 +171,11 @@ class BC(Hyperparameters):
     final_rate: float = 0.1
     deviation: float = 0.1
 
+    @property
+    def round(self) -> int:
+        """Steps of the episodes that are collected together."""
+        return self.num_envs * self.episode
+
 
 AnyHyperparameters = PPO | SAC | TD3 | BC
 _CLASSES: dict[str, type[PPO] | type[SAC] | type[TD3] | type[BC]] = {
@@ -209,51 +231,56 @@ def _dual_arm(features: tuple[Feature, ...], rounds: int) -> dict[str, AnyHyperp
     }
 
 
+SINGLE_ARM: dict[str, AnyHyperparameters] = {
+    "ppo": PPO(
+        num_envs=128,
+        steps=1_500_000,
+        learning_rate=3e-4,
+        batch_size=1024,
+        hidden=(128, 128),
+        activation="tanh",
+        interval=150_000,
+        n_steps=64,
+        n_epochs=8,
+        critic_warm_up=100_000,
+        minutes=9.0,
+    ),
+    "sac": SAC(
+        num_envs=16,
+        steps=200_000,
+        learning_rate=5e-4,
+        batch_size=256,
+        hidden=(128, 128),
+        activation="relu",
+        interval=20_000,
+    ),
+    "td3": TD3(
+        num_envs=16,
+        steps=200_000,
+        learning_rate=5e-4,
+        batch_size=256,
+        hidden=(128, 128),
+        activation="relu",
+        interval=20_000,
+    ),
+    "bc": BC(
+        num_envs=128,
+        steps=12 * 120 * 128,
+        learning_rate=2e-3,
+        batch_size=1024,
+        hidden=(128, 128),
+        activation="tanh",
+        interval=3 * 120 * 128,
+    ),
+}
+
 TABLES: dict[str, dict[str, AnyHyperparameters]] = {
+    "SpaceCapture/SingleArm-v0": SINGLE_ARM,
+    "SpaceCapture/SingleArmCluttered-v0": {
+        name: replace(table, features=CLUTTERED_FEATURES) for name, table in SINGLE_ARM.items()
+    },
     "SpaceCapture/DualArmPlanar-v0": _dual_arm(DUAL_PLANAR_FEATURES, 8),
     "SpaceCapture/DualArmSpatial-v0": _dual_arm(DUAL_SPATIAL_FEATURES, 10),
-    "SpaceCapture/SingleArm-v0": {
-        "ppo": PPO(
-            num_envs=128,
-            steps=1_500_000,
-            learning_rate=3e-4,
-            batch_size=1024,
-            hidden=(128, 128),
-            activation="tanh",
-            interval=150_000,
-            n_steps=64,
-            n_epochs=8,
-            critic_warm_up=100_000,
-            minutes=9.0,
-        ),
-        "sac": SAC(
-            num_envs=16,
-            steps=200_000,
-            learning_rate=5e-4,
-            batch_size=256,
-            hidden=(128, 128),
-            activation="relu",
-            interval=20_000,
-        ),
-        "td3": TD3(
-            num_envs=16,
-            steps=200_000,
-            learning_rate=5e-4,
-            batch_size=256,
-            hidden=(128, 128),
-            activation="relu",
-            interval=20_000,
-        ),
-        "bc": BC(
-            num_envs=128,
-            steps=12 * 120 * 128,
-            learning_rate=2e-3,
-            batch_size=1024,
-            hidden=(128, 128),
-            activation="tanh",
-            interval=3 * 120 * 128,
-        ),
-    },
 }
 
 

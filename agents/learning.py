@@ -26,7 +26,8 @@ def learn(folder: RunFolder, episodes: int = EPISODES, quiet: bool = False) -> d
         quiet: neither progress bar nor lines.
 
     Returns:
-        The summary: steps, the best policy's steps and validation, wall and processor time in s.
+        The summary: steps, the best policy's steps and validation, the validation of the policy that the
+        run started from and whether the best improved on it (None without one), wall and processor time in s.
 
     Raises:
         ConfigurationError, PolicyError: if something that was asked for does not exist or does not fit.
@@ -61,7 +62,7 @@ def _learn(
         start = None
         if checkpoint is None and isinstance(parameters, PPO):
             start = _start(folder, settings, parameters, budget, episodes, quiet)
-        learner = Reinforcement(settings, parameters, budget, done, budget.wall)
+        learner = Reinforcement(settings, parameters, budget, budget.wall)
         if checkpoint:
             learner.restore(checkpoint)
         elif start is not None:
@@ -69,6 +70,8 @@ def _learn(
     history = checkpoint["history"] if checkpoint else []
     recorder = Recorder(folder, settings, parameters, budget, learner.view, history, done, episodes, quiet)
     try:
+        if isinstance(learner, Reinforcement) and learner.warm and not history:
+            learner.record(recorder, candidate=False)  # what the run starts from, to compare with
         done = learner.run(recorder, done) if isinstance(learner, Cloning) else learner.run(recorder)
         summary = recorder.finish(done)
     finally:

@@ -120,6 +120,46 @@ class NativeVecEnv(VecEnv):
         self._return[rows] = 0.0
         self._length[rows] = 0
 
+    def snapshot(self) -> dict[str, Any]:
+        """Where the N episodes stand, as plain values and arrays; their goals must be of a split."""
+        state = self.env.__getstate__()
+        own = dict(state["own"])
+        generators = own.pop("_generators")
+        del own["_goal"]  # follows from split and index
+        if (own["_index"] < 0).any():
+            raise ConfigurationError("episodes whose goals were given as numbers cannot be stored")
+        own["_split"] = own["_split"].tolist()
+        return {
+            "simulation": state["simulation"],
+            "drive": state["drive"],
+            "own": own,
+            "generators": [generator.bit_generator.state for generator in generators],
+            "return": self._return.copy(),
+            "length": self._length.copy(),
+        }
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Go on from where a snapshot of as many episodes of the same task stands, with the same bits."""
+        own = dict(snapshot["own"])
+        generators = [np.random.default_rng() for _ in snapshot["generators"]]
+        for generator, state in zip(generators, snapshot["generators"], strict=True):
+            generator.bit_generator.state = state
+        goals = [
+            self.env.task.goals(split, np.array([index]))
+            for split, index in zip(own["_split"], own["_index"].tolist(), strict=True)
+        ]
+        own |= {"_generators": generators, "_goal": goals, "_split": np.array(own["_split"], dtype=object)}
+        arguments = self.env.__getstate__()["arguments"]
+        self.env.__setstate__(
+            {
+                "arguments": arguments,
+                "simulation": snapshot["simulation"],
+                "drive": snapshot["drive"],
+                "own": own,
+            }
+        )
+        self._return, self._length = snapshot["return"].copy(), snapshot["length"].copy()
+
     def close(self) -> None:
         """Free what pictures needed."""
         self.env.close()

@@ -7,8 +7,9 @@ import sys
 from importlib import import_module
 
 import benchmarks
+from space_envs.errors import unknown_name
 
-NOT_COMMANDS = ("__main__", "machine")
+NOT_COMMANDS = ("__main__", "arguments", "machine")
 
 
 def names() -> list[str]:
@@ -25,13 +26,15 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(names())}; default all")
     parser.add_argument("--list", action="store_true", help="say what each one measures, and stop")
     options = parser.parse_args(arguments)
-    if unknown := sorted(set(options.names) - set(names())):
-        parser.error(f"unknown benchmark {', '.join(unknown)}; there are {', '.join(names())}")
+    for name in options.names:
+        if name not in names():
+            parser.error(str(unknown_name("benchmark", name, names())))
     chosen = options.names or names()
     if options.list:
+        width = max(map(len, chosen)) + 2
         for name in chosen:
             doc = import_module(f"benchmarks.{name}").__doc__ or ""
-            print(f"{name:16}{' '.join(doc.split(chr(10) * 2)[0].split())}")
+            print(f"{name:{width}}{' '.join(doc.split(chr(10) * 2)[0].split())}")
         return 0
     status = 0
     for name in chosen:

@@ -10,6 +10,7 @@ from importlib.metadata import version
 import mujoco
 import numpy as np
 
+from benchmarks.arguments import whole
 from benchmarks.machine import machine_class, markdown_table
 from space_envs.dynamics import (
     FloatingRobot,
@@ -70,9 +71,9 @@ def mujoco_time(q: np.ndarray, repeats: int) -> float:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--trajectories", type=int, default=100)
-    parser.add_argument("--points", type=int, default=100)
-    parser.add_argument("--repeats", type=int, default=50, help="the best of so many runs is printed")
+    parser.add_argument("--trajectories", type=whole, default=100)
+    parser.add_argument("--points", type=whole, default=100)
+    parser.add_argument("--repeats", type=whole, default=50, help="the best of so many runs is printed")
     options = parser.parse_args()
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})

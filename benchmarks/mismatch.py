@@ -9,6 +9,7 @@ from tqdm import tqdm
 
 from agents.registry import make_policy
 from agents.tracking import DURATION
+from benchmarks.arguments import split, whole
 from benchmarks.machine import machine_class, markdown_table
 from space_envs.dynamics.rotations import Array
 from space_envs.envs import CaptureVectorEnv
@@ -58,8 +59,8 @@ def play(name: str, scale: float, goals: NDArray[np.int64], split: str) -> dict[
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--goals", type=int, default=100, help="medium goals (default %(default)s)")
-    parser.add_argument("--split", default="test", help="default %(default)s")
+    parser.add_argument("--goals", type=whole, default=100, help="medium goals (default %(default)s)")
+    parser.add_argument("--split", type=split, default="test", help="default %(default)s")
     options = parser.parse_args()
     rows = []
     with tqdm(total=len(POLICIES) * len(SCALES) * options.goals, unit="episode", leave=False) as bar:

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
+from benchmarks.arguments import seed, whole
 from benchmarks.machine import machine_class, markdown_table
 from space_envs.control import CONTROL_MODES
 from space_envs.dynamics.bodies import body_motion, momentum_drift
@@ -103,8 +104,8 @@ def replay(robot: Robot, timestep: float, given: Run) -> tuple[np.ndarray, np.nd
 def main(arguments: list[str] | None = None) -> None:
     """Print the tables of docs/momentum.md."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.momentum", description=__doc__)
-    parser.add_argument("--episodes", type=int, default=64, help="episodes for each cell (default 64)")
-    parser.add_argument("--seed", type=int, default=0, help="of actions and goals (default 0)")
+    parser.add_argument("--episodes", type=whole, default=64, help="episodes for each cell (default 64)")
+    parser.add_argument("--seed", type=seed, default=0, help="of actions and goals (default 0)")
     options = parser.parse_args(arguments)
     rows = []
     references: dict[str, tuple[Run, np.ndarray, np.ndarray]] = {}

@@ -20,6 +20,7 @@ from agents.optimal.promp_optimal import Planner, one_step
 from agents.optimal.sqp import MISS, minimise
 from agents.optimal.weight_space import INTERVALS
 from agents.planning import Failure, Limits
+from benchmarks.arguments import split, whole
 from benchmarks.machine import machine_class, markdown_table
 from space_envs.dynamics.rotations import Array
 from space_envs.models.single_arm import single_arm_model
@@ -208,12 +209,12 @@ def main() -> None:
     """Print both tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
-        "--goals", type=int, default=100, help="medium goals; half of easy, hard (default 100)"
+        "--goals", type=whole, default=100, help="medium goals; half of easy, hard (default 100)"
     )
     parser.add_argument(
-        "--jobs", type=int, default=2, help="processes for the reference (default %(default)s)"
+        "--jobs", type=whole, default=2, help="processes for the reference (default %(default)s)"
     )
-    parser.add_argument("--split", default="test", help="default %(default)s")
+    parser.add_argument("--split", type=split, default="test", help="default %(default)s")
     parser.add_argument("--no-ocp", action="store_true", help="leave collocation out of the reference")
     options = parser.parse_args()
     half = max(1, options.goals // 2)

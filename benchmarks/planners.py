@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from agents.commands.evaluate import main as evaluate
 from agents.registry import policies_for
+from benchmarks.arguments import env_id, split, whole
 from benchmarks.machine import machine_class, markdown_table
 from space_envs.evaluation.drawing import label_points
 from space_envs.files import atomic_write
@@ -63,17 +64,17 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
 def main() -> None:
     """Play, print the table and draw."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--env", default=ENV, help="id; the plot is drawn for %(default)s alone")
-    parser.add_argument("--episodes", type=int, default=100, help="test goals (default %(default)s)")
-    parser.add_argument("--split", default="test", help="default %(default)s")
+    parser.add_argument("--env", type=env_id, default=ENV, help="id; the plot is drawn for %(default)s alone")
+    parser.add_argument("--episodes", type=whole, default=100, help="test goals (default %(default)s)")
+    parser.add_argument("--split", type=split, default="test", help="default %(default)s")
     parser.add_argument("--output", type=Path, default=Path("results/planners"), help="default %(default)s")
     parser.add_argument(
-        "--plot", type=Path, default=Path("docs/images/planners.svg"), help="default %(default)s"
+        "--plot", type=Path, help="default planners.svg in the output folder; docs/ has one of its own"
     )
     options = parser.parse_args()
     rows = summary(options.env, options.output, options.episodes, options.split)
     if options.env == ENV:
-        draw(rows, options.plot)
+        draw(rows, options.plot or options.output / "planners.svg")
     table = [
         [
             row["policy"],

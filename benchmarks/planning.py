@@ -9,6 +9,7 @@ import numpy as np
 from agents.planning import Failure
 from agents.reactionless.model import PathModel
 from agents.reactionless_policies import FreePaths, Local, OptimalControl, ReactionlessPlanner, ZetaZero
+from benchmarks.arguments import whole
 from benchmarks.machine import machine_class, markdown_table
 from space_envs.envs import CaptureVectorEnv
 from space_envs.evaluation.policy import PolicyContext
@@ -53,7 +54,7 @@ def evaluation_time(task: str, repeats: int = 2000) -> float:
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--goals", type=int, default=20, help="plans of each method (default %(default)s)")
+    parser.add_argument("--goals", type=whole, default=20, help="plans of each method (default %(default)s)")
     options = parser.parse_args()
     rows = []
     for task in ("Planar", "Spatial"):

@@ -17,6 +17,7 @@ import gymnasium as gym
 import numpy as np
 from tqdm import tqdm
 
+from benchmarks.arguments import whole
 from benchmarks.machine import machine_class, markdown_table
 from space_envs.control import CONTROL_MODES
 from space_envs.envs import CaptureEnv, CaptureVectorEnv
@@ -120,7 +121,10 @@ def main(arguments: list[str] | None = None) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
-        "--rounds", type=int, default=5, help="seconds for each cell and turns of the comparison (default 5)"
+        "--rounds",
+        type=whole,
+        default=5,
+        help="seconds for each cell and turns of the comparison (default 5)",
     )
     parser.add_argument(
         "--reference", type=Path, help="python with gymnasium-robotics, to compare FetchReach-v4"

@@ -7,6 +7,7 @@ import numpy as np
 from agents.planning import Failure
 from agents.reactionless.tracking import FINE, Tracking, track
 from agents.reactionless_policies import FreePaths, OptimalControl, ReactionlessPlanner
+from benchmarks.arguments import whole
 from benchmarks.machine import machine_class, markdown_table
 from space_envs.envs import CaptureVectorEnv
 from space_envs.evaluation.policy import PolicyContext
@@ -28,7 +29,7 @@ CASES: tuple[tuple[str, type[ReactionlessPlanner]], ...] = (
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--goals", type=int, default=5, help="plans of each method (default %(default)s)")
+    parser.add_argument("--goals", type=whole, default=5, help="plans of each method (default %(default)s)")
     options = parser.parse_args()
     rows = []
     for task, method in CASES:

@@ -16,6 +16,7 @@ import torch as th
 
 from agents.commands import ship as ship_command
 from agents.commands.train import main
+from agents.features import CLUTTERED_FEATURES
 from agents.hyperparameters import (
     ALGORITHMS,
     BC,
@@ -38,6 +39,7 @@ from agents.learned_policy import (
 from agents.learning import learn
 from agents.policy_file import load_policy_file
 from agents.reinforcement import Reinforcement
+from agents.training.options import Options, rounding
 from agents.training.recorder import Recorder
 from agents.training.runs import Budget, RunFolder, Settings
 from agents.training.trees import load_tree, save_tree
@@ -45,6 +47,7 @@ from agents.training.validation import Validator
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError, PolicyError
 from space_envs.evaluation.policy import PolicyContext
+from space_envs.registration import ENTRIES
 
 ENV_ID = "SpaceCapture/SingleArm-v0"
 ROOT = Path(__file__).parents[1]
@@ -87,13 +90,14 @@ def run(folder: RunFolder) -> dict[str, Any]:
     return learn(folder, episodes=4, quiet=True)
 
 
-def run_until_first_record(folder: RunFolder, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Run as far as the first checkpoint, then as if Ctrl-C had been pressed."""
+def run_until_first_record(folder: RunFolder, monkeypatch: pytest.MonkeyPatch, after: int = 1) -> None:
+    """Run as far as the first checkpoint after `after` steps, then as if Ctrl-C had been pressed."""
     record: Any = Recorder.record
 
-    def interrupted(*arguments: Any) -> None:
-        record(*arguments)
-        raise KeyboardInterrupt
+    def interrupted(recorder: Recorder, steps: int, *arguments: Any) -> None:
+        record(recorder, steps, *arguments)
+        if steps >= after:
+            raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
         patch.setattr(Recorder, "record", interrupted)
@@ -282,6 +286,60 @@ def test_off_policy_runs_learn_and_resume_with_their_buffer(
     assert after["model"]["n_updates"] > state["n_updates"]
 
 
+@pytest.mark.parametrize("algorithm", ["ppo", "sac", "td3"])
+def test_interrupted_reinforcement_ends_with_the_same_bits(
+    algorithm: str, cloned: RunFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    changes: dict[str, Any] = {"steps": 480, "interval": 160, "batch_size": 32}
+    if algorithm == "ppo":
+        changes |= {"init": str(cloned.path), "n_steps": 10, "critic_warm_up": 160}
+    whole, cut = (begin(tmp_path / name, algorithm, **changes) for name in ("whole", "cut"))
+    run(whole)
+    run_until_first_record(cut, monkeypatch, after=160)
+    interrupted = cut.checkpoint()
+    assert interrupted is not None and 160 <= interrupted["steps"] < 480
+    # What another process has drawn in the meantime makes no difference.
+    np.random.seed(7)
+    th.manual_seed(7)
+    run(cut)
+    ours, theirs = cut.checkpoint(), whole.checkpoint()
+    assert ours is not None and theirs is not None
+    for entry in (*ours["history"], *theirs["history"]):
+        del entry["wall_s"]
+    assert ours["history"] == theirs["history"] and ours["steps"] == theirs["steps"] == 480
+    for key in ("random", "model", "seen", "episodes"):
+        assert same(ours[key], theirs[key]), key
+
+
+def same(a: Any, b: Any) -> bool:
+    """Whether two trees are equal to the bit."""
+    if isinstance(a, dict):
+        return a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)
+    if isinstance(a, list | tuple):
+        return len(a) == len(b) and all(map(same, a, b))
+    return np.array_equal(a, b)
+
+
+def test_a_run_that_only_warmed_up_does_not_pass_as_an_improvement(cloned: RunFolder, tmp_path: Path) -> None:
+    """What ppo keeps was updated by ppo, however well the clone does that it started from."""
+    changes = {"init": str(cloned.path), "interval": 128, "learning_rate": 1e-2, "steps": 512}
+    folder = begin(tmp_path / "run", "ppo", critic_warm_up=256, **changes)
+    summary = run(folder)
+    history = folder.checkpoint()["history"]  # pyright: ignore[reportOptionalSubscript]
+    assert [row["steps"] for row in history] == [0, 128, 256, 384, 512]
+    unchanged = [row["episode_return"] for row in history[:3]]
+    assert unchanged[0] == unchanged[1] == unchanged[2] == summary["start"]["episode_return"]
+    assert summary["best_steps"] > 256
+    start, kept = load_policy_file(cloned.policy).network, load_policy_file(folder.policy).network
+    assert not np.array_equal(start.weights[0], kept.weights[0])
+    better = summary["validation"]["episode_return"] > summary["start"]["episode_return"]
+    assert summary["improved"] is better
+    never = begin(tmp_path / "never", "ppo", critic_warm_up=512, **changes)
+    assert run(never)["improved"] is False
+    with pytest.raises(ConfigurationError, match="not better than the one that it started from"):
+        ship_command.ship(never, "ppo")
+
+
 def test_ppo_starts_from_a_clone_and_the_critic_warms_up(cloned: RunFolder, tmp_path: Path) -> None:
     changes = {"steps": 256, "interval": 128, "critic_warm_up": 256, "init": str(cloned.path)}
     folder = begin(tmp_path / "warm", "ppo", **changes)
@@ -392,6 +450,10 @@ def test_a_killed_run_goes_on_from_its_checkpoint(tmp_path: Path) -> None:
         (["--num-envs", "-1"], "num_envs must be"),
         (["--seed", "-1"], "seed must lie"),
         (["--device", "abacus"], "abacus"),
+        (["--device", "meta"], "meta"),
+        (["--num-envs", str(10**9)], "num_envs must be a positive integer of at most 65536"),
+        (["--steps", str(10**30)], "steps must be a positive integer of at most"),
+        (["--seed", str(10**30)], "seed must lie"),
         (["--validation-episodes", "0"], "validation-episodes"),
         (["--resume", "nowhere"], "holds no run"),
         (["--resume", "nowhere", "--algo", "ppo"], "leave out --algo"),
@@ -409,6 +471,59 @@ def test_bad_input_is_one_line_and_nothing_is_begun(
     error = capsys.readouterr().err
     assert message in error and error.startswith("train.py: ") and error.count("\n") == 1
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "steps", "taken", "whole"),
+    [
+        ("bc", 8_000, 15_360, 15_360),
+        ("bc", 20_000, 30_720, 15_360),
+        ("bc", 15_360, 15_360, 15_360),
+        ("ppo", 10_000, 16_384, 8_192),
+        ("sac", 1_001, 1_008, 16),
+    ],
+)
+def test_steps_are_whole_rounds_and_the_user_is_told(
+    algorithm: str, steps: int, taken: int, whole: int
+) -> None:
+    settings, parameters = Options(algo=algorithm, steps=steps).settle()
+    assert settings.algorithm == algorithm and parameters.steps == taken and parameters.round == whole
+    message = rounding(parameters, steps)
+    assert message is None if taken == steps else f"{taken:,} steps, not {steps:,}" in str(message)
+
+
+def test_a_run_takes_the_steps_that_it_announced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(TABLE, "bc", small("bc"))
+    folder = tmp_path / "run"
+    options = ["--algo", "bc", "--steps", "400", "--validation-episodes", "2", "--output", str(folder)]
+    assert main(options) == 0
+    assert "640 steps, not 400: whole rounds of 320" in capsys.readouterr().out
+    summary = RunFolder(folder).summary()
+    assert summary is not None and summary["steps"] == 640
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_every_id_has_a_table_for_every_algorithm(algorithm: str) -> None:
+    assert set(TABLES) == set(ENTRIES)
+    for env_id in ENTRIES:
+        settings, parameters = Options(algo=algorithm, env=env_id).settle()
+        assert settings.env_id == env_id and parameters == TABLES[env_id][algorithm]
+
+
+def test_training_around_obstacles(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    env_id = "SpaceCapture/SingleArmCluttered-v0"
+    monkeypatch.setitem(TABLES[env_id], "bc", replace(small("bc"), features=CLUTTERED_FEATURES))
+    folder = tmp_path / "run"
+    arguments = ["--algo", "bc", "--env", env_id, "--validation-episodes", "2", "--quiet"]
+    assert main([*arguments, "--output", str(folder)]) == 0
+    env = CaptureVectorEnv(env_id, 2)
+    policy = LearnedPolicy.from_path(folder, PolicyContext.from_env(env))
+    observation, _ = env.reset(seed=0)
+    moved = observation.copy()
+    moved[:, env.task.layout.slices["obstacle_position"]] += 0.1
+    assert not np.array_equal(policy.predict(observation)[0], policy.predict(moved)[0])
 
 
 def test_a_folder_is_not_overwritten(cloned: RunFolder, capsys: pytest.CaptureFixture[str]) -> None:

@@ -256,7 +256,7 @@ def test_the_product_is_trained_with_every_seed(tmp_path: Path) -> None:
     assert last.values == {"hidden": [32], "gamma": 1, "seed": 2}
     assert last.settings == Settings("ppo", ENV_ID, seed=2)
     assert last.parameters == replace(
-        TABLES[ENV_ID]["ppo"], hidden=(32,), gamma=1, expert=None, steps=50, interval=5
+        TABLES[ENV_ID]["ppo"], hidden=(32,), gamma=1, expert=None, steps=8192, interval=819
     )
     tasks = make_runs(Plan((0,), {"algo": "bc"}, {"env": [ENV_ID], "expert": ["gjm", "mpc"]}), {})
     assert [run.name for run in tasks] == [

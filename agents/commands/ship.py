@@ -40,11 +40,14 @@ def ship(run: RunFolder, name: str) -> dict[str, Any]:
     """Copy the policy and write its provenance beside it; returns the provenance.
 
     Raises:
-        ConfigurationError: if the run has not finished. PolicyError: if its policy is not sound.
+        ConfigurationError: if the run has not finished, or did not improve on the policy that it started
+            from. PolicyError: if its policy is not sound.
     """
     config, summary = run.config(), run.summary()
     if summary is None:
         raise ConfigurationError(f"{run.path} has not finished")
+    if summary["improved"] is False:
+        raise ConfigurationError(f"{run.path}: its policy is not better than the one that it started from")
     if not name.isidentifier():
         raise ConfigurationError(f"a policy's name must be an identifier, got {name!r}")
     settings, _ = run.restore()

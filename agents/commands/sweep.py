@@ -11,7 +11,7 @@ import numpy as np
 from tqdm import tqdm
 
 from agents.seeds import parse_seeds
-from agents.training.options import DEFAULT_ALGORITHM, DEFAULT_ENV, OPTIONS
+from agents.training.options import DEFAULT_ALGORITHM, DEFAULT_ENV, OPTIONS, rounding
 from agents.training.runs import command_line
 from agents.training.sweep import (
     ERROR,
@@ -105,6 +105,10 @@ def sweep(parsed: argparse.Namespace) -> int:
     if not parsed.quiet:
         done = len(runs) - len(waiting)
         print(f"{len(runs)} runs in {output}" + (f", {done} of them finished before" if done else ""))
+        asked = [{**given, **plan.fixed, **run.values}.get("steps") for run in runs]
+        told = {rounding(run.parameters, steps) for run, steps in zip(runs, asked, strict=True)}
+        for message in sorted(message for message in told if message):
+            print(message)
     quiet = parsed.quiet or not sys.stderr.isatty()
     bar = tqdm(total=len(runs), initial=len(runs) - len(waiting), unit="run", disable=quiet)
     try:

@@ -7,8 +7,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from agents.commands.sweep import EPILOG, SPREADING, add_options, asked_for, sweep
-from agents.hyperparameters import ALGORITHMS
-from agents.training.options import DEFAULT_ENV, OPTIONS, Options, check_device, limited
+from agents.hyperparameters import ALGORITHMS, AnyHyperparameters
+from agents.training.options import DEFAULT_ENV, OPTIONS, Options, check_device, limited, rounding
 from agents.training.runs import RunFolder, command_line
 from agents.training.validation import EPISODES
 from space_envs.control import CONTROL_MODES
@@ -75,6 +75,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
             f"captured {100 * result['captured']:.1f} % of {result['episodes']} validation goals, "
             f"final attitude {result['final_attitude']:.2f} deg; {summary['wall_s']:.0f} s\n{folder.policy}"
         )
+        if summary["improved"] is False:
+            start = summary["start"]
+            print(
+                f"it is not better than the policy that the run started from, which captured "
+                f"{100 * start['captured']:.1f} % with a return of {start['episode_return']:.2f} "
+                f"(here {result['episode_return']:.2f})"
+            )
     return 0
 
 
@@ -96,7 +103,8 @@ def _parser() -> argparse.ArgumentParser:
         "--steps",
         type=int,
         metavar="N",
-        help="control steps of all environments together; default from the table",
+        help="control steps of all environments together, rounded up to whole rounds of the algorithm; "
+        "default from the table",
     )
     add(
         "--minutes", type=float, metavar="M", help="stop after so much wall time, if --steps has not ended it"
@@ -137,6 +145,7 @@ def _begun(parsed: argparse.Namespace) -> RunFolder:
     folder = RunFolder(Path(parsed.output or Path("runs") / name))
     folder.begin(settings, parameters)
     folder.note_command(command_line())
+    _tell_rounding(parameters, parsed)
     return folder
 
 
@@ -150,7 +159,13 @@ def _resumed(parsed: argparse.Namespace) -> RunFolder:
     check_device(settings.device)
     parameters = limited(parameters, parsed.steps, parsed.minutes)
     folder.note_command(command_line(), parameters)
+    _tell_rounding(parameters, parsed)
     return folder
+
+
+def _tell_rounding(parameters: AnyHyperparameters, parsed: argparse.Namespace) -> None:
+    if not parsed.quiet and (message := rounding(parameters, parsed.steps)):
+        print(message)
 
 
 def _check_episodes(parsed: argparse.Namespace) -> None:

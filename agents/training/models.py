@@ -172,6 +172,22 @@ def restore_model(model: BaseAlgorithm, state: dict[str, Any]) -> None:
             model.learning_starts += model.num_timesteps
 
 
+def random_state(model: BaseAlgorithm) -> dict[str, Any]:
+    """The generators that learning draws from: torch's, numpy's global one and that of the actions."""
+    return {
+        "torch": th.get_rng_state(),
+        "numpy": np.random.get_state(legacy=False),
+        "actions": model.action_space.np_random.bit_generator.state,
+    }
+
+
+def restore_random_state(model: BaseAlgorithm, state: dict[str, Any]) -> None:
+    """Put back what `random_state` gave."""
+    th.set_rng_state(state["torch"])
+    np.random.set_state(state["numpy"])
+    model.action_space.np_random.bit_generator.state = state["actions"]
+
+
 def _matrix(layer: nn.Linear) -> np.ndarray:
     return np.ascontiguousarray(_array(layer.weight).T)
 

@@ -97,7 +97,12 @@ class Options:
             for name, value in self.hyperparameters.items()
         }
         parameters = replace(self._chosen(table), **changes)
-        parameters = limited(parameters, self.steps, self.minutes, "interval" not in changes)
+        parameters = limited(parameters, self.steps, self.minutes, sooner="interval" not in changes)
+        warm = settings.init is not None or isinstance(parameters, PPO) and parameters.expert is not None
+        if isinstance(parameters, PPO) and warm and "critic_warm_up" not in changes:
+            # Of a short run too the larger part improves the actor.
+            warm_up = min(parameters.critic_warm_up, parameters.steps // 3)
+            parameters = replace(parameters, critic_warm_up=warm_up)
         _check(settings, parameters)
         return settings, parameters
 
@@ -124,13 +129,25 @@ OPTIONS = tuple(each.name for each in fields(Options) if each.name != "hyperpara
 def limited(
     parameters: AnyHyperparameters, steps: int | None, minutes: float | None, sooner: bool = True
 ) -> AnyHyperparameters:
-    """Hyperparameters with other steps and minutes; a shorter run is validated `sooner`."""
+    """Hyperparameters with other steps and minutes.
+
+    Steps are rounded up to whole rounds, as they are taken. A shorter run is validated `sooner`.
+    """
     if steps is not None:
+        parameters = replace(parameters, steps=steps)  # checked before it is computed with
+        steps = -(-steps // parameters.round) * parameters.round
         interval = parameters.interval
         if sooner:
             interval = max(1, min(interval, steps // VALIDATIONS))
         parameters = replace(parameters, steps=steps, interval=interval)
     return parameters if minutes is None else replace(parameters, minutes=minutes)
+
+
+def rounding(parameters: AnyHyperparameters, asked: int | None) -> str | None:
+    """What to tell of steps that were asked for and rounded up; None if they were not."""
+    if asked is None or asked == parameters.steps:
+        return None
+    return f"{parameters.steps:,} steps, not {asked:,}: whole rounds of {parameters.round:,} are taken"
 
 
 def _check(settings: Settings, parameters: AnyHyperparameters) -> None:
@@ -169,8 +186,8 @@ def check_device(device: str) -> None:
     import torch as th
 
     try:
-        th.empty(1, device=device)
-    except (RuntimeError, AssertionError) as error:
+        th.ones(1, device=device).item()  # the device `meta` makes tensors, but computes nothing
+    except (RuntimeError, AssertionError, NotImplementedError) as error:
         raise ConfigurationError(f"device {device!r} cannot be used: {str(error).splitlines()[0]}") from None
 
 

@@ -1,6 +1,7 @@
 """What happens at every interval of a run: validation, the best policy, a checkpoint, a line of progress."""
 
 import sys
+from dataclasses import fields
 from typing import Any
 
 from stable_baselines3.common.logger import Logger, configure
@@ -54,10 +55,16 @@ class Recorder:
         if folder.policy.exists():
             self._best = Validation(**load_policy_file(folder.policy).notes["validation"]).score
 
-    def record(self, steps: int, network: Network, state: dict[str, Any]) -> Validation:
-        """Validate the network, keep it if it is the best so far, write a checkpoint that holds `state`."""
+    def record(
+        self, steps: int, network: Network, state: dict[str, Any], candidate: bool = True
+    ) -> Validation:
+        """Validate the network, keep it if it is the best so far, write a checkpoint that holds `state`.
+
+        Args:
+            candidate: whether the run may keep it: not while it is still what the run started from.
+        """
         result = self._validate(lambda observation: network.actions(self.view(observation)))
-        if self._best is None or result.score > self._best:
+        if candidate and (self._best is None or result.score > self._best):
             self._best = result.score
             self._policy_file(steps, network, result).save(self.folder.policy)
         self.history.append({"steps": steps, "wall_s": round(self.budget.wall, 1), **result.to_json()})
@@ -79,16 +86,26 @@ class Recorder:
     def finish(self, steps: int) -> dict[str, Any]:
         """Mark the run as finished; returns its summary."""
         best = load_policy_file(self.folder.policy).notes
+        start = self._start()
         summary = {
             "algorithm": self.settings.algorithm,
             "steps": steps,
             "best_steps": best["steps"],
             "validation": best["validation"],
+            "start": None if start is None else start.to_json(),
+            "improved": None if start is None else Validation(**best["validation"]).score > start.score,
             "wall_s": round(self.budget.wall, 1),
             "cpu_s": round(self.budget.cpu, 1),
         }
         self.folder.write_summary(summary)
         return summary
+
+    def _start(self) -> Validation | None:
+        """The validation of what the run started from, if that was a policy."""
+        first = self.history[0]
+        if first["steps"] > 0:
+            return None
+        return Validation(**{field.name: first[field.name] for field in fields(Validation)})
 
     def close(self) -> None:
         """End the progress bar and the log."""

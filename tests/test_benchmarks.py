@@ -1,0 +1,94 @@
+"""The benchmarks' command lines: what they refuse, what they list, what they write."""
+
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+from benchmarks import planners
+from benchmarks.__main__ import main, names
+
+ROOT = Path(__file__).parents[1]
+NUMBERS = {
+    "attitude_cost": ("--trajectories", "--points", "--repeats"),
+    "mismatch": ("--goals",),
+    "momentum": ("--episodes",),
+    "optimal": ("--goals", "--jobs"),
+    "planners": ("--episodes",),
+    "planning": ("--goals",),
+    "speed": ("--rounds",),
+    "stochastic_feedback": ("--goals", "--episodes"),
+    "tracking": ("--goals",),
+}
+
+
+def refused(name: str, arguments: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "argv", [f"benchmarks/{name}.py", *arguments])
+    with pytest.raises(SystemExit) as exit_:
+        import_module(f"benchmarks.{name}").main()
+    assert exit_.value.code == 2
+
+
+@pytest.mark.parametrize("value", ["-1", "0", "1.5", "nan", "1e3", "", str(10**30)])
+@pytest.mark.parametrize(("name", "option"), [(n, o) for n, several in NUMBERS.items() for o in several])
+def test_numbers_are_checked_before_anything_runs(
+    name: str, option: str, value: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert set(NUMBERS) == set(names())
+    refused(name, [f"{option}={value}"], monkeypatch)
+    assert f"argument {option}: must be a whole number from 1 to" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "message"),
+    [
+        ("planners", ["--env", "Foo"], "unknown environment id 'Foo'"),
+        ("planners", ["--env", "SpaceCapture/SingleArm-v1"], "Did you mean 'SpaceCapture/SingleArm-v0'"),
+        ("planners", ["--split", "tset"], "Did you mean 'test'"),
+        ("mismatch", ["--split", "tset"], "Did you mean 'test'"),
+        ("optimal", ["--split", "tset"], "Did you mean 'test'"),
+        ("momentum", ["--seed=-1"], "argument --seed: must be a whole number"),
+    ],
+)
+def test_names_are_checked_and_the_nearest_is_named(
+    name: str,
+    arguments: list[str],
+    message: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    refused(name, arguments, monkeypatch)
+    assert message in capsys.readouterr().err
+
+
+def test_the_list_is_a_line_for_each_with_a_gap_after_the_name(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--list"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split("  ")[0] for line in lines] == names()
+    assert len({len(line) - len(line.split("  ", 1)[1].lstrip()) for line in lines}) == 1
+
+
+def test_an_unknown_benchmark_gets_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["planer"])
+    assert "Did you mean 'planners'" in capsys.readouterr().err
+
+
+def test_the_plot_goes_to_the_output_folder_unless_it_is_sent_elsewhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    figure = {"value": 1.0}
+    keys = ("attitude_cost", "final_attitude", "success", "capture@0.1deg")
+    row = {"policy": "mpc", "timing": {"planning_ms": 8.0}, "figures": dict.fromkeys(keys, figure)}
+    monkeypatch.setattr(planners, "summary", lambda *_: [row])
+    for arguments, path in ((["--plot", str(tmp_path / "own.svg")], "own.svg"), ([], "out/planners.svg")):
+        monkeypatch.setattr(sys, "argv", ["planners.py", "--output", str(tmp_path / "out"), *arguments])
+        (tmp_path / "out").mkdir(exist_ok=True)
+        planners.main()
+        assert (tmp_path / path).read_text().startswith("<?xml")
+    status = subprocess.run(
+        ["git", "status", "--porcelain", "docs/images"], cwd=ROOT, capture_output=True, text=True
+    )
+    assert "planners.svg" not in status.stdout
