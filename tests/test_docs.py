@@ -19,6 +19,7 @@ from docs import generate
 from docs.blocks import BLOCKS
 from docs.goals import goals
 from docs.reading import attributes, comments, described, field_comments, number, section, split_unit
+from space_envs.envs import CaptureEnv
 from space_envs.evaluation.records import read_records
 from space_envs.registration import ENTRIES
 from space_envs.tasks.base import CaptureTask
@@ -86,6 +87,19 @@ def test_examples_run(name, monkeypatch, tmp_path):
     finally:
         for added in set(ENTRIES) - known:
             del ENTRIES[added], gym.registry[added]
+
+
+def test_the_ten_lines_of_the_readme_do_what_they_say(monkeypatch, capsys):
+    """The arm moves at random, by another action at each step, and the satellite keeps its attitude."""
+    ((_, code, _),) = [b for b in blocks(ROOT / "README.md", "python") if "gym.make(" in b[1]]
+    taken = []
+    step = CaptureEnv.step
+    monkeypatch.setattr(CaptureEnv, "step", lambda env, action: taken.append(action) or step(env, action))
+    namespace: dict = {}
+    exec(compile(code, "README.md", "exec"), namespace)
+    assert len(taken) > 50 and len({tuple(action) for action in taken}) == len(taken)
+    assert 0.0 < namespace["info"]["attitude"] <= 0.05
+    assert f"{namespace['info']['attitude']:.4f} deg" in capsys.readouterr().out
 
 
 def test_few_examples_are_not_run():
