@@ -11,11 +11,13 @@ import types
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
 from space_envs.evaluation.records import (
+    CAUSES,
     NONNEGATIVE,
     OUTCOMES,
     SCHEMA_VERSION,
     EpisodeRecord,
     Timing,
+    causes_of,
 )
 
 SCHEMA_ID = f"urn:space-capture:schema:record:{SCHEMA_VERSION}"
@@ -31,14 +33,17 @@ DESCRIPTIONS = {
     "seed": "Evaluation seed, of the goals played and of the policy; the stratum of the bootstrap.",
     "config_hash": "Changes with anything that defines the task, apart from its split; summary.json has the "
     "configuration itself.",
+    "task_version": "Version of the task, raised with every change that moves a score; those of different "
+    "versions are not compared.",
     "captured": "Whether the episode ended in a capture.",
     "outcome": "How the episode ended.",
-    "reason": "Why it was lost, where the simulation or the policy says so.",
+    "cause": "Why it failed: without a plan the planner's cause, else the outcome; null for a capture.",
+    "reason": "The cause in a sentence, where the policy or the harness says more.",
     "time_to_capture": "s; null without a capture.",
     "steps": "Control steps until the end.",
     "episode_return": "Sum of the rewards.",
-    "position_error": "m, at the end.",
-    "orientation_error": "deg, at the end.",
+    "position_error": "m, when the episode ended: for a capture, at the capture, not where it settles later.",
+    "orientation_error": "deg, likewise.",
     "peak_attitude": "deg, largest angle of the base from where it started.",
     "final_attitude": "deg, angle of the base from where it started, at the end.",
     "attitude_cost": "m^2/s, eq. 20 of shyam2020 times the control period.",
@@ -48,7 +53,8 @@ DESCRIPTIONS = {
     "peak_power": "W, largest sum over joints of the magnitude of torque times rate.",
     "collisions": "How often the robot touched what it must not; the first ends the episode.",
     "clipped_actions": "Steps whose action lay outside [-1, 1].",
-    "momentum_drift": "N s or N m s, largest change of total linear or angular momentum.",
+    "linear_momentum_drift": "N s, largest change of the robot's total linear momentum since the start.",
+    "angular_momentum_drift": "N m s, largest change of the robot's total angular momentum since the start.",
     "timing": "What a clock decided; not a part of the checksum.",
     "checksum": "First 16 hexadecimal digits of the SHA-256 of all fields but timing and itself, in their "
     "order, as Python's json.dumps writes them.",
@@ -67,6 +73,7 @@ def record_schema() -> dict[str, Any]:
     properties = {name: _property(name, kind) for name, kind in get_type_hints(EpisodeRecord).items()}
     properties["schema"] = {"const": SCHEMA_VERSION, **properties["schema"]}
     properties["outcome"] = {"enum": list(OUTCOMES), "description": DESCRIPTIONS["outcome"]}
+    properties["cause"] = {"enum": [None, *CAUSES], "description": DESCRIPTIONS["cause"]}
     properties["checksum"] = {**properties["checksum"], "pattern": "^[0-9a-f]{16}$"}
     properties["timing"] = {
         **_object({name: _property(name, kind) for name, kind in timing.items()}),
@@ -81,9 +88,13 @@ def record_schema() -> dict[str, Any]:
         "description": "One line of records.jsonl. A quantity that does not exist for an episode is null.",
         **_object({item.name: properties[item.name] for item in dataclasses.fields(EpisodeRecord)}),
         "if": {"properties": captured},
-        "then": {"properties": {"outcome": {"const": "captured"}, **numbers}},
+        "then": {"properties": {"outcome": {"const": "captured"}, "cause": {"type": "null"}, **numbers}},
         "else": {
-            "properties": {"outcome": {"not": {"const": "captured"}}, "time_to_capture": {"type": "null"}}
+            "properties": {"time_to_capture": {"type": "null"}},
+            "anyOf": [
+                {"properties": {"outcome": {"const": outcome}, "cause": {"enum": list(causes_of(outcome))}}}
+                for outcome in OUTCOMES[1:]
+            ],
         },
     }
 
