@@ -71,6 +71,7 @@ def make_record(**changes: object) -> EpisodeRecord:
         "cause": changes["outcome"] if changes.get("outcome", "captured") != "captured" else None,
         "reason": None,
         "time_to_capture": 12.5,
+        "time_to_envelope": 11.5,
         "steps": 125,
         "episode_return": -0.25,
         "position_error": 0.003,
@@ -88,7 +89,11 @@ def make_record(**changes: object) -> EpisodeRecord:
         "angular_momentum_drift": 2e-7,
         "timing": timed(20.0, 0.5),
     }
-    return EpisodeRecord(**(values | changes))  # type: ignore[arg-type]
+    values |= changes
+    if "time_to_capture" in changes and "time_to_envelope" not in changes:
+        time = changes["time_to_capture"]
+        values["time_to_envelope"] = max(0.0, time - 1.0) if isinstance(time, float) else time
+    return EpisodeRecord(**values)  # type: ignore[arg-type]
 
 
 def entrant(policy: str) -> Entrant:

@@ -11,8 +11,8 @@ from agents.commands.evaluate import main
 from agents.planning import Cause, Failure
 from agents.resolve import resolve_policy
 from space_envs.evaluation import runner
-from space_envs.evaluation.metrics import episode_metrics
-from space_envs.evaluation.records import NO_PLAN_CAUSES, Task, read_records, records_without_timing
+from space_envs.evaluation.metrics import episode_metrics, episode_records
+from space_envs.evaluation.records import NO_PLAN_CAUSES, Entrant, Task, read_records, records_without_timing
 from space_envs.evaluation.rollout import roll_out, split_indices, time_policy
 from space_envs.evaluation.runner import Evaluation, prepare
 from space_envs.registration import make_task
@@ -113,6 +113,15 @@ def test_torques_times_angles_make_the_kinetic_energy(name):
     assert (metrics["peak_power"] * task.control_period >= np.abs(gained).max(axis=1) - 1e-6).all()
     assert (metrics["linear_momentum_drift"] < 1e-6 * np.abs(motion.linear).max()).all()
     assert (metrics["angular_momentum_drift"] < 1e-6 * np.abs(motion.angular).max()).all()
+
+
+def test_the_time_to_the_envelope_is_that_of_the_first_state_of_the_hold():
+    rollout, task = rollout_of("minimum_jerk", episodes=2)
+    records = episode_records(rollout, task, Entrant(Task(SINGLE, "medium", "test"), "mine", "any"), 0)
+    for row, record in enumerate(records):
+        inside = rollout.position_error[row] <= task.envelope.position
+        assert record.time_to_envelope == pytest.approx(record.time_to_capture - task.envelope.hold)
+        assert inside[round(record.time_to_envelope / task.control_period) :].all()
 
 
 def test_metrics_do_not_count_what_comes_after_the_end():

@@ -25,9 +25,9 @@ from space_envs.evaluation.traces import Traces
 FAILED = {"captured": False, "outcome": "timeout", "time_to_capture": None}
 FIELDS = (
     "schema env_id policy control_mode difficulty split index episode seed config_hash task_version captured "
-    "outcome cause reason time_to_capture steps episode_return position_error orientation_error "
-    "peak_attitude final_attitude attitude_cost base_angular_impulse kinetic_energy_integral mechanical_work "
-    "peak_power collisions clipped_actions linear_momentum_drift angular_momentum_drift timing checksum"
+    "outcome cause reason time_to_capture time_to_envelope steps episode_return position_error "
+    "orientation_error peak_attitude final_attitude attitude_cost base_angular_impulse kinetic_energy_integral "
+    "mechanical_work peak_power collisions clipped_actions linear_momentum_drift angular_momentum_drift timing checksum"
 ).split()
 
 
@@ -90,6 +90,7 @@ def test_timing_is_the_only_difference_between_two_clocks() -> None:
         ({"task_version": -1}, "task_version must not be negative"),
         ({"captured": False, "outcome": "timeout"}, "time_to_capture"),
         ({"time_to_capture": None}, "time_to_capture"),
+        ({"time_to_envelope": None}, "time_to_envelope is None"),
         ({"final_attitude": None}, "final_attitude"),
         ({"final_attitude": math.nan}, "final_attitude must be finite"),
         ({"attitude_cost": math.inf}, "attitude_cost must be finite"),

@@ -94,7 +94,8 @@ def mutations() -> list[tuple[str, str, Any]]:
     wrong += [("outcome", value) for value in ("captred", "", 3)]
     wrong += [("cause", value) for value in ("captured", "infeasable", "", 3, "collision")]
     wrong += [("reason", value) for value in (3, [])]
-    wrong += [("time_to_capture", value) for value in (-1.0, "1", True)]
+    for name in ("time_to_capture", "time_to_envelope"):
+        wrong += [(name, value) for value in (-1.0, "1", True)]
     wrong += [("timing", value) for value in (3, [], {}, {**UNTIMED, "more": 1}, {"planning_ms": 1.0})]
     for name in ("planning_ms", "action_ms"):
         wrong += [("timing", {**UNTIMED, name: value}) for value in (-1.0, "1", True)]
@@ -133,6 +134,7 @@ def test_captured_outcome_and_time_agree() -> None:
             for time in (None, 1.0):
                 values = json.loads(make_record().to_json())
                 values |= {"captured": captured, "outcome": outcome, "time_to_capture": time}
+                values["time_to_envelope"] = time
                 values["cause"] = None if outcome == "captured" else outcome
                 assert VALIDATOR.is_valid(values) == accepted_by_class(values), values
                 assert VALIDATOR.is_valid(values) == (captured == (outcome == "captured") == bool(time))
@@ -144,7 +146,8 @@ def test_causes_fit_how_the_episode_ended() -> None:
         captured = outcome == "captured"
         for cause in (None, *CAUSES):
             values = json.loads(make_record().to_json()) | {"captured": captured, "outcome": outcome}
-            values |= {"cause": cause, "time_to_capture": 1.0 if captured else None}
+            values |= dict.fromkeys(("time_to_capture", "time_to_envelope"), 1.0 if captured else None)
+            values["cause"] = cause
             assert VALIDATOR.is_valid(values) == accepted_by_class(values), values
             allowed += accepted_by_class(values)
             if accepted_by_class(values):

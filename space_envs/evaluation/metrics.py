@@ -82,6 +82,8 @@ def episode_records(
     for row in range(len(rollout.index)):
         captured = rollout.outcome[row] == "captured"
         values: dict[str, Any] = {name: float(value[row]) for name, value in metrics.items()}
+        steps = int(rollout.length[row])
+        entered = steps - task.hold_steps
         records.append(
             EpisodeRecord(
                 schema=SCHEMA_VERSION,
@@ -99,8 +101,9 @@ def episode_records(
                 outcome=rollout.outcome[row],
                 cause=rollout.cause[row],
                 reason=rollout.reason[row],
-                time_to_capture=float(rollout.length[row] * task.control_period) if captured else None,
-                steps=int(rollout.length[row]),
+                time_to_capture=steps * task.control_period if captured else None,
+                time_to_envelope=entered * task.control_period if captured else None,
+                steps=steps,
                 episode_return=float(rollout.episode_return[row]),
                 collisions=int(rollout.outcome[row] == "collision"),  # it ends the episode
                 clipped_actions=int(rollout.clipped[row]),

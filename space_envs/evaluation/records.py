@@ -105,6 +105,7 @@ class EpisodeRecord:
     cause: str | None  # one of CAUSES; None for a capture
     reason: str | None
     time_to_capture: float | None  # s
+    time_to_envelope: float | None  # s, the same without the time for which the envelope is held
     steps: int
     episode_return: float | None
     position_error: float | None  # m, at the end: for a capture, at the capture
@@ -134,11 +135,12 @@ class EpisodeRecord:
         if self.captured != (self.outcome == "captured"):
             raise ConfigurationError(f"captured is {self.captured} but outcome is {self.outcome!r}")
         _check_cause(self.outcome, self.cause)
-        if self.captured != (self.time_to_capture is not None):
-            raise ConfigurationError(
-                f"captured is {self.captured} but time_to_capture is {self.time_to_capture}; "
-                "a captured episode has a time, any other has none"
-            )
+        for name in TIMES:
+            if self.captured != (getattr(self, name) is not None):
+                raise ConfigurationError(
+                    f"captured is {self.captured} but {name} is {getattr(self, name)}; "
+                    "a captured episode has a time, any other has none"
+                )
         if self.captured:
             missing = [name for name in NONNEGATIVE if getattr(self, name) is None]
             if missing:
@@ -265,7 +267,7 @@ def _checked(name: str, value: Any, kind: Any) -> Any:
         raise ConfigurationError(f"{name} must be {kind.__name__}, got {_shown(value)}")
     if kind is float and not math.isfinite(value):
         raise ConfigurationError(f"{name} must be finite, got {value}; a value that does not exist is null")
-    if (kind is int or name in NONNEGATIVE or name == "time_to_capture") and value < 0:
+    if (kind is int or name in (*NONNEGATIVE, *TIMES)) and value < 0:
         raise ConfigurationError(f"{name} must not be negative, got {value}")
     if kind is str and name not in ("reason", "checksum") and not value:
         raise ConfigurationError(f"{name} must not be empty")
@@ -321,6 +323,7 @@ def _shown(value: Any) -> str:
 
 _NAMES = tuple(item.name for item in dataclasses.fields(EpisodeRecord))
 _KINDS = {name: kind for name, kind in get_type_hints(EpisodeRecord).items() if name != "timing"}
+TIMES = ("time_to_capture", "time_to_envelope")  # of captures alone
 NONNEGATIVE = (
     "position_error",
     "orientation_error",

@@ -15,6 +15,7 @@ from space_envs.evaluation.records import (
     NONNEGATIVE,
     OUTCOMES,
     SCHEMA_VERSION,
+    TIMES,
     EpisodeRecord,
     Timing,
     causes_of,
@@ -40,6 +41,8 @@ DESCRIPTIONS = {
     "cause": "Why it failed: without a plan the planner's cause, else the outcome; null for a capture.",
     "reason": "The cause in a sentence, where the policy or the harness says more.",
     "time_to_capture": "s; null without a capture.",
+    "time_to_envelope": "s, until the envelope was entered for good: time_to_capture without the time for "
+    "which it is held.",
     "steps": "Control steps until the end.",
     "episode_return": "Sum of the rewards.",
     "position_error": "m, when the episode ended: for a capture, at the capture, not where it settles later.",
@@ -80,7 +83,7 @@ def record_schema() -> dict[str, Any]:
         "description": DESCRIPTIONS["timing"],
     }
     captured = {"captured": {"const": True}}
-    numbers = {name: {"type": "number"} for name in ("time_to_capture", *NONNEGATIVE)}
+    numbers = {name: {"type": "number"} for name in (*TIMES, *NONNEGATIVE)}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "$id": SCHEMA_ID,
@@ -90,7 +93,7 @@ def record_schema() -> dict[str, Any]:
         "if": {"properties": captured},
         "then": {"properties": {"outcome": {"const": "captured"}, "cause": {"type": "null"}, **numbers}},
         "else": {
-            "properties": {"time_to_capture": {"type": "null"}},
+            "properties": {name: {"type": "null"} for name in TIMES},
             "anyOf": [
                 {"properties": {"outcome": {"const": outcome}, "cause": {"enum": list(causes_of(outcome))}}}
                 for outcome in OUTCOMES[1:]
@@ -120,7 +123,7 @@ def _property(name: str, kind: Any) -> dict[str, Any]:
     if kind not in _TYPES:  # an object, described by the caller
         return {}
     found: dict[str, Any] = {"type": [_TYPES[kind], "null"] if optional else _TYPES[kind]}
-    if kind is int or name in (*NONNEGATIVE, "time_to_capture", *get_type_hints(Timing)) and kind is float:
+    if kind is int or name in (*NONNEGATIVE, *TIMES, *get_type_hints(Timing)) and kind is float:
         found["minimum"] = 0
     if kind is str and name not in ("reason", "checksum"):
         found["minLength"] = 1
