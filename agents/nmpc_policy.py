@@ -22,7 +22,7 @@ class Receding:
     Attributes:
         horizons: N motions, None where the first plan failed.
         start: (N,) s, time at which each episode began.
-        failures: (N,) None, or why there is no plan.
+        failures: (N,) None, or the `Failure` that says why there is no plan.
     """
 
     horizons: Sequence[Horizon | None]
@@ -81,9 +81,8 @@ class NMPC:
             arm, target = self.state(seen), self.target(seen)
             if begins[row]:
                 found = self.controller.first_plan(arm, target)
-                failed = isinstance(found, Failure)
-                failures[row] = f"{found.cause}: {found.reason}" if failed else None
-                horizon = None if failed else found
+                failures[row] = found if isinstance(found, Failure) else None
+                horizon = None if isinstance(found, Failure) else found
             else:
                 horizon = horizons[row]
                 horizon = None if horizon is None else self.controller.advance(horizon, arm, target)

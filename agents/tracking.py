@@ -46,7 +46,7 @@ class Following:
     Attributes:
         position, rate: (N, T + 1, n) rad and rad/s, one sample a control period.
         start: (N,) s, time in the episode at which each plan begins.
-        failures: (N,) None, or why there is no plan.
+        failures: (N,) None, or the `Failure` that says why there is no plan.
     """
 
     position: Array
@@ -82,7 +82,7 @@ def following(asked: Sequence[tuple[Array, JointPath | Failure]], times: Array, 
     failures = np.full(len(asked), None, dtype=object)
     for row, (rest, plan) in enumerate(asked):
         if isinstance(plan, Failure):
-            failures[row] = f"{plan.cause}: {plan.reason}"
+            failures[row] = plan
             position[row], rate[row] = rest, 0.0
         else:
             position[row], rate[row], _ = plan.sample(times)

@@ -10,7 +10,7 @@ import numpy as np
 from synthetic_results import make_record
 
 from space_envs.evaluation.metrics import configuration_hash
-from space_envs.evaluation.records import EpisodeRecord, write_records
+from space_envs.evaluation.records import SCHEMA_VERSION, EpisodeRecord, write_records
 from space_envs.evaluation.report import entrant_stem
 from space_envs.evaluation.states import ABOUT, States
 from space_envs.registration import make_task
@@ -19,7 +19,13 @@ from space_envs.registration import make_task
 def configuration(**changes: Any) -> dict[str, Any]:
     """A task's settings, as `summary.json` has them."""
     usual = {"env_id": "SpaceCapture/SingleArm-v0", "control_mode": "joint_velocity", "difficulty": "medium"}
-    return {**usual, "horizon": 200, "envelope": {"position": 0.05, "hold": 1.0}, **changes}
+    return {
+        **usual,
+        "task_version": 2,
+        "horizon": 200,
+        "envelope": {"position": 0.05, "hold": 1.0},
+        **changes,
+    }
 
 
 def episodes(count: int = 3, config: Mapping[str, Any] | None = None, **changes: Any) -> list[EpisodeRecord]:
@@ -55,7 +61,7 @@ def write_folder(
             made_states([record for record in records if record.entrant == entrant]).save(target)
             written.append(target)
     summary = {
-        "schema": 2,
+        "schema": SCHEMA_VERSION,
         "provenance": {
             "command": f"evaluate.py --output {path.name}",
             "configurations": {configuration_hash(config): config for config in configurations},

@@ -5,7 +5,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from agents.resolve import resolve_policy
-from space_envs.evaluation.records import Entrant, EpisodeRecord, EvaluationResult, Task, Timing
+from space_envs.evaluation.records import (
+    SCHEMA_VERSION,
+    Entrant,
+    EpisodeRecord,
+    EvaluationResult,
+    Task,
+    Timing,
+)
 from space_envs.evaluation.rollout import Rollout
 from space_envs.evaluation.traces import Traces
 from space_envs.evaluation.units import Unit, play
@@ -46,9 +53,9 @@ def timed(planning_ms: float | None, action_ms: float) -> Timing:
 
 
 def make_record(**changes: object) -> EpisodeRecord:
-    """A captured episode with the fields changed as asked."""
+    """A captured episode with the fields changed as asked; a failed one failed as its outcome says."""
     values: dict[str, object] = {
-        "schema": 2,
+        "schema": SCHEMA_VERSION,
         "env_id": "SpaceCapture/SingleArm-v0",
         "policy": "mpc",
         "control_mode": "joint_velocity",
@@ -58,10 +65,13 @@ def make_record(**changes: object) -> EpisodeRecord:
         "episode": 0,
         "seed": 0,
         "config_hash": "0123456789ab",
+        "task_version": 2,
         "captured": True,
         "outcome": "captured",
+        "cause": changes["outcome"] if changes.get("outcome", "captured") != "captured" else None,
         "reason": None,
         "time_to_capture": 12.5,
+        "time_to_envelope": 11.5,
         "steps": 125,
         "episode_return": -0.25,
         "position_error": 0.003,
@@ -75,10 +85,15 @@ def make_record(**changes: object) -> EpisodeRecord:
         "peak_power": 4.5,
         "collisions": 0,
         "clipped_actions": 0,
-        "momentum_drift": 1e-7,
+        "linear_momentum_drift": 1e-7,
+        "angular_momentum_drift": 2e-7,
         "timing": timed(20.0, 0.5),
     }
-    return EpisodeRecord(**(values | changes))  # type: ignore[arg-type]
+    values |= changes
+    if "time_to_capture" in changes and "time_to_envelope" not in changes:
+        time = changes["time_to_capture"]
+        values["time_to_envelope"] = max(0.0, time - 1.0) if isinstance(time, float) else time
+    return EpisodeRecord(**values)  # type: ignore[arg-type]
 
 
 def entrant(policy: str) -> Entrant:

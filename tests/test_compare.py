@@ -127,6 +127,21 @@ def test_another_configuration_is_refused_with_what_differs(tmp_path: Path) -> N
     assert "hold" not in said and "control_mode" not in said
 
 
+@pytest.mark.parametrize("separate", [False, True])
+@pytest.mark.parametrize("difficulty", ["medium", "hard"])
+def test_another_version_of_the_task_is_refused_by_name(
+    tmp_path: Path, separate: bool, difficulty: str
+) -> None:
+    older = configuration(task_version=1, difficulty=difficulty)
+    a = write_folder(tmp_path / "a", episodes(2))
+    b = write_folder(tmp_path / "b", episodes(2, older, policy="promp", task_version=1), [older])
+    with pytest.raises(ConfigurationError) as caught:
+        merged(a, b, separate=separate)
+    assert f"SpaceCapture/SingleArm-v0 are of task version 2 in {a} and task version 1 in {b}" in str(
+        caught.value
+    )
+
+
 def test_the_hashes_are_named_where_the_configuration_is_not_known(tmp_path: Path) -> None:
     other = configuration(horizon=400)
     a = write_folder(tmp_path / "a", episodes(2))

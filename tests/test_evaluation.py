@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from agents.commands.evaluate import main
+from agents.planning import Cause, Failure
 from agents.resolve import resolve_policy
 from space_envs.evaluation import runner
-from space_envs.evaluation.metrics import episode_metrics
-from space_envs.evaluation.records import Task, read_records, records_without_timing
+from space_envs.evaluation.metrics import episode_metrics, episode_records
+from space_envs.evaluation.records import NO_PLAN_CAUSES, Entrant, Task, read_records, records_without_timing
 from space_envs.evaluation.rollout import roll_out, split_indices, time_policy
 from space_envs.evaluation.runner import Evaluation, prepare
 from space_envs.registration import make_task
@@ -48,11 +49,11 @@ class Misshapen(Nan):
         return np.zeros(self.size), None
 
 
-def rollout_of(name, episodes=6, **keywords):
+def rollout_of(name, episodes=6, apart=False, **keywords):
     task = make_task(SINGLE, keywords)
     policy = resolve_policy(name)
     environment = {"env_id": SINGLE, "control_mode": policy.control_mode, **keywords}
-    return roll_out(policy.factory(0), environment, "test", np.arange(episodes), 0), task
+    return roll_out(policy.factory(0), environment, "test", np.arange(episodes), 0, apart=apart), task
 
 
 def test_same_seed_same_bytes_apart_from_timing(tmp_path, capsys):
@@ -110,7 +111,17 @@ def test_torques_times_angles_make_the_kinetic_energy(name):
     metrics = episode_metrics(rollout, task)
     assert (metrics["mechanical_work"] >= np.abs(work.sum(axis=1)) - 1e-9).all()
     assert (metrics["peak_power"] * task.control_period >= np.abs(gained).max(axis=1) - 1e-6).all()
-    assert (metrics["momentum_drift"] < 1e-6 * np.abs(motion.angular).max()).all()
+    assert (metrics["linear_momentum_drift"] < 1e-6 * np.abs(motion.linear).max()).all()
+    assert (metrics["angular_momentum_drift"] < 1e-6 * np.abs(motion.angular).max()).all()
+
+
+def test_the_time_to_the_envelope_is_that_of_the_first_state_of_the_hold():
+    rollout, task = rollout_of("minimum_jerk", episodes=2)
+    records = episode_records(rollout, task, Entrant(Task(SINGLE, "medium", "test"), "mine", "any"), 0)
+    for row, record in enumerate(records):
+        inside = rollout.position_error[row] <= task.envelope.position
+        assert record.time_to_envelope == pytest.approx(record.time_to_capture - task.envelope.hold)
+        assert inside[round(record.time_to_envelope / task.control_period) :].all()
 
 
 def test_metrics_do_not_count_what_comes_after_the_end():
@@ -134,14 +145,46 @@ class Planless(Nan):
     """Has no plan for odd rows, and says so in its state."""
 
     def predict(self, observation, state=None, episode_start=None, deterministic=True):
-        failures = ["out of reach" if row % 2 else None for row in range(len(observation))]
+        told = [None, Failure("mine", Cause.JOINT_LIMIT, "joint 3 at 2.1 rad"), "out of ideas"]
+        failures = [told[row % 3] for row in range(len(observation))]
         return np.zeros((len(observation), self.size)), SimpleNamespace(failures=failures)
 
 
-def test_why_there_was_no_plan_is_the_reason_of_a_lost_episode():
-    rollout, _ = rollout_of(f"{__name__}:Planless", horizon=5)
+class Malformed(Nan):
+    """Says in its state what no record can hold."""
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        told = [SimpleNamespace(cause="out of luck", reason="the stars"), 3, ValueError()]
+        failures = [told[row % 3] for row in range(len(observation))]
+        return np.zeros((len(observation), self.size)), SimpleNamespace(failures=failures)
+
+
+class Miscounted(Nan):
+    """Says in its state why there is no plan, for another number of episodes."""
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        return np.zeros((len(observation), self.size)), SimpleNamespace(failures=["out of ideas"])
+
+
+@pytest.mark.parametrize("apart", [False, True])
+def test_why_there_was_no_plan_is_the_cause_of_a_failed_episode(apart):
+    rollout, _ = rollout_of(f"{__name__}:Planless", horizon=5, apart=apart)
     assert rollout.outcome == ["timeout"] * 6
-    assert rollout.reason == [None, "out of reach"] * 3
+    assert rollout.cause == ["timeout", "joint_limit", "no_plan"] * 2
+    assert rollout.reason == [None, "joint 3 at 2.1 rad", "out of ideas"] * 2
+
+
+def test_what_a_policy_says_malformed_is_counted_as_no_plan_or_as_nothing():
+    rollout, _ = rollout_of(f"{__name__}:Malformed", horizon=5)
+    assert rollout.cause == ["no_plan"] * 6
+    assert rollout.reason[0] == "the stars"
+    assert rollout.reason[1] == "the policy gave a int for a reason"
+    rollout, _ = rollout_of(f"{__name__}:Miscounted", horizon=5)
+    assert rollout.cause == ["timeout"] * 6
+
+
+def test_every_cause_of_a_planner_is_one_of_the_records():
+    assert {str(cause) for cause in Cause} == set(NO_PLAN_CAUSES) - {"no_plan"}
 
 
 @pytest.mark.parametrize(

@@ -22,11 +22,12 @@ from space_envs.evaluation.records import (
 )
 from space_envs.evaluation.traces import Traces
 
+FAILED = {"captured": False, "outcome": "timeout", "time_to_capture": None}
 FIELDS = (
-    "schema env_id policy control_mode difficulty split index episode seed config_hash captured outcome "
-    "reason time_to_capture steps episode_return position_error orientation_error peak_attitude "
-    "final_attitude attitude_cost base_angular_impulse kinetic_energy_integral mechanical_work peak_power "
-    "collisions clipped_actions momentum_drift timing checksum"
+    "schema env_id policy control_mode difficulty split index episode seed config_hash task_version captured "
+    "outcome cause reason time_to_capture time_to_envelope steps episode_return position_error "
+    "orientation_error peak_attitude final_attitude attitude_cost base_angular_impulse kinetic_energy_integral "
+    "mechanical_work peak_power collisions clipped_actions linear_momentum_drift angular_momentum_drift timing checksum"
 ).split()
 
 
@@ -81,8 +82,15 @@ def test_timing_is_the_only_difference_between_two_clocks() -> None:
         ({"schema": 1}, "schema"),
         ({"outcome": "captred", "captured": False, "time_to_capture": None}, "Did you mean 'captured'"),
         ({"outcome": "timeout"}, "captured is True"),
+        ({"cause": "timeout"}, "cause is 'timeout' but the episode captured"),
+        (FAILED | {"cause": "infeasable"}, "unknown cause .*Did you mean 'infeasible'"),
+        (FAILED | {"cause": None}, "unknown cause of outcome 'timeout': None"),
+        (FAILED | {"cause": "collision"}, "unknown cause of outcome 'timeout': 'collision'"),
+        (FAILED | {"outcome": "policy_error", "cause": "solver"}, "valid are 'policy_error'"),
+        ({"task_version": -1}, "task_version must not be negative"),
         ({"captured": False, "outcome": "timeout"}, "time_to_capture"),
         ({"time_to_capture": None}, "time_to_capture"),
+        ({"time_to_envelope": None}, "time_to_envelope is None"),
         ({"final_attitude": None}, "final_attitude"),
         ({"final_attitude": math.nan}, "final_attitude must be finite"),
         ({"attitude_cost": math.inf}, "attitude_cost must be finite"),

@@ -405,7 +405,7 @@ def page(paths: ReportPaths) -> Page:
 def test_report_writes_what_can_be_read_back(result: EvaluationResult, paths: ReportPaths) -> None:
     assert read_records(paths.records) == list(result.records)
     summary = json.loads(paths.summary.read_text(encoding="utf-8"))
-    assert summary["schema"] == 2 and summary["provenance"]["commit"] == "3f2c9d1"
+    assert summary["schema"] == 3 and summary["provenance"]["commit"] == "3f2c9d1"
     assert summary["rows"][0]["figures"]["success"]["value"] == 1.0
     files = {row["policy"]: row["traces"] for row in summary["rows"]}
     assert set(paths.traces) == set(result.traces) and len(set(files.values())) == len(files)

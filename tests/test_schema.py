@@ -13,7 +13,15 @@ from synthetic_results import make_record, make_result
 from docs.generate import DOCS
 from docs.reading import comments
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.records import OUTCOMES, SCHEMA_VERSION, UNTIMED, EpisodeRecord, Timing
+from space_envs.evaluation.records import (
+    CAUSES,
+    NO_PLAN_CAUSES,
+    OUTCOMES,
+    SCHEMA_VERSION,
+    UNTIMED,
+    EpisodeRecord,
+    Timing,
+)
 from space_envs.evaluation.schema import DESCRIPTIONS, record_schema, schema_text
 
 VALIDATOR = jsonschema.Draft202012Validator(record_schema())
@@ -21,12 +29,13 @@ FAILED = {"captured": False, "outcome": "timeout", "time_to_capture": None}
 RECORDS = {
     "captured": make_record(),
     "untimed": make_record(timing=UNTIMED),
-    "failed": make_record(**FAILED, reason="too late", attitude_cost=None, momentum_drift=None),
+    "planless": make_record(**FAILED, cause="infeasible", reason="joint 3 is too slow"),
+    "failed": make_record(**FAILED, reason="too late", attitude_cost=None, linear_momentum_drift=None),
 }
-COUNTS = "index episode seed steps collisions clipped_actions".split()
+COUNTS = "index episode seed task_version steps collisions clipped_actions".split()
 POSITIVE = (
     "position_error orientation_error peak_attitude final_attitude attitude_cost base_angular_impulse "
-    "kinetic_energy_integral peak_power momentum_drift"
+    "kinetic_energy_integral peak_power linear_momentum_drift angular_momentum_drift"
 ).split()
 PLAIN = [name for name in json.loads(make_record().to_json()) if name not in ("timing", "checksum")]
 SIGNED = ("episode_return", "mechanical_work")
@@ -80,11 +89,13 @@ def mutations() -> list[tuple[str, str, Any]]:
     wrong += [(name, value) for name in COUNTS for value in (-1, 1.5, "1", True, [])]
     wrong += [(name, value) for name in POSITIVE for value in (-0.1, "1", True, {})]
     wrong += [(name, value) for name in SIGNED for value in ("1", False, [])]
-    wrong += [("schema", value) for value in (1, 3, "2", 2.5, True)]
+    wrong += [("schema", value) for value in (1, 2, 4, "3", 3.5, True)]
     wrong += [("captured", value) for value in (0, 1, "true")]
     wrong += [("outcome", value) for value in ("captred", "", 3)]
+    wrong += [("cause", value) for value in ("captured", "infeasable", "", 3, "collision")]
     wrong += [("reason", value) for value in (3, [])]
-    wrong += [("time_to_capture", value) for value in (-1.0, "1", True)]
+    for name in ("time_to_capture", "time_to_envelope"):
+        wrong += [(name, value) for value in (-1.0, "1", True)]
     wrong += [("timing", value) for value in (3, [], {}, {**UNTIMED, "more": 1}, {"planning_ms": 1.0})]
     for name in ("planning_ms", "action_ms"):
         wrong += [("timing", {**UNTIMED, name: value}) for value in (-1.0, "1", True)]
@@ -123,8 +134,26 @@ def test_captured_outcome_and_time_agree() -> None:
             for time in (None, 1.0):
                 values = json.loads(make_record().to_json())
                 values |= {"captured": captured, "outcome": outcome, "time_to_capture": time}
+                values["time_to_envelope"] = time
+                values["cause"] = None if outcome == "captured" else outcome
                 assert VALIDATOR.is_valid(values) == accepted_by_class(values), values
                 assert VALIDATOR.is_valid(values) == (captured == (outcome == "captured") == bool(time))
+
+
+def test_causes_fit_how_the_episode_ended() -> None:
+    allowed = 0
+    for outcome in OUTCOMES:
+        captured = outcome == "captured"
+        for cause in (None, *CAUSES):
+            values = json.loads(make_record().to_json()) | {"captured": captured, "outcome": outcome}
+            values |= dict.fromkeys(("time_to_capture", "time_to_envelope"), 1.0 if captured else None)
+            values["cause"] = cause
+            assert VALIDATOR.is_valid(values) == accepted_by_class(values), values
+            allowed += accepted_by_class(values)
+            if accepted_by_class(values):
+                assert (cause is None) == captured
+                assert cause in (None, outcome) or outcome in ("timeout", "attitude_lost", "collision")
+    assert allowed == len(OUTCOMES) + 3 * len(NO_PLAN_CAUSES)
 
 
 @pytest.mark.parametrize("checksum", ["", "0123", "0123456789abcdeF", "0123456789abcdef0", 3])

@@ -73,6 +73,14 @@ def body_motion(
     )
 
 
+def momentum_drifts(motion: BodyMotion) -> tuple[Array, Array]:
+    """Largest change (...,) of the total linear (N s) and angular (N m s) momentum since the start of a
+    trajectory of states (..., T, .)."""
+    change = motion.total - motion.total[..., :1, :]
+    linear, angular = (np.linalg.norm(part, axis=-1) for part in (change[..., :3], change[..., 3:]))
+    return linear.max(axis=-1), angular.max(axis=-1)
+
+
 def momentum_drift(motion: BodyMotion) -> tuple[Array, Array]:
     """Drift of total momentum over time, and what it is measured against.
 
@@ -84,11 +92,8 @@ def momentum_drift(motion: BodyMotion) -> tuple[Array, Array]:
         ratio (...,): the same divided by the largest momentum of its kind that a single body carried, or by
         1 N s, 1 N m s where that is larger.
     """
-    change = motion.total - motion.total[..., :1, :]
-    drifts, ratios = [], []
-    for part, each in ((change[..., :3], motion.linear), (change[..., 3:], motion.angular)):
-        drift = np.linalg.norm(part, axis=-1).max(axis=-1)
+    drifts, ratios = momentum_drifts(motion), []
+    for drift, each in zip(drifts, (motion.linear, motion.angular), strict=True):
         carried = np.linalg.norm(each, axis=-1).max(axis=(-1, -2))
-        drifts.append(drift)
         ratios.append(drift / np.maximum(carried, 1.0))
     return np.maximum(*drifts), np.maximum(*ratios)

@@ -27,8 +27,10 @@ def check_agreement(folders: Sequence[ResultFolder], separate: bool = False) -> 
             become tables of their own.
 
     Raises:
-        ConfigurationError: naming two folders and what differs between them.
+        ConfigurationError: naming two folders and what differs between them, first of all their versions of
+            the task.
     """
+    _check_task_versions(folders)
     if not separate:
         _check_shared(folders)
     uses: dict[tuple[str, str], list[_Use]] = {}
@@ -51,6 +53,21 @@ def check_agreement(folders: Sequence[ResultFolder], separate: bool = False) -> 
                     raise ConfigurationError(
                         f"records of {env_id}, {difficulty}, cannot be compared, the tasks differ: {said}"
                     )
+
+
+def _check_task_versions(folders: Sequence[ResultFolder]) -> None:
+    """Scores of different versions of a task are of different tasks, also in tables of their own."""
+    found: dict[str, dict[int, str]] = {}
+    for folder in folders:
+        for record in folder.records:
+            found.setdefault(record.env_id, {}).setdefault(record.task_version, str(folder.path))
+    for env_id, versions in found.items():
+        if len(versions) > 1:
+            told = " and ".join(f"task version {version} in {name}" for version, name in versions.items())
+            raise ConfigurationError(
+                f"records of {env_id} are of {told}: what is asked, or how it is scored, changed in between; "
+                "evaluate the older again"
+            )
 
 
 def _check_shared(folders: Sequence[ResultFolder]) -> None:

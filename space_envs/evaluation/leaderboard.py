@@ -31,6 +31,7 @@ from space_envs.registration import ENTRIES
 from space_envs.tasks.common import DIFFICULTIES, SPLITS
 
 TIMINGS = ("planning_ms", "action_ms")
+DRIFTS = ("linear_momentum_drift", "angular_momentum_drift")
 
 # Figure -> the statistic of the record field of the same name.
 _BOOTSTRAPPED: dict[str, Statistic] = {
@@ -60,7 +61,7 @@ class Row:
     figures: Mapping[str, Estimate]
     outcomes: Mapping[str, int]  # every outcome with its number of episodes
     reasons: tuple[tuple[str, int], ...]  # reasons of failures, most frequent first
-    momentum_drift: float  # the largest of all episodes
+    drift: Mapping[str, float]  # the largest of all episodes by the names in DRIFTS
     timing: Mapping[str, float]  # ms, NaN where nothing was timed
 
     @property
@@ -84,7 +85,7 @@ class Row:
                 for key, e in self.figures.items()
             },
             "outcomes": dict(self.outcomes),
-            "momentum_drift": _plain(self.momentum_drift),
+            **{key: _plain(value) for key, value in self.drift.items()},
             "timing": {key: _plain(value) for key, value in self.timing.items()},
         }
 
@@ -150,7 +151,7 @@ def _row(entrant: Entrant, records: list[EpisodeRecord], entropy: int, resamples
         figures=figures,
         outcomes={outcome: outcomes[outcome] for outcome in OUTCOMES},
         reasons=tuple(sorted(reasons.items(), key=lambda item: (-item[1], item[0]))),
-        momentum_drift=float(_column(records, "momentum_drift").max()),
+        drift={key: float(_column(records, key).max()) for key in DRIFTS},
         timing={key: _timing(records, key) for key in TIMINGS},
     )
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from space_envs.dynamics.bodies import body_motion, momentum_drift
+from space_envs.dynamics.bodies import body_motion, momentum_drifts
 from space_envs.dynamics.rotations import Array, logarithm
 from space_envs.dynamics.trajectories import attitude_cost
 from space_envs.evaluation.records import SCHEMA_VERSION, UNTIMED, Entrant, EpisodeRecord, Timing
@@ -31,9 +31,9 @@ def configuration_hash(config: Mapping[str, Any]) -> str:
 
 def configuration(env_id: str, control_mode: str, task: CaptureTask) -> dict[str, Any]:
     """Everything that defines a task, apart from its split, as plain values."""
-    config = {"env_id": env_id, "control_mode": control_mode, **asdict(task), "timestep": task.step_size}
-    del config["split"]
-    return config
+    settings = {**asdict(task), "timestep": task.step_size}
+    del settings["split"]
+    return {"env_id": env_id, "task_version": task.version, "control_mode": control_mode, **settings}
 
 
 def episode_metrics(rollout: Rollout, task: CaptureTask) -> dict[str, Array]:
@@ -45,7 +45,8 @@ def episode_metrics(rollout: Rollout, task: CaptureTask) -> dict[str, Array]:
     kinetic_energy_integral: integral of twice the kinetic energy (trapezoid rule), shah2013's C, J s.
     mechanical_work: sum over joints and steps of |torque times angle turned|, exact for held torques, J.
     peak_power: largest sum over joints of |torque times rate|, at either end of a control period, W.
-    momentum_drift: largest change of total linear or angular momentum since the start, N s or N m s.
+    linear_momentum_drift, angular_momentum_drift: largest change of the robot's total momentum since the
+        start, N s and N m s.
     """
     dt = task.control_period
     motion = body_motion(task.robot, rollout.qpos, rollout.qvel, rollout.goals.mass_scale[:, None])
@@ -54,6 +55,7 @@ def episode_metrics(rollout: Rollout, task: CaptureTask) -> dict[str, Array]:
     spin = np.linalg.norm(np.diff(motion.base_spin, axis=1), axis=-1)
     doubled = 2.0 * motion.kinetic_energy
     rate, turned = rollout.qvel[..., 6:], np.diff(rollout.qpos[..., 7:], axis=1)
+    linear, angular = momentum_drifts(motion)
     ends = [np.abs(rollout.torque * r).sum(axis=-1) for r in (rate[:, :-1], rate[:, 1:])]
     return {
         "attitude_cost": attitude_cost(twist, dt, task.c),
@@ -61,7 +63,8 @@ def episode_metrics(rollout: Rollout, task: CaptureTask) -> dict[str, Array]:
         "kinetic_energy_integral": dt * (0.5 * (doubled[:, :-1] + doubled[:, 1:]) * alive).sum(axis=1),
         "mechanical_work": np.abs(rollout.torque * turned).sum(axis=(1, 2)),
         "peak_power": np.maximum(*ends).max(axis=1),
-        "momentum_drift": momentum_drift(motion)[0],
+        "linear_momentum_drift": linear,
+        "angular_momentum_drift": angular,
         "position_error": rollout.position_error[:, -1],
         "orientation_error": rollout.orientation_error[:, -1],
         "peak_attitude": rollout.attitude.max(axis=1),
@@ -79,6 +82,8 @@ def episode_records(
     for row in range(len(rollout.index)):
         captured = rollout.outcome[row] == "captured"
         values: dict[str, Any] = {name: float(value[row]) for name, value in metrics.items()}
+        steps = int(rollout.length[row])
+        entered = steps - task.hold_steps
         records.append(
             EpisodeRecord(
                 schema=SCHEMA_VERSION,
@@ -91,11 +96,14 @@ def episode_records(
                 episode=first + row,
                 seed=seed,
                 config_hash=config,
+                task_version=task.version,
                 captured=captured,
                 outcome=rollout.outcome[row],
+                cause=rollout.cause[row],
                 reason=rollout.reason[row],
-                time_to_capture=float(rollout.length[row] * task.control_period) if captured else None,
-                steps=int(rollout.length[row]),
+                time_to_capture=steps * task.control_period if captured else None,
+                time_to_envelope=entered * task.control_period if captured else None,
+                steps=steps,
                 episode_return=float(rollout.episode_return[row]),
                 collisions=int(rollout.outcome[row] == "collision"),  # it ends the episode
                 clipped_actions=int(rollout.clipped[row]),

@@ -43,8 +43,9 @@ class Policy(Protocol):
                 None means all rows if there is no state yet, otherwise none.
             deterministic: whether a stochastic policy shall give its mean action.
 
-        A state may have an attribute `failures`, N entries that are None or say why there is no plan for a
-        row; records of lost episodes then give that as their reason.
+        A state may have an attribute `failures`, N entries that are None where there is a plan. Any other
+        has a `cause`, one of `space_envs.evaluation.records.NO_PLAN_CAUSES`, and a `reason`, a sentence, or
+        is that sentence alone; records of episodes that failed then give both.
         """
         ...
 

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError, PolicyError
+from space_envs.evaluation.causes import MissingPlan, missing_plans, packed_plans, unpacked_plans
 from space_envs.evaluation.policy import Policy, PolicyContext
 
 STARTING = 120.0  # s, that a policy may take to be imported and built, where its calls have limits
@@ -104,7 +105,7 @@ class PolicyProcess:
         late = f"no {'first action' if begins else 'action'} within {limit:g} s"
         answer, action = self._asked(_packed(told, observation), limit, late)
         self.seconds = answer["seconds"]
-        return action, _Token(answer["failures"])
+        return action, _Token(unpacked_plans(answer["failures"]))
 
     def _started(self) -> None:
         self._process = subprocess.Popen(
@@ -151,7 +152,7 @@ class PolicyProcess:
 class _Token:
     """What the harness holds in place of a state."""
 
-    failures: Any
+    failures: list[MissingPlan | None]
 
 
 def _packed(told: dict[str, Any], array: NDArray[Any] | None = None) -> bytes:
@@ -222,7 +223,7 @@ def _serve() -> None:
                 observation, None if told["fresh"] else given, start, told["deterministic"]
             )
             seconds = time.perf_counter() - before
-            failures = [None if each is None else str(each) for each in getattr(after, "failures", ())]
+            failures = packed_plans(missing_plans(after, len(observation)))
             return after, _packed({"seconds": seconds, "failures": failures}, np.asarray(action))
 
         state = answer(call)

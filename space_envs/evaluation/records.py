@@ -22,9 +22,25 @@ from space_envs.evaluation.states import States
 from space_envs.evaluation.traces import Traces
 from space_envs.files import atomic_write_text
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 RECORDS, SUMMARY, REPORT = "records.jsonl", "summary.json", "report.html"  # in a result folder
 OUTCOMES = ("captured", "timeout", "attitude_lost", "diverged", "collision", "policy_error")
+# Why a policy has no plan; the last is for policies that give no cause, or another one.
+NO_PLAN_CAUSES = (
+    "infeasible",
+    "singular",
+    "joint_limit",
+    "out_of_reach",
+    "clearance",
+    "solver",
+    "inaccurate",
+    "no_plan",
+)
+CAUSES = (
+    *NO_PLAN_CAUSES,
+    *OUTCOMES[1:],
+)  # of a failed episode: without a plan that is why, else how it ended
+OWN_CAUSES = ("diverged", "policy_error")  # outcomes that a missing plan does not explain
 
 
 class Timing(TypedDict):
@@ -83,14 +99,17 @@ class EpisodeRecord:
     episode: int  # running number within this policy and seed
     seed: int  # evaluation seed: the stratum of the bootstrap
     config_hash: str
+    task_version: int  # raised with every change that moves a score
     captured: bool
     outcome: str  # one of OUTCOMES
+    cause: str | None  # one of CAUSES; None for a capture
     reason: str | None
     time_to_capture: float | None  # s
+    time_to_envelope: float | None  # s, the same without the time for which the envelope is held
     steps: int
     episode_return: float | None
-    position_error: float | None  # m, at the end
-    orientation_error: float | None  # deg, at the end
+    position_error: float | None  # m, at the end: for a capture, at the capture
+    orientation_error: float | None  # deg, likewise
     peak_attitude: float | None  # deg
     final_attitude: float | None  # deg
     attitude_cost: float | None  # m^2/s, shyam2020 eq. 20 times dt
@@ -100,7 +119,8 @@ class EpisodeRecord:
     peak_power: float | None  # W
     collisions: int
     clipped_actions: int
-    momentum_drift: float | None  # N m s or N s, the larger of the two maxima
+    linear_momentum_drift: float | None  # N s, the largest
+    angular_momentum_drift: float | None  # N m s, the largest
     timing: Timing
     checksum: str = ""  # sixteen hexadecimal digits
 
@@ -114,11 +134,13 @@ class EpisodeRecord:
             raise unknown_name("outcome", self.outcome, OUTCOMES)
         if self.captured != (self.outcome == "captured"):
             raise ConfigurationError(f"captured is {self.captured} but outcome is {self.outcome!r}")
-        if self.captured != (self.time_to_capture is not None):
-            raise ConfigurationError(
-                f"captured is {self.captured} but time_to_capture is {self.time_to_capture}; "
-                "a captured episode has a time, any other has none"
-            )
+        _check_cause(self.outcome, self.cause)
+        for name in TIMES:
+            if self.captured != (getattr(self, name) is not None):
+                raise ConfigurationError(
+                    f"captured is {self.captured} but {name} is {getattr(self, name)}; "
+                    "a captured episode has a time, any other has none"
+                )
         if self.captured:
             missing = [name for name in NONNEGATIVE if getattr(self, name) is None]
             if missing:
@@ -245,11 +267,24 @@ def _checked(name: str, value: Any, kind: Any) -> Any:
         raise ConfigurationError(f"{name} must be {kind.__name__}, got {_shown(value)}")
     if kind is float and not math.isfinite(value):
         raise ConfigurationError(f"{name} must be finite, got {value}; a value that does not exist is null")
-    if (kind is int or name in NONNEGATIVE or name == "time_to_capture") and value < 0:
+    if (kind is int or name in (*NONNEGATIVE, *TIMES)) and value < 0:
         raise ConfigurationError(f"{name} must not be negative, got {value}")
     if kind is str and name not in ("reason", "checksum") and not value:
         raise ConfigurationError(f"{name} must not be empty")
     return value
+
+
+def causes_of(outcome: str) -> tuple[str, ...]:
+    """Causes that a failed episode may have which ended so."""
+    return (outcome,) if outcome in OWN_CAUSES else (outcome, *NO_PLAN_CAUSES)
+
+
+def _check_cause(outcome: str, cause: str | None) -> None:
+    if outcome == "captured":
+        if cause is not None:
+            raise ConfigurationError(f"cause is {cause!r} but the episode captured; a capture has none")
+    elif cause not in causes_of(outcome):
+        raise unknown_name(f"cause of outcome {outcome!r}:", cause, causes_of(outcome))
 
 
 def _checked_timing(value: Any) -> Timing:
@@ -288,6 +323,7 @@ def _shown(value: Any) -> str:
 
 _NAMES = tuple(item.name for item in dataclasses.fields(EpisodeRecord))
 _KINDS = {name: kind for name, kind in get_type_hints(EpisodeRecord).items() if name != "timing"}
+TIMES = ("time_to_capture", "time_to_envelope")  # of captures alone
 NONNEGATIVE = (
     "position_error",
     "orientation_error",
@@ -297,5 +333,6 @@ NONNEGATIVE = (
     "base_angular_impulse",
     "kinetic_energy_integral",
     "peak_power",
-    "momentum_drift",
+    "linear_momentum_drift",
+    "angular_momentum_drift",
 )

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from space_envs.dynamics.rotations import Array
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError, PolicyError
+from space_envs.evaluation.causes import cause_of, missing_plans
 from space_envs.evaluation.policy import Policy, PolicyContext
 from space_envs.evaluation.policy_process import PolicyProcess, TimeLimits
 from space_envs.tasks.common import Goals
@@ -35,7 +36,8 @@ class Rollout:
         torque: (K, T, n) N m, zero after the end.
         goals: of the task, K of them.
         position_error: (K, T + 1) m. orientation_error, attitude: (K, T + 1) deg.
-        outcome, reason: K strings; why an episode was lost, where the simulation or the policy says so.
+        outcome: K strings. cause: why an episode failed, one of `records.CAUSES`, None for a capture.
+        reason: the cause in a sentence, where the policy or the harness says more, else None.
         episode_return, clipped: (K,).
     """
 
@@ -50,6 +52,7 @@ class Rollout:
     orientation_error: Array
     attitude: Array
     outcome: list[str]
+    cause: list[str | None]
     reason: list[str | None]
     episode_return: Array
     clipped: NDArray[np.int64]
@@ -176,9 +179,11 @@ def _played(
                 array[:, step + 2 :] = array[:, step + 1 : step + 2]
             break
     env.close()
-    for row, told in enumerate(getattr(state, "failures", ())):
-        if told and reason[row] is None and outcome[row] != "captured":
-            reason[row] = told
+    plans = missing_plans(state, n)
+    cause = [cause_of(ended, plan) for ended, plan in zip(outcome, plans, strict=True)]
+    for row, plan in enumerate(plans):
+        if plan is not None and cause[row] == plan.cause:
+            reason[row] = plan.reason
     flat = seen.reshape(-1, seen.shape[-1])
     norms = task.norms(flat).reshape(n, horizon + 1, -1)
     return Rollout(
@@ -193,6 +198,7 @@ def _played(
         orientation_error=np.rad2deg(norms[..., 1]),
         attitude=np.rad2deg(task.attitude(flat)).reshape(n, -1),
         outcome=list(outcome),
+        cause=cause,
         reason=reason,
         episode_return=total,
         clipped=clipped,

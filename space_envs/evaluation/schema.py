@@ -11,11 +11,14 @@ import types
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
 from space_envs.evaluation.records import (
+    CAUSES,
     NONNEGATIVE,
     OUTCOMES,
     SCHEMA_VERSION,
+    TIMES,
     EpisodeRecord,
     Timing,
+    causes_of,
 )
 
 SCHEMA_ID = f"urn:space-capture:schema:record:{SCHEMA_VERSION}"
@@ -31,14 +34,19 @@ DESCRIPTIONS = {
     "seed": "Evaluation seed, of the goals played and of the policy; the stratum of the bootstrap.",
     "config_hash": "Changes with anything that defines the task, apart from its split; summary.json has the "
     "configuration itself.",
+    "task_version": "Version of the task, raised with every change that moves a score; those of different "
+    "versions are not compared.",
     "captured": "Whether the episode ended in a capture.",
     "outcome": "How the episode ended.",
-    "reason": "Why it was lost, where the simulation or the policy says so.",
+    "cause": "Why it failed: without a plan the planner's cause, else the outcome; null for a capture.",
+    "reason": "The cause in a sentence, where the policy or the harness says more.",
     "time_to_capture": "s; null without a capture.",
+    "time_to_envelope": "s, until the envelope was entered for good: time_to_capture without the time for "
+    "which it is held.",
     "steps": "Control steps until the end.",
     "episode_return": "Sum of the rewards.",
-    "position_error": "m, at the end.",
-    "orientation_error": "deg, at the end.",
+    "position_error": "m, when the episode ended: for a capture, at the capture, not where it settles later.",
+    "orientation_error": "deg, likewise.",
     "peak_attitude": "deg, largest angle of the base from where it started.",
     "final_attitude": "deg, angle of the base from where it started, at the end.",
     "attitude_cost": "m^2/s, eq. 20 of shyam2020 times the control period.",
@@ -48,7 +56,8 @@ DESCRIPTIONS = {
     "peak_power": "W, largest sum over joints of the magnitude of torque times rate.",
     "collisions": "How often the robot touched what it must not; the first ends the episode.",
     "clipped_actions": "Steps whose action lay outside [-1, 1].",
-    "momentum_drift": "N s or N m s, largest change of total linear or angular momentum.",
+    "linear_momentum_drift": "N s, largest change of the robot's total linear momentum since the start.",
+    "angular_momentum_drift": "N m s, largest change of the robot's total angular momentum since the start.",
     "timing": "What a clock decided; not a part of the checksum.",
     "checksum": "First 16 hexadecimal digits of the SHA-256 of all fields but timing and itself, in their "
     "order, as Python's json.dumps writes them.",
@@ -67,13 +76,14 @@ def record_schema() -> dict[str, Any]:
     properties = {name: _property(name, kind) for name, kind in get_type_hints(EpisodeRecord).items()}
     properties["schema"] = {"const": SCHEMA_VERSION, **properties["schema"]}
     properties["outcome"] = {"enum": list(OUTCOMES), "description": DESCRIPTIONS["outcome"]}
+    properties["cause"] = {"enum": [None, *CAUSES], "description": DESCRIPTIONS["cause"]}
     properties["checksum"] = {**properties["checksum"], "pattern": "^[0-9a-f]{16}$"}
     properties["timing"] = {
         **_object({name: _property(name, kind) for name, kind in timing.items()}),
         "description": DESCRIPTIONS["timing"],
     }
     captured = {"captured": {"const": True}}
-    numbers = {name: {"type": "number"} for name in ("time_to_capture", *NONNEGATIVE)}
+    numbers = {name: {"type": "number"} for name in (*TIMES, *NONNEGATIVE)}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "$id": SCHEMA_ID,
@@ -81,9 +91,13 @@ def record_schema() -> dict[str, Any]:
         "description": "One line of records.jsonl. A quantity that does not exist for an episode is null.",
         **_object({item.name: properties[item.name] for item in dataclasses.fields(EpisodeRecord)}),
         "if": {"properties": captured},
-        "then": {"properties": {"outcome": {"const": "captured"}, **numbers}},
+        "then": {"properties": {"outcome": {"const": "captured"}, "cause": {"type": "null"}, **numbers}},
         "else": {
-            "properties": {"outcome": {"not": {"const": "captured"}}, "time_to_capture": {"type": "null"}}
+            "properties": {name: {"type": "null"} for name in TIMES},
+            "anyOf": [
+                {"properties": {"outcome": {"const": outcome}, "cause": {"enum": list(causes_of(outcome))}}}
+                for outcome in OUTCOMES[1:]
+            ],
         },
     }
 
@@ -109,7 +123,7 @@ def _property(name: str, kind: Any) -> dict[str, Any]:
     if kind not in _TYPES:  # an object, described by the caller
         return {}
     found: dict[str, Any] = {"type": [_TYPES[kind], "null"] if optional else _TYPES[kind]}
-    if kind is int or name in (*NONNEGATIVE, "time_to_capture", *get_type_hints(Timing)) and kind is float:
+    if kind is int or name in (*NONNEGATIVE, *TIMES, *get_type_hints(Timing)) and kind is float:
         found["minimum"] = 0
     if kind is str and name not in ("reason", "checksum"):
         found["minLength"] = 1

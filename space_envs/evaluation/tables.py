@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from space_envs.evaluation.leaderboard import FIGURES, TIMINGS, Row, Task
+from space_envs.evaluation.leaderboard import DRIFTS, FIGURES, TIMINGS, Row, Task
 from space_envs.evaluation.names import csv_name, display_name, latex_name, markdown_name
 from space_envs.evaluation.records import OUTCOMES
 from space_envs.evaluation.statistics import CONFIDENCE, Estimate
@@ -196,12 +196,13 @@ def to_csv(rows: Sequence[Row]) -> str:
     head = ["env_id", "difficulty", "split", "policy", "control_mode", "config_hash", "episodes", "seeds"]
     for key in FIGURES:
         head += [key, f"{key}_low", f"{key}_high"]
-    head += ["momentum_drift_max", *OUTCOMES, *(f"timing_{key}" for key in TIMINGS)]
+    head += [*(f"{key}_max" for key in DRIFTS), *OUTCOMES, *(f"timing_{key}" for key in TIMINGS)]
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(head)
     for row in rows:
-        numbers = [end for key in FIGURES for end in vars(row.figures[key]).values()] + [row.momentum_drift]
+        numbers = [end for key in FIGURES for end in vars(row.figures[key]).values()]
+        numbers += [row.drift[key] for key in DRIFTS]
         names = (row.task.env_id, row.task.difficulty, row.task.split, row.policy, row.control_mode)
         cells: list[object] = [*map(csv_name, names), csv_name(row.config_hash), row.episodes, len(row.seeds)]
         cells += [repr(number) if math.isfinite(number) else "" for number in numbers]

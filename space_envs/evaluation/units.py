@@ -126,6 +126,7 @@ class Part:
         told = {
             "records": [record.to_json() for record in self.records],
             "outcome": self.rollout.outcome,
+            "cause": self.rollout.cause,
             "reason": self.rollout.reason,
             "seconds": self.seconds,
         }
@@ -148,7 +149,8 @@ class Part:
         if tuple(arrays["index"].tolist()) != unit.indices:
             raise ConfigurationError(f"{path} holds other episodes")
         goals = make_task(unit.task.env_id, unit.keywords).goals(unit.task.split, arrays["index"])
-        rollout = Rollout(goals=goals, outcome=told["outcome"], reason=told["reason"], **arrays)
+        ends = {name: told[name] for name in ("outcome", "cause", "reason")}
+        rollout = Rollout(goals=goals, **ends, **arrays)
         return cls(tuple(map(EpisodeRecord.from_json, told["records"])), rollout, told["seconds"])
 
 

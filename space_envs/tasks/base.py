@@ -65,6 +65,7 @@ class CaptureTask:
     c: float = 1.0
 
     # What a subclass states about itself.
+    version: ClassVar[int] = 2  # of the task in records, raised with every change that moves a score
     layout: ClassVar[ObservationLayout]
     parameters: ClassVar[DriveLimits]
     split_sizes: ClassVar[Mapping[str, int]]
