@@ -151,10 +151,11 @@ class ProMP:
         )  # S + (2, nb)
         mean = np.einsum("...kb,ib->...ki", features, self.mean)
         # Through the factor the result is positive semi-definite and what is fixed has exactly no variance.
-        directions = self.factor.directions.reshape(self.n_dof, self.basis.size, -1)
+        rank = self.factor.deviations.size
+        directions = self.factor.directions.reshape(self.n_dof, self.basis.size, rank)
         spread = np.einsum("...kb,ibr->...kir", features, directions)
         size = 2 * self.n_dof
-        spread = spread.reshape(*spread.shape[:-3], size, spread.shape[-1])
+        spread = spread.reshape(*spread.shape[:-3], size, rank)
         return mean.reshape(*mean.shape[:-2], size), spread @ np.swapaxes(spread, -1, -2)
 
     def trajectories(self, weights: ArrayLike, phase: ArrayLike, duration: float) -> Trajectories:
@@ -184,7 +185,7 @@ class ProMP:
         it.
         """
         weights = self._weights(weights)
-        return log_density(self.mean.ravel(), self.factor, weights.reshape(*weights.shape[:-2], -1))
+        return log_density(self.mean.ravel(), self.factor, weights.reshape(*weights.shape[:-2], self.mean.size))
 
     # Conditioning
 

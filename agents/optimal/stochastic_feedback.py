@@ -74,8 +74,9 @@ class StochasticFeedback:
         # take the difference for a deviation and enlarge it.
         moved = 0.5 * period * (rate[1:] + rate[:-1]).cumsum(axis=0)
         state = np.concatenate([np.vstack([position[:1], position[0] + moved]), rate], axis=1)
-        directions = promp.factor.directions.reshape(n, promp.basis.size, -1)
-        varied = np.einsum("kcb,ibr->kcir", basis, directions).reshape(count + 1, 2 * n, -1)
+        rank = promp.factor.deviations.size
+        directions = promp.factor.directions.reshape(n, promp.basis.size, rank)
+        varied = np.einsum("kcb,ibr->kcir", basis, directions).reshape(count + 1, 2 * n, rank)
         change = (varied[1:, n:] - varied[:-1, n:]) / period  # (K, n, r) of the acceleration
         before = varied[:-1]
         noise = np.repeat([position_noise**2, rate_noise**2], n)
