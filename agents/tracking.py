@@ -72,9 +72,7 @@ class Following:
         return self.position[now], self.position[then], self.rate[then], np.flatnonzero(step >= last)
 
 
-def following(
-    rest: Array, plans: Sequence[JointPath | Failure], times: Array, start: Array
-) -> Following:
+def following(rest: Array, plans: Sequence[JointPath | Failure], times: Array, start: Array) -> Following:
     """What the plans of N episodes ask at sampling times (T + 1,) s; without a plan the arm rests.
 
     Args:

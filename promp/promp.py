@@ -185,7 +185,9 @@ class ProMP:
         it.
         """
         weights = self._weights(weights)
-        return log_density(self.mean.ravel(), self.factor, weights.reshape(*weights.shape[:-2], self.mean.size))
+        return log_density(
+            self.mean.ravel(), self.factor, weights.reshape(*weights.shape[:-2], self.mean.size)
+        )
 
     # Conditioning
 
