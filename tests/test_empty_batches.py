@@ -215,7 +215,7 @@ CASES: dict[str, Callable[[int], Any]] = {
     "held_dynamics": lambda n: held_dynamics(arms("Spatial"), *(numbers(n, 14) for _ in range(3))),
     "null_velocities": lambda n: null_velocities(arms("Planar"), numbers(n, 6), numbers(n, 6)),
     "GaussianBasis": lambda n: [
-        BASIS.value(np.full(n, 0.5)), BASIS.derivative(np.full(n, 0.5)), BASIS.second_derivative(np.full(n, 0.5))
+        of(np.full(n, 0.5)) for of in (BASIS.value, BASIS.derivative, BASIS.second_derivative)
     ],
     "ProMP.sample": lambda n: PROMP.sample(np.random.default_rng(0), n),
     "ProMP.log_likelihood": lambda n: PROMP.log_likelihood(numbers(n, 7, 10)),
