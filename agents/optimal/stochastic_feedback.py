@@ -13,6 +13,7 @@ from typing import Self
 import numpy as np
 
 from promp import ProMP
+from space_envs.checks import non_negative
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError, positive
 
@@ -65,8 +66,8 @@ class StochasticFeedback:
         count = round(positive("duration", duration) / period)
         if count < 1 or abs(count * period - duration) > 1e-9 * duration:
             raise ConfigurationError(f"duration must be a multiple of {period} s, got {duration}")
-        if not min(position_noise, rate_noise) >= 0.0:
-            raise ConfigurationError(f"noises must be at least 0, got {position_noise} and {rate_noise}")
+        for name, noise in (("position_noise", position_noise), ("rate_noise", rate_noise)):
+            non_negative(name, noise)
         n, phase = promp.n_dof, np.linspace(0.0, 1.0, count + 1)
         basis = np.stack([promp.basis.value(phase), promp.basis.derivative(phase) / duration], axis=1)
         position, rate = np.einsum("kcb,ib->cki", basis, promp.mean)

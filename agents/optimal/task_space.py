@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from agents.optimal.functions import ArmFunctions
 from agents.optimal.weight_space import INTERVALS, Basis
-from agents.planning import finite
+from space_envs.checks import finite_array
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError, positive
@@ -52,9 +52,9 @@ class PoseTarget:
         unit = np.eye(3)
         self._goal = np.concatenate(
             [
-                np.zeros(3) if position is None else finite("position", position, (3,)),
-                (unit if rotation is None else finite("rotation", rotation, (3, 3))).T.ravel(),
-                (unit if attitude is None else finite("attitude", attitude, (3, 3))).T.ravel(),
+                np.zeros(3) if position is None else finite_array("position", position, (3,)),
+                (unit if rotation is None else finite_array("rotation", rotation, (3, 3))).T.ravel(),
+                (unit if attitude is None else finite_array("attitude", attitude, (3, 3))).T.ravel(),
             ]
         )
         step = positive("duration", duration) * phase / INTERVALS
