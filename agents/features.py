@@ -122,6 +122,7 @@ class FeatureView:
         """Features (N, F) of observations (N, size)."""
         layout = self.layout
         planar = "base_angle" in layout.slices
+        axes = 2 if planar else 3
         to_base = _turn(layout.read(observation, "base_angle" if planar else "base_quaternion"))
         parts: list[Array] = []
         for field, kind, scale in self.table:
@@ -131,13 +132,13 @@ class FeatureView:
             elif kind == "rotation":
                 value = logarithm(value)
             elif kind != "plain":
-                value = value.reshape(len(value), -1, 2 if planar else 3)  # one vector an end-effector
+                value = value.reshape(len(value), value.shape[1] // axes, axes)  # one vector an end-effector
                 if kind == "from_base":
                     value = value - layout.read(observation, "base_position")[:, None]
                 value = to_base(value)
                 if kind == "bearing":
                     value = value / (scale + np.sqrt((value * value).sum(axis=-1, keepdims=True)))
-                value = value.reshape(len(value), -1)
+                value = value.reshape(len(value), value.shape[1] * value.shape[2])
             parts.append(value if kind == "bearing" else value / scale)
         return np.concatenate(parts, axis=-1).astype(np.float32)
 

@@ -27,7 +27,7 @@ def terminal_weight(a: Array, b: Array, q: Array, r: Array) -> Array:
     flat = [
         solve_discrete_are(a, b, x, y) for x, y in zip(q.reshape(-1, m, m), r.reshape(-1, k, k), strict=True)
     ]
-    return np.stack(flat).reshape(q.shape)
+    return np.array(flat).reshape(q.shape)
 
 
 def riccati_step(a: Array, b: Array, q: Array, r: Array, p: Array) -> tuple[Array, Array]:

@@ -55,8 +55,8 @@ def reaches(context: PolicyContext, observation: Array, keep_attitude: bool) -> 
     start, rate = read("joint_position"), read("joint_velocity")
     spheres = None
     if "obstacle_position" in context.layout.slices:
-        centre = read("obstacle_position").reshape(len(start), -1, 3) - origin[:, None]
         radius = read("obstacle_radius")[..., None]
+        centre = read("obstacle_position").reshape(*radius.shape[:2], 3) - origin[:, None]
         spheres = np.concatenate([rotate(back[:, None], centre), radius], axis=-1)
     return [
         Reach(
@@ -88,10 +88,10 @@ class OptimalPolicy:
         raise NotImplementedError
 
     def _plans(self, observation: Array) -> Following:
-        asked = reaches(self.context, observation, self.keep_attitude)
-        plans = [(reach.start, plan) for reach, plan in zip(asked, self.plan(asked), strict=True)]
-        start = self.context.layout.read(observation, "time")[:, 0]
-        return following(plans, motion_times(self.context), start)
+        read = self.context.layout.read
+        plans = self.plan(reaches(self.context, observation, self.keep_attitude))
+        rest, start = read(observation, "joint_position"), read(observation, "time")[:, 0]
+        return following(rest, plans, motion_times(self.context), start)
 
     def predict(
         self,

@@ -2,16 +2,22 @@
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Self
 
 import numpy as np
 
+from space_envs.checks import real_array
+from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
-from space_envs.errors import ConfigurationError
+from space_envs.errors import ConfigurationError, positive
 
 
 @dataclass(frozen=True, eq=False)
 class Limits:
     """Bounds that a plan keeps; None leaves a quantity free.
+
+    Building one checks it: bounds are finite positive numbers, angles run from lowest to highest, where
+    infinity leaves a joint free. Raises ConfigurationError that names the bound.
 
     Attributes:
         position: (n, 2) rad, lowest and highest.
@@ -26,6 +32,33 @@ class Limits:
     torque: float | None = None
     coriolis: float | None = None
     control: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("rate", "acceleration", "torque", "coriolis", "control"):
+            if (value := getattr(self, name)) is not None:
+                object.__setattr__(self, name, positive(f"limit of {name}", value))
+        if self.position is not None:
+            position = real_array("limits of position", self.position, (None, 2))
+            if not (position[:, 0] <= position[:, 1]).all():
+                joint = int((position[:, 0] > position[:, 1]).argmax())
+                raise ConfigurationError(
+                    f"limits of position must run from lowest to highest, got {position[joint].tolist()} of "
+                    f"joint {joint + 1}"
+                )
+            position.flags.writeable = False
+            object.__setattr__(self, "position", position)
+
+    def checked(self, robot: FloatingRobot) -> Self:
+        """The same, if they are of as many joints as a robot has.
+
+        Raises:
+            ConfigurationError: naming both numbers.
+        """
+        if self.position is not None and len(self.position) != robot.n_joints:
+            raise ConfigurationError(
+                f"limits of position are of {len(self.position)} joints, the robot has {robot.n_joints}"
+            )
+        return self
 
 
 class Cause(StrEnum):
@@ -88,18 +121,3 @@ class JointPath:
         rate = start[1] + s * (start[2] + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))
         acceleration = start[2] + s * (6.0 * c3 + s * (12.0 * c4 + s * 20.0 * c5))
         return position, rate / h, acceleration / (h * h)
-
-
-def finite(name: str, value: Array, shape: tuple[int, ...]) -> Array:
-    """The value as a float64 array.
-
-    Raises:
-        ConfigurationError: if its shape is another or a number is not finite.
-    """
-    try:
-        array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise ConfigurationError(f"{name} must be an array of numbers, got {value!r}") from None
-    if array.shape != shape or not np.isfinite(array).all():
-        raise ConfigurationError(f"{name} must be finite and of shape {shape}, got {value!r}")
-    return array

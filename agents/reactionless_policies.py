@@ -118,8 +118,8 @@ class ReactionlessPlanner:
         tasks = self.tasks(observation)
         plans: Any = Parallel(n_jobs=self.context.jobs)(delayed(self.plan)(task) for task in tasks)
         times = np.arange(self._samples + 1) * self.context.control_period
-        asked = [(task.capture.start, plan) for task, plan in zip(tasks, plans, strict=True)]
-        return following(asked, times, self.reader.field(observation, "time")[:, 0])
+        rest, start = (self.reader.field(observation, name) for name in ("joint_position", "time"))
+        return following(rest, list(plans), times, start[:, 0])
 
     def predict(
         self,

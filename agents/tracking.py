@@ -72,18 +72,18 @@ class Following:
         return self.position[now], self.position[then], self.rate[then], np.flatnonzero(step >= last)
 
 
-def following(asked: Sequence[tuple[Array, JointPath | Failure]], times: Array, start: Array) -> Following:
+def following(rest: Array, plans: Sequence[JointPath | Failure], times: Array, start: Array) -> Following:
     """What the plans of N episodes ask at sampling times (T + 1,) s; without a plan the arm rests.
 
     Args:
-        asked: joint angles (n,) rad at the start and the plan, of each episode. start: (N,) s.
+        rest: (N, n) rad, joint angles at the start. plans: of each episode. start: (N,) s.
     """
-    position, rate = np.empty((2, len(asked), len(times), len(asked[0][0])))
-    failures = np.full(len(asked), None, dtype=object)
-    for row, (rest, plan) in enumerate(asked):
+    position, rate = np.empty((2, len(rest), len(times), rest.shape[1]))
+    failures = np.full(len(rest), None, dtype=object)
+    for row, plan in enumerate(plans):
         if isinstance(plan, Failure):
             failures[row] = plan
-            position[row], rate[row] = rest, 0.0
+            position[row], rate[row] = rest[row], 0.0
         else:
             position[row], rate[row], _ = plan.sample(times)
     return Following(position, rate, start, failures)

@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.mpc import CONTROL_WEIGHT, POSITION_WEIGHT
+from space_envs.checks import non_negative
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
-from space_envs.errors import ConfigurationError, unknown_name
+from space_envs.errors import ConfigurationError, positive, positive_integer, unknown_name
 from space_envs.models.parameters import VARIANTS
 from space_envs.tasks.common import DIFFICULTIES
 
@@ -56,12 +57,14 @@ class DemonstratorConfig:
             raise unknown_name("model variant", self.variant, VARIANTS)
         for name, value in vars(self).items():
             numbers = value if isinstance(value, tuple) else (value,)
-            if not isinstance(value, str) and not all(number >= 0 for number in numbers):
-                raise ConfigurationError(f"demonstrations: {name} must not be negative, got {value!r}")
-        if not (self.dt > 0 and self.per_goal >= 1):
-            raise ConfigurationError(
-                f"dt and per_goal must be positive, got {self.dt!r} and {self.per_goal!r}"
-            )
+            for one in () if name in ("difficulty", "variant") else numbers:
+                non_negative(f"demonstrations: {name}", one)
+        positive("dt", self.dt)
+        positive_integer("per_goal", self.per_goal, 1000)
+        for name in ("ramp", "radius"):
+            value = getattr(self, name)
+            if not isinstance(value, tuple) or len(value) != 2 or value[0] > value[1]:
+                raise ConfigurationError(f"{name} must be a least and a largest value, got {value!r}")
 
     def as_dict(self) -> dict[str, Any]:
         """All settings as JSON values."""

@@ -13,8 +13,11 @@ PHASE_SLACK = 1e-9  # k * dt / duration may pass 1 by rounding; anything more is
 def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...] | None = None) -> Array:
     """`value` as finite float64 of `shape` (None: any length; no shape: any shape), or PrompError."""
     try:
-        array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+        raw = np.asarray(value)
+        if raw.dtype.kind not in "iuf":
+            raise TypeError(f"numbers of type {raw.dtype}")  # text, complex numbers, flags, objects
+        array = np.asarray(raw, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
         raise PrompError(f"{name}: expected an array of real numbers, got {type(value).__name__}") from error
     if shape is not None:
         fits = array.ndim == len(shape) and all(
@@ -37,6 +40,20 @@ def number(name: str, value: float, minimum: float, *, strict: bool = False) -> 
             f"{name}: expected a number {'above' if strict else 'of at least'} {minimum}, got {result}"
         )
     return result
+
+
+def count(name: str, value: int, minimum: int = 1, maximum: int = 10**9) -> int:
+    """`value` as an int from `minimum` to `maximum`, or PrompError."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or not minimum <= value <= maximum:
+        raise PrompError(f"{name}: expected an integer from {minimum} to {maximum}, got {value!r}")
+    return int(value)
+
+
+def flag(name: str, value: bool) -> bool:
+    """`value` as a bool, if it is one, or PrompError."""
+    if not isinstance(value, bool | np.bool_):
+        raise PrompError(f"{name}: expected True or False, got {value!r}")
+    return bool(value)
 
 
 def phase_array(value: ArrayLike, shape: tuple[int | None, ...] | None = None) -> Array:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from promp.checks import Array, finite_array, number
+from promp.checks import Array, count, finite_array, number
 from promp.errors import ConditioningError, PrompError
 from promp.gaussian import FIXED_FRACTION, condition_gaussian
 from promp.promp import ProMP
@@ -114,6 +114,7 @@ def condition_nonlinear(
     if not targets:
         raise PrompError("targets: expected at least one, got none")
     number("tolerance", tolerance, 0.0, strict=True)
+    count("iterations", iterations)
     flat, factor = promp.mean.ravel(), promp.factor
     rank = factor.deviations.size
     latent = np.zeros(rank)
@@ -134,7 +135,7 @@ def condition_nonlinear(
     unknown = np.concatenate([latent, np.zeros(np.count_nonzero(deviation))])
     missed, slope, response = at(unknown)
     price, length = 0.0, np.inf
-    for count in range(1, iterations + 1):
+    for iteration in range(1, iterations + 1):
         inverse = np.linalg.pinv(response, rcond=FIXED_FRACTION)
         goal = inverse @ (response @ unknown - missed)
         step = goal - unknown
@@ -144,7 +145,7 @@ def condition_nonlinear(
                 flat, factor, slope, slope @ (flat + factor.directions @ unknown[:rank]), deviation**2
             )[1]
             mean = flat + factor.directions @ unknown[:rank]
-            return Conditioned(type(promp)(mean, covariance, promp.basis), promp, targets, count)
+            return Conditioned(type(promp)(mean, covariance, promp.basis), promp, targets, iteration)
         # Exact penalty: the multipliers of the linearised problem are inverse' goal.
         price = max(price, 1.5 * float(np.abs(inverse.T @ goal).max()))
         here = _penalty(unknown, missed, price)
@@ -162,7 +163,7 @@ def condition_nonlinear(
                 break
             share *= 0.5
             if share < SHORTEST:
-                raise _not_met(missed, length, count)
+                raise _not_met(missed, length, iteration)
         unknown, (missed, slope, response) = trial, there
     raise _not_met(missed, length, iterations)
 
@@ -172,11 +173,11 @@ def _penalty(unknown: Array, missed: Array, price: float) -> float:
     return 0.5 * float(unknown @ unknown) + price * float(np.abs(missed).sum())
 
 
-def _not_met(missed: Array, length: float, count: int) -> ConditioningError:
+def _not_met(missed: Array, length: float, iterations: int) -> ConditioningError:
     row = int(np.argmax(np.abs(missed)))
     return ConditioningError(
-        f"row {row}: after {count} iterations the target is missed by {missed[row]:.3g}, and the last step "
-        f"had {length:.3g} standard deviations; state an accuracy, a nearer target or another start",
+        f"row {row}: after {iterations} iterations the target is missed by {missed[row]:.3g}, and the last "
+        f"step had {length:.3g} standard deviations; state an accuracy, a nearer target or another start",
         missed,
         row,
     )
@@ -188,10 +189,10 @@ def _together(targets: Sequence[NonlinearTarget], weights: Array) -> tuple[Array
     for target in targets:
         missed, slope = target.function(weights)
         missed = np.asarray(missed, dtype=np.float64)
-        count, size = len(weights), weights[0].size
-        if missed.ndim != 2 or len(missed) != count or np.shape(slope) != (*missed.shape, size):
+        rows, size = len(weights), weights[0].size
+        if missed.ndim != 2 or len(missed) != rows or np.shape(slope) != (*missed.shape, size):
             raise PrompError(
-                f"function: expected shapes ({count}, m) and ({count}, m, {size}), "
+                f"function: expected shapes ({rows}, m) and ({rows}, m, {size}), "
                 f"got {missed.shape} and {np.shape(slope)}"
             )
         deviation = finite_array("accuracy", target.accuracy)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from promp.basis import GaussianBasis
-from promp.checks import Array, finite_array, number, phase_array
+from promp.checks import Array, count, finite_array, number, phase_array
 from promp.errors import ConditioningError, PrompError, StorageError
 from promp.gaussian import Factor, condition_gaussian, factor_covariance, log_density
 from promp.regression import DEFAULT_RIDGE, regress_weights
@@ -51,6 +51,8 @@ class ProMP:
     basis: GaussianBasis = GaussianBasis()
 
     def __post_init__(self) -> None:
+        if not isinstance(self.basis, GaussianBasis):
+            raise PrompError(f"basis: expected a GaussianBasis, got {self.basis!r}")
         mean = finite_array("mean", self.mean)
         if mean.ndim == 1 and mean.size % self.basis.size == 0:
             mean = mean.reshape(-1, self.basis.size)
@@ -151,10 +153,11 @@ class ProMP:
         )  # S + (2, nb)
         mean = np.einsum("...kb,ib->...ki", features, self.mean)
         # Through the factor the result is positive semi-definite and what is fixed has exactly no variance.
-        directions = self.factor.directions.reshape(self.n_dof, self.basis.size, -1)
+        rank = self.factor.deviations.size
+        directions = self.factor.directions.reshape(self.n_dof, self.basis.size, rank)
         spread = np.einsum("...kb,ibr->...kir", features, directions)
         size = 2 * self.n_dof
-        spread = spread.reshape(*spread.shape[:-3], size, spread.shape[-1])
+        spread = spread.reshape(*spread.shape[:-3], size, rank)
         return mean.reshape(*mean.shape[:-2], size), spread @ np.swapaxes(spread, -1, -2)
 
     def trajectories(self, weights: ArrayLike, phase: ArrayLike, duration: float) -> Trajectories:
@@ -171,8 +174,7 @@ class ProMP:
 
     def sample(self, rng: np.random.Generator, n: int) -> Array:
         """`n` independent weights (n, n_dof, nb), exactly on the support of the distribution."""
-        if n < 0:
-            raise PrompError(f"n: expected a number of samples of at least 0, got {n}")
+        n = count("n", n, 0)
         latent = rng.standard_normal((n, self.factor.deviations.size))
         return self.mean + (latent @ self.factor.directions.T).reshape(n, *self.mean.shape)
 
@@ -184,7 +186,9 @@ class ProMP:
         it.
         """
         weights = self._weights(weights)
-        return log_density(self.mean.ravel(), self.factor, weights.reshape(*weights.shape[:-2], -1))
+        return log_density(
+            self.mean.ravel(), self.factor, weights.reshape(*weights.shape[:-2], self.mean.size)
+        )
 
     # Conditioning
 

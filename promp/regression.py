@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from promp.basis import GaussianBasis
-from promp.checks import Array, finite_array, number, phase_array
+from promp.checks import Array, finite_array, flag, number, phase_array
 from promp.errors import PrompError
 
 DEFAULT_RIDGE = 1e-6
@@ -48,6 +48,7 @@ def regress_weights(
         )
     phase = np.linspace(0.0, 1.0, samples) if phase is None else phase_array(phase, (samples,))
     ridge = number("ridge", ridge, 0.0)
+    flag("exact_ends", exact_ends)
     features = basis.value(phase)  # (T, nb)
     observed = positions.transpose(1, 0, 2).reshape(samples, -1)  # (T, D n)
     ends = [0, samples - 1]

@@ -103,7 +103,10 @@ def _one_target(via_point: ViaPoint, basis: GaussianBasis, n_dof: int) -> Linear
 def _dof_indices(dofs: Sequence[int] | None, n_dof: int) -> np.ndarray:
     if dofs is None:
         return np.arange(n_dof)
-    indices = np.asarray(dofs)
+    try:
+        indices = np.asarray(dofs)
+    except ValueError:  # ragged
+        indices = np.empty(0)
     if (
         indices.ndim != 1
         or indices.size == 0

@@ -6,6 +6,7 @@ import time
 import numpy as np
 
 from agents.gjm import GeneralizedJacobian
+from space_envs.errors import PlanningError
 from space_envs.evaluation.policy import PolicyContext
 
 AT = 3  # step at which they misbehave
@@ -39,6 +40,13 @@ class Raises(Well):
         if self.bad(observation).any():
             raise ValueError("a goal that I do not like")
         return super().predict(observation, state, episode_start, deterministic)
+
+
+class HasNoPlan(Well):
+    """Says so in the way of planners."""
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        raise PlanningError("the goal is out of reach")
 
 
 class NaNs(Well):

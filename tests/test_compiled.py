@@ -2,8 +2,10 @@
 
 import os
 import shutil
+import stat
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 import warnings
@@ -28,6 +30,9 @@ from space_envs.errors import ConfigurationError
 
 quiet = pytest.mark.filterwarnings("ignore::space_envs.dynamics.NoCompiledCodeWarning")
 HAS_COMPILER = any(map(shutil.which, [os.environ["CC"]] if os.environ.get("CC") else ["cc", "gcc", "clang"]))
+
+
+needs_owners = pytest.mark.skipif(not hasattr(os, "geteuid"), reason="files have no owners here")
 
 
 @pytest.fixture(autouse=True)
@@ -231,6 +236,101 @@ def test_library_of_another_system_is_built_again(counting_compiler: Callable[[]
     other.write_bytes(foreign)
     load_library("one")
     assert counting_compiler() == 2
+
+
+def planted(key_source: str, tmp_path: Path) -> Path:
+    """A library that leaves a mark where it is loaded, named as the cache would name that of a source."""
+    load_library(key_source)
+    (built,) = cache_folder().iterdir()
+    mark = tmp_path / "mark"
+    code = f'__attribute__((constructor)) static void go(void) {{ fclose(fopen("{mark}", "w")); }}'
+    library = tmp_path / f"planted{built.suffix}"
+    compiler = next(filter(shutil.which, ["cc", "gcc", "clang"]))
+    subprocess.run(
+        [compiler, "-shared", "-fPIC", "-x", "c", "-", "-o", str(library)],
+        input="#include <stdio.h>\n" + code,
+        text=True,
+        check=True,
+    )
+    digest = c_library.hashlib.sha256(library.read_bytes()).hexdigest()[:32]
+    place = built.with_name(f"{built.stem.split('-')[0]}-{digest}{built.suffix}")
+    built.unlink()
+    shutil.copy(library, place)
+    place.chmod(0o700)
+    return mark
+
+
+@needs_owners
+@pytest.mark.skipif(not HAS_COMPILER, reason="what is planted has to be compiled")
+@pytest.mark.parametrize("opened", ["nothing", "folder", "file", "folder above", "link"])
+def test_what_others_can_write_is_not_loaded(
+    opened: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "temporary"))
+    (tmp_path / "temporary").mkdir(mode=0o700)
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    above = tmp_path / "above"
+    above.mkdir()
+    monkeypatch.setenv("SPACE_ENVS_CACHE", str(above / "cache"))
+    source = f"int from_{opened.replace(' ', '_')}(void) {{ return 5; }}"
+    mark = planted(source, tmp_path)
+    cache = cache_folder()
+    (library,) = cache.iterdir()
+    if opened == "folder":
+        cache.chmod(0o770)
+    elif opened == "file":
+        library.chmod(0o702)
+    elif opened == "folder above":
+        above.chmod(0o777)
+    elif opened == "link":
+        library.replace(tmp_path / "elsewhere")
+        library.symlink_to(tmp_path / "elsewhere")
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        found = load_library(source)
+    assert mark.exists() == (opened == "nothing")
+    if opened != "nothing":
+        assert getattr(found, f"from_{opened.replace(' ', '_')}")() == 5
+    unsafe = [str(one.message) for one in caught if one.category is c_library.UnsafeCacheWarning]
+    assert len(unsafe) == (opened in ("folder", "folder above"))
+    if unsafe:
+        said = {"folder": "can be written to by others (mode 770; chmod go-w)", "folder above": "chmod o-w"}
+        assert said[opened] in unsafe[0] and "set SPACE_ENVS_CACHE" in unsafe[0]
+        (private,) = (tmp_path / "temporary").glob("space_envs-*")
+        assert stat.S_IMODE(private.stat().st_mode) == 0o700 and len(list(private.iterdir())) == 1
+
+
+@needs_owners
+@pytest.mark.filterwarnings("ignore::space_envs.dynamics.c_library.UnsafeCacheWarning")
+def test_without_a_private_folder_numpy_takes_over(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    for folder in (tmp_path / "cache", tmp_path / f"space_envs-{os.geteuid()}"):
+        folder.mkdir()
+        folder.chmod(0o777)
+    robot, _ = robot_and_model("single arm")
+    with pytest.warns(NoCompiledCodeWarning, match="can be written to by others"):
+        twist = base_twist(robot, *samples("single arm", 3))
+    np.testing.assert_array_equal(twist, robot.base_twist(*samples("single arm", 3)))
+
+
+@needs_owners
+def test_a_cache_of_somebody_else_is_not_used(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    folder = c_library.private_folder(tmp_path / "own")
+    monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 1)
+    with pytest.raises(c_library.UnsafeCacheError, match=f"belongs to user {os.getuid()}"):
+        c_library.private_folder(folder)
+
+
+@needs_owners
+def test_folders_and_libraries_of_the_cache_are_private(counting_compiler: Callable[[], int]) -> None:
+    mask = os.umask(0)
+    try:
+        load_library("one")
+    finally:
+        os.umask(mask)
+    (path,) = cache_folder().iterdir()
+    assert [stat.S_IMODE(place.stat().st_mode) for place in (path, path.parent)] == [0o700, 0o700]
+    assert counting_compiler() == 1
 
 
 def test_processes_at_once(counting_compiler: Callable[[], int]) -> None:

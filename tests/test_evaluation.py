@@ -4,11 +4,13 @@ import json
 import sys
 from types import SimpleNamespace
 
+import harness_policies
 import numpy as np
 import pytest
 
 from agents.commands.evaluate import main
 from agents.planning import Cause, Failure
+from agents.registry import POLICIES, Entry
 from agents.resolve import resolve_policy
 from space_envs.evaluation import runner
 from space_envs.evaluation.metrics import episode_metrics, episode_records
@@ -210,6 +212,30 @@ class Ticking(Nan):
     def predict(self, observation, state=None, episode_start=None, deterministic=True):
         Ticking.clock += self.first if np.all(episode_start) else 0.25
         return np.zeros((len(observation), self.size)), None
+
+
+@pytest.mark.parametrize(
+    ("name", "built_in", "said"),
+    [
+        ("Raises", True, "in 4 episodes: it raised ValueError: a goal that I do not like (step 0)"),
+        ("Raises", False, None),
+        ("HasNoPlan", True, None),
+    ],
+)
+def test_an_exception_of_a_built_in_policy_is_no_score(name, built_in, said, tmp_path, capsys, monkeypatch):
+    policy = f"harness_policies:{name}"
+    monkeypatch.setattr(harness_policies.Well, "bad", lambda self, observation: np.ones(1, dtype=bool))
+    if built_in:
+        monkeypatch.setitem(POLICIES, policy, Entry(policy, "fails"))
+    arguments = ["--policy", policy, *QUICK, "--jobs", "1", "--output", str(tmp_path / "out")]
+    for more in ([], ["--resume"]):
+        assert main([*arguments, *more]) == (0 if said is None else 1)
+        told = capsys.readouterr().err
+        assert ("that is a fault of this project" in told) == (said is not None)
+        if said is not None:
+            assert f"evaluate.py: built-in policy {policy!r} failed on {SINGLE}, {said}" in told
+    records = read_records(tmp_path / "out" / "records.jsonl")
+    assert {record.outcome for record in records} == {"policy_error"}
 
 
 @pytest.mark.parametrize(("first", "planning"), [(2.5, 2250.0), (0.25, None), (2.4, None)])

@@ -100,7 +100,7 @@ def main(arguments: list[str] | None = None) -> int:
         if options.dry_run:
             dry_run(evaluation, chosen)
         else:
-            run(evaluation, chosen)
+            return run(evaluation, chosen)
     except SpaceEnvsError as error:
         print(f"evaluate.py: {error}", file=sys.stderr)
         return 2

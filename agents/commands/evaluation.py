@@ -1,6 +1,8 @@
 """What `evaluate.py` does with an evaluation that was found to be valid."""
 
 import shlex
+import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -14,7 +16,9 @@ from rich.table import Table
 from rich.text import Text
 
 from agents.commands.choice import expert_names
+from agents.commands.defects import defects
 from agents.commands.show import show
+from agents.registry import POLICIES
 from space_envs.evaluation.folders import read_folder
 from space_envs.evaluation.leaderboard import build_rows
 from space_envs.evaluation.metrics import config_hash, configuration, episode_traces
@@ -47,8 +51,11 @@ class Options:
     arguments: tuple[str, ...] = ()
 
 
-def run(evaluation: Evaluation, options: Options) -> None:
+def run(evaluation: Evaluation, options: Options) -> int:
     """Play what is missing, write every file of the result, and print the table.
+
+    Returns:
+        The exit status: 1 if a built-in policy raised or gave no actions, which is a fault of the project.
 
     Raises:
         SpaceEnvsError: if the folder cannot be used or read, or a process dies with its policy.
@@ -56,8 +63,9 @@ def run(evaluation: Evaluation, options: Options) -> None:
     started = perf_counter()
     folder = options.output
     if not prepare(evaluation, folder, options.resume):
-        show(read_folder(folder).records, folder, notes=(f"{folder} is complete; nothing was played",))
-        return
+        records = read_folder(folder).records
+        show(records, folder, notes=(f"{folder} is complete; nothing was played",))
+        return _told(evaluation, records)
     units = evaluation.units()
     play_missing(units, folder, options.jobs, options.backend, options.address)
     times = timings(units, folder)
@@ -65,6 +73,20 @@ def run(evaluation: Evaluation, options: Options) -> None:
     paths = write_report(result, folder, videos=options.videos)
     finish(folder)
     _show(result, paths)
+    return _told(evaluation, result.records)
+
+
+def _told(evaluation: Evaluation, records: Sequence[EpisodeRecord]) -> int:
+    """The exit status, after what is wrong with built-in policies was printed."""
+    built_in = [
+        policy.name for _, policy in evaluation.entrants if getattr(policy, "source", None) in POLICIES
+    ]
+    found = defects(records, built_in)
+    for line in found:
+        print(f"evaluate.py: {line}", file=sys.stderr)
+    if found:
+        print("evaluate.py: that is a fault of this project, and no score of the policy", file=sys.stderr)
+    return 1 if found else 0
 
 
 def _result(

@@ -19,6 +19,7 @@ from agents.optimal.problem import Reach
 from agents.optimal.promp_optimal import BROKEN, Planner, one_step
 from agents.optimal.sqp import MISS, minimise
 from agents.planning import Limits
+from space_envs.checks import count, flag
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError, SpaceEnvsError
 from space_envs.evaluation.provenance import commit, machine, versions
@@ -51,6 +52,11 @@ class Recipe:
     limited: bool
     seed: int = 0
 
+    def __post_init__(self) -> None:
+        for name in ("keep_attitude", "limited"):
+            flag(name, getattr(self, name))
+        count("seed", self.seed, 2**63)
+
     @property
     def name(self) -> str:
         """Of the library's file."""
@@ -66,8 +72,8 @@ def model_limits() -> Limits:
 def goals(counts: dict[str, int] = COUNTS) -> tuple[Array, Array]:
     """Positions (L, 3) m and quaternions (L, 4) of train goals."""
     position, quaternion = [], []
-    for difficulty, count in counts.items():
-        drawn = SingleArmTask(difficulty=difficulty).goals("train", np.arange(count))
+    for difficulty, many in counts.items():
+        drawn = SingleArmTask(difficulty=difficulty).goals("train", np.arange(many))
         position.append(drawn.position)
         quaternion.append(drawn.quaternion)
     return np.concatenate(position), np.concatenate(quaternion)

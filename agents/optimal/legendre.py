@@ -8,6 +8,7 @@ from numpy.polynomial import legendre
 from numpy.typing import ArrayLike
 
 from space_envs.dynamics.rotations import Array
+from space_envs.errors import positive_integer
 
 
 @dataclass(frozen=True)
@@ -22,6 +23,9 @@ class LegendreBasis:
     """
 
     size: int = 10
+
+    def __post_init__(self) -> None:
+        positive_integer("number of polynomials", self.size, 64)
 
     @cached_property
     def _derivatives(self) -> tuple[Array, Array]:

@@ -50,8 +50,10 @@ class Mapped:
                 raise ValueError(f"expected an input of shape {(*batch, size)}, got {x.shape}")
         count = int(np.prod(batch))
         shapes = [(*batch, *shape) if shape[0] > 1 else (*batch, shape[1]) for shape in self._outputs]
+        if count == 0:  # CasADi maps no function over nothing
+            return [np.empty(shape) for shape in shapes]
         if self._run is None:
-            columns = [x.reshape(count, -1).T for x in given]
+            columns = [x.reshape(count, size).T for x, size in zip(given, self._inputs, strict=True)]
             results = self.function.map(count)(*columns)
             results = results if isinstance(results, tuple) else (results,)
             # Samples stand side by side; a sample's columns one after the other are the transpose's rows.

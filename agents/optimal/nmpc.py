@@ -19,8 +19,10 @@ from agents.optimal.promp_optimal import ANGLE_ROOM, ROOM, Planner
 from agents.optimal.quadratic import Bounds
 from agents.optimal.weight_space import INTERVALS, Basis, Disturbance, Shapes, WeightSpace
 from agents.planning import Failure, Limits
+from space_envs.checks import non_negative
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array, conjugate, exponential, multiply, rotate, to_matrix
+from space_envs.errors import ConfigurationError, positive, positive_integer
 
 POLISH = 10  # control steps' worth of iterations on the first plan
 HALVINGS = 3  # of a step that makes the objective worse, before it is left out
@@ -68,6 +70,15 @@ class Weights:
     attitude: float = 1.0
     damping: float = 1e-4
     iterations: int = 1
+
+    def __post_init__(self) -> None:
+        for name in ("duration", "latest", "shortest", "late", "damping"):
+            positive(name, getattr(self, name))
+        for name in ("goal", "attitude_end", "attitude_late", "attitude"):
+            non_negative(f"weight of {name}", getattr(self, name))
+        positive_integer("iterations", self.iterations, 100)
+        if self.latest < self.duration:
+            raise ConfigurationError(f"latest must be at least {self.duration} s, got {self.latest!r}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +139,8 @@ class Controller:
         basis: Basis = LegendreBasis(),
     ) -> None:
         self.weights = weights
-        self._robot, self._limits, self._c, self._basis = robot, limits, c, basis
+        limits = limits.checked(robot)
+        self._robot, self._limits, self._c, self._basis = robot, limits, positive("c", c), basis
         self._planner = Planner(robot, limits, library)
         self._bounds = _low_and_high(robot, limits)
         shapes = Shapes.of(basis)

@@ -21,13 +21,14 @@ from agents.optimal.ocp_starts import end_configurations, starting_paths
 from agents.optimal.problem import Motion, Reach
 from agents.optimal.promp_optimal import Planner
 from agents.planning import Cause, Failure, Limits
+from space_envs.checks import count, finite_array, non_negative
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array, to_matrix
 from space_envs.dynamics.spheres import link_ends, sphere_gaps
-from space_envs.errors import ConfigurationError
+from space_envs.errors import ConfigurationError, positive_integer
 from space_envs.models.parameters import SINGLE_ARM
 
-STARTS = 8
+STARTS, MOST_STARTS = 8, 1000
 AROUND = 6  # more starts by random ways where balls leave none
 ATTEMPTS = 4  # with tighter limits each, where a motion passes them between the nodes
 EQUAL = 1e-3  # relative difference of costs below which two solutions count as one
@@ -67,18 +68,18 @@ def plan_ocp(
         seed: of the random part of the starts.
 
     Raises:
-        ConfigurationError: for a malformed reach, number of starts or range of durations.
+        ConfigurationError: for a malformed reach, limits of another robot, no number of starts or no range
+            of durations.
     """
-    reach = reach.checked(robot)
-    if starts < 1:
-        raise ConfigurationError(f"starts must be at least 1, got {starts}")
+    reach, limits = reach.checked(robot), limits.checked(robot)
+    positive_integer("starts", starts, MOST_STARTS)
+    count("seed", seed, 2**63)
+    time_weight = non_negative("time_weight", time_weight)
     if free_time is None:
         return _Search(model, robot, reach, limits, starts, seed).plan()
-    low, high = free_time
-    if not (0.0 < low <= high < np.inf and 0.0 <= time_weight < np.inf):
-        raise ConfigurationError(
-            f"durations must be 0 < low <= high and their weight >= 0, got {free_time} and {time_weight}"
-        )
+    low, high = finite_array("free_time", free_time, (2,)).tolist()
+    if not 0.0 < low <= high:
+        raise ConfigurationError(f"durations must be 0 < low <= high, got {free_time}")
     return _timed(
         _Search(model, robot, replace(reach, duration=high), limits, starts, seed), low, time_weight
     )

@@ -6,7 +6,8 @@ from typing import Self
 
 import numpy as np
 
-from agents.planning import JointPath, finite
+from agents.planning import JointPath
+from space_envs.checks import finite_array, flag
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError, positive
@@ -41,24 +42,25 @@ class Reach:
 
         Raises:
             ConfigurationError: if a shape is wrong, a number is not finite, the duration, c or a radius is
-                not positive, or the quaternion is zero.
+                not positive, the quaternion is zero, or keep_attitude is no flag.
         """
         n = robot.n_joints
-        quaternion = finite("quaternion", self.quaternion, (4,))
+        quaternion = finite_array("quaternion", self.quaternion, (4,))
         if not (length := float(np.linalg.norm(quaternion))) > 0.0:
             raise ConfigurationError(f"quaternion must not be zero, got {self.quaternion!r}")
         spheres = self.spheres
         if spheres is not None:
-            spheres = finite("spheres", spheres, (len(spheres), 4))
+            spheres = finite_array("spheres", spheres, (None, 4))
             if not (spheres[:, 3] > 0.0).all():
                 raise ConfigurationError(f"radii of spheres must be positive, got {spheres[:, 3].tolist()}")
         return replace(
             self,
-            start=finite("start", self.start, (n,)),
-            rate=np.zeros(n) if self.rate is None else finite("rate", self.rate, (n,)),
-            position=finite("position", self.position, (3,)),
+            start=finite_array("start", self.start, (n,)),
+            rate=np.zeros(n) if self.rate is None else finite_array("rate", self.rate, (n,)),
+            position=finite_array("position", self.position, (3,)),
             quaternion=quaternion / length,
             duration=positive("duration", self.duration),
+            keep_attitude=flag("keep_attitude", self.keep_attitude),
             c=positive("c", self.c),
             spheres=spheres,
         )

@@ -14,6 +14,7 @@ from agents.planning import Cause, Failure, Limits
 from promp import GaussianBasis
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array, to_matrix
+from space_envs.errors import positive_integer
 from space_envs.models.parameters import SINGLE_ARM
 
 METHOD = "promp_optimal"
@@ -21,6 +22,7 @@ ROOM = 0.99  # share of rates and accelerations used at the sampling times; betw
 ANGLE_ROOM = 1e-3  # rad, kept from the joint limits
 NEAREST = 8  # stored motions that are looked at
 TRIED = 1  # of them, that are improved; the others follow where these do not lead to the goal
+MOST_LOOKED_AT = 10_000
 MOST = 2  # of them, that are improved where costs disappoint
 DISAPPOINTING = 1.5  # times what the best of them promised, or a quarter of them cost, from which a cost does
 BROKEN = 1e-2  # share of a torque, or m, that a solution may lack in sum over the motion
@@ -48,8 +50,11 @@ class Planner:
         nearest: int = NEAREST,
         tried: int = TRIED,
     ) -> None:
-        self._robot, self._limits, self._library, self._basis = robot, limits, library, basis
-        self._nearest, self._tried = nearest, tried
+        self._robot, self._limits, self._library, self._basis = robot, limits.checked(robot), library, basis
+        self._nearest, self._tried = (
+            positive_integer(name, value, MOST_LOOKED_AT)
+            for name, value in (("nearest", nearest), ("tried", tried))
+        )
 
     def plan(self, reach: Reach) -> Motion | Failure:
         """The cheapest motion found, or why there is none."""

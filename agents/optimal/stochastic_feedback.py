@@ -13,6 +13,7 @@ from typing import Self
 import numpy as np
 
 from promp import ProMP
+from space_envs.checks import non_negative
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError, positive
 
@@ -65,8 +66,8 @@ class StochasticFeedback:
         count = round(positive("duration", duration) / period)
         if count < 1 or abs(count * period - duration) > 1e-9 * duration:
             raise ConfigurationError(f"duration must be a multiple of {period} s, got {duration}")
-        if not min(position_noise, rate_noise) >= 0.0:
-            raise ConfigurationError(f"noises must be at least 0, got {position_noise} and {rate_noise}")
+        for name, noise in (("position_noise", position_noise), ("rate_noise", rate_noise)):
+            non_negative(name, noise)
         n, phase = promp.n_dof, np.linspace(0.0, 1.0, count + 1)
         basis = np.stack([promp.basis.value(phase), promp.basis.derivative(phase) / duration], axis=1)
         position, rate = np.einsum("kcb,ib->cki", basis, promp.mean)
@@ -74,8 +75,9 @@ class StochasticFeedback:
         # take the difference for a deviation and enlarge it.
         moved = 0.5 * period * (rate[1:] + rate[:-1]).cumsum(axis=0)
         state = np.concatenate([np.vstack([position[:1], position[0] + moved]), rate], axis=1)
-        directions = promp.factor.directions.reshape(n, promp.basis.size, -1)
-        varied = np.einsum("kcb,ibr->kcir", basis, directions).reshape(count + 1, 2 * n, -1)
+        rank = promp.factor.deviations.size
+        directions = promp.factor.directions.reshape(n, promp.basis.size, rank)
+        varied = np.einsum("kcb,ibr->kcir", basis, directions).reshape(count + 1, 2 * n, rank)
         change = (varied[1:, n:] - varied[:-1, n:]) / period  # (K, n, r) of the acceleration
         before = varied[:-1]
         noise = np.repeat([position_noise**2, rate_noise**2], n)

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from agents.optimal.functions import ArmFunctions
 from agents.optimal.weight_space import INTERVALS, Basis
-from agents.planning import finite
+from space_envs.checks import finite_array
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError, positive
@@ -52,9 +52,9 @@ class PoseTarget:
         unit = np.eye(3)
         self._goal = np.concatenate(
             [
-                np.zeros(3) if position is None else finite("position", position, (3,)),
-                (unit if rotation is None else finite("rotation", rotation, (3, 3))).T.ravel(),
-                (unit if attitude is None else finite("attitude", attitude, (3, 3))).T.ravel(),
+                np.zeros(3) if position is None else finite_array("position", position, (3,)),
+                (unit if rotation is None else finite_array("rotation", rotation, (3, 3))).T.ravel(),
+                (unit if attitude is None else finite_array("attitude", attitude, (3, 3))).T.ravel(),
             ]
         )
         step = positive("duration", duration) * phase / INTERVALS
@@ -70,18 +70,18 @@ class PoseTarget:
         attitude rad (of the base likewise) that are asked for, three each.
         """
         weights = np.asarray(weights, dtype=np.float64)
-        s, n, size = weights.shape
+        (s, n, size), points = weights.shape, 2 * INTERVALS
         states = (weights @ self._gauss.swapaxes(1, 2)[:, None]).swapaxes(-1, -2)  # (2, S, 2 K, n)
         xi, slope = self._functions.slopes(*states)
         step = np.broadcast_to(self._step, (s, 1))
-        pose, pull = self._functions.chain(xi.reshape(s, -1), step)
+        pose, pull = self._functions.chain(xi.reshape(s, 6 * points), step)
         goal = np.broadcast_to(self._goal, (s, len(self._goal)))
         missed, ending = self._functions.ending(weights @ self._end, pose[:, -1], goal)
         # Of the base's displacement at the phase, by the weights: through every Gauss point.
-        pushes = (pull.reshape(s, -1, 6, 6) @ slope).reshape(s, -1, 6, 2, n)
-        columns = pushes.reshape(s, len(pushes[0]), -1).swapaxes(1, 2).reshape(s, 6, 2, n, -1)
+        pushes = (pull.reshape(s, points, 6, 6) @ slope).reshape(s, points, 12 * n)
+        columns = pushes.swapaxes(1, 2).reshape(s, 6, 2, n, points)
         angle, rate = self._gauss
-        drift = (columns[:, :, 0] @ angle + columns[:, :, 1] @ rate).reshape(s, 6, -1)
+        drift = (columns[:, :, 0] @ angle + columns[:, :, 1] @ rate).reshape(s, 6, n * size)
         by_weight = ending[..., :6] @ drift
         by_weight += (ending[..., 6:, None] * self._end).reshape(s, 9, n * size)
         return missed[:, self.rows], by_weight[:, self.rows]

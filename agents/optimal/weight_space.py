@@ -176,11 +176,11 @@ class WeightSpace:
         s, n, m = len(y), self._n, self.free
         xi, slope = self.functions.slopes(*self._states(y))
         pose, pull = self._chain(xi)
-        residual = (xi * self._scale).reshape(s, -1)
+        residual = (xi * self._scale).reshape(s, 12 * INTERVALS)
         by_angle, by_rate = self._gauss[:, :, None, None, :]  # (2 K, 1, 1, m)
         scaled = slope * self._scale[:, None]
         change = scaled[..., :n, None] * by_angle + scaled[..., n:, None] * by_rate  # (S, 2 K, 6, n, m)
-        pushes = pull.reshape(s, -1, 6, 6) @ slope
+        pushes = pull.reshape(s, 2 * INTERVALS, 6, 6) @ slope
         miss, ending = self._ending(y, pose[:, -1])
         miss_slope = ending[..., :6] @ self.drift(pushes)
         miss_slope += (ending[..., 6:, None] * self._end).reshape(s, 9, n * m)
@@ -188,7 +188,7 @@ class WeightSpace:
             cost=(residual * residual).sum(axis=1),
             miss=miss,
             residual=residual,
-            residual_slope=change.reshape(s, -1, n * m),
+            residual_slope=change.reshape(s, 12 * INTERVALS, n * m),
             miss_slope=miss_slope,
             pose=pose,
             pushes=pushes,
@@ -196,10 +196,10 @@ class WeightSpace:
 
     def drift(self, pushes: Array) -> Array:
         """Displacement (S, 6, n m) of the base at the end, per coordinate."""
-        s, n = len(pushes), self._n
-        columns = pushes.reshape(s, len(pushes[0]), -1).swapaxes(1, 2).reshape(s, 6, 2, n, -1)
+        s, n, points = len(pushes), self._n, 2 * INTERVALS
+        columns = pushes.reshape(s, points, 12 * n).swapaxes(1, 2).reshape(s, 6, 2, n, points)
         angle, rate = self._gauss
-        return (columns[:, :, 0] @ angle + columns[:, :, 1] @ rate).reshape(s, 6, -1)
+        return (columns[:, :, 0] @ angle + columns[:, :, 1] @ rate).reshape(s, 6, self.size)
 
     def drifts(self, pushes: Array) -> Array:
         """The same (S, K + 1, 6, n m) at the ends of all intervals."""
@@ -211,7 +211,8 @@ class WeightSpace:
         return np.concatenate([np.zeros((s, 1, 6, self.size)), moved], axis=1)
 
     def _chain(self, xi: Array) -> list[Array]:
-        return self.functions.chain(xi.reshape(len(xi), -1), np.broadcast_to(self._step, (len(xi), 1)))
+        step = np.broadcast_to(self._step, (len(xi), 1))
+        return self.functions.chain(xi.reshape(len(xi), 12 * INTERVALS), step)
 
     def _ending(self, y: Array, pose: Array) -> list[Array]:
         goal = np.broadcast_to(self._goal, (len(y), len(self._goal)))

@@ -72,7 +72,7 @@ def path_error(robot: FloatingRobot, path: PolynomialPath, time: Array, q: Array
     """Largest deviation of the end-effectors from their path at q (T, n), m."""
     kinematics = robot.kinematics(q)
     places = tips(robot, q, kinematics).position - com(robot, kinematics)[:, None]
-    flat = places[..., : path.start.size // 2].reshape(len(time), -1)
+    flat = places[..., : path.start.size // 2].reshape(len(time), path.start.size)
     return float(np.abs(flat - path.position(time)).max())
 
 
@@ -80,7 +80,9 @@ def null_velocities(robot: FloatingRobot, q: Array, qdot: Array) -> Array:
     """Share (K, 2) of the dependent angular velocities that lies in the null space of eq. 9, rad/s: the
     projector times zeta, which is all of zeta that moves anything. Of the planar robot."""
     hands = tips(robot, q)
-    rows = np.concatenate([hands.linear[..., :2, :].reshape(len(q), 4, -1), hands.turning[:, 2:]], axis=1)
+    rows = np.concatenate(
+        [hands.linear[..., :2, :].reshape(len(q), 4, q.shape[1]), hands.turning[:, 2:]], axis=1
+    )
     null = np.linalg.svd(rows)[2][:, -1]  # of five rows on six joints
     way = (hands.angular[..., 2, :] @ null[..., None])[..., 0]
     way = way / np.maximum(np.sqrt((way * way).sum(axis=1, keepdims=True)), 1e-12)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
+from space_envs.checks import count, finite_array, flag, non_negative
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.reactionless import com
 from space_envs.dynamics.rigid_body import tumble
@@ -55,17 +56,20 @@ class Surroundings:
     def __post_init__(self) -> None:
         positive("radius of the links", self.radius)
         for name in ("margin", "gripper", "contact"):
-            if not 0.0 <= getattr(self, name) < float("inf"):
-                raise ConfigurationError(f"{name} must be at least 0, got {getattr(self, name)!r}")
+            non_negative(name, getattr(self, name))
+        flag("arms", self.arms)
+        count("standing", self.standing, 100)
         for name in ("bus", "target"):
             sides = getattr(self, name)
             if sides is not None:
-                sides = np.array(sides, dtype=np.float64)
-                if sides.shape != (3,) or not (sides > 0.0).all():
+                sides = finite_array(f"half sides of {name}", sides, (3,))
+                if not (sides > 0.0).all():
                     raise ConfigurationError(f"{name} must be three positive half sides, got {sides!r}")
                 object.__setattr__(self, name, sides)
         if (self.target is None) != (self.motion is None):
             raise ConfigurationError("a target needs half sides and a motion, or neither")
+        if self.motion is not None and not callable(self.motion):
+            raise ConfigurationError(f"motion must be a function of times, got {self.motion!r}")
 
     def counted(self, length: Array, time: Array, duration: float) -> Array:
         """Share (K, S) of last links of `length` (S,) m that counts against the target at times (K,) s."""

@@ -78,7 +78,7 @@ def plan_zeta_zero(robot: FloatingRobot, capture: Capture, limits: Limits = Limi
         limits: joint angles alone are looked at: the path leaves nothing to respect the others with.
 
     Raises:
-        ConfigurationError: for a malformed capture.
+        ConfigurationError: for a malformed capture, or limits of another robot.
     """
     return _plan("reactionless", robot, capture, limits, zeta_zero)
 
@@ -113,7 +113,7 @@ def _centre(robot: FloatingRobot, q: Array) -> Array:
 def _plan(
     method: str, robot: FloatingRobot, capture: Capture, limits: Limits, choice: Choice
 ) -> Plan | Failure:
-    capture = capture.checked(robot)
+    capture, limits = capture.checked(robot), limits.checked(robot)
     path = capture_path(robot, PathModel.of(robot), capture)
     if isinstance(path, str):
         return Failure(method, Cause.OUT_OF_REACH, path)

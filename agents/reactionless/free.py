@@ -19,6 +19,7 @@ from agents.reactionless.free_solver import ANGLE_ROOM, METHOD, Solution, Solver
 from agents.reactionless.problem import Capture, Plan
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
+from space_envs.errors import positive_integer
 
 STARTS = 4
 ENDS, MORE_ENDS = 48, 200  # searches for configurations at the end; the latter where none was clear
@@ -57,9 +58,10 @@ def plan_free(
         starts: number of different end configurations that are started from.
 
     Raises:
-        ConfigurationError: for a malformed capture.
+        ConfigurationError: for a malformed capture, limits of another robot, or no number of starts.
     """
-    return _Search(robot, capture.checked(robot), limits, around, starts).plan()
+    positive_integer("starts", starts, MORE_ENDS)
+    return _Search(robot, capture.checked(robot), limits.checked(robot), around, starts).plan()
 
 
 class _Search:

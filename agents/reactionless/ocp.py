@@ -23,6 +23,7 @@ from agents.reactionless.fixed_path import (
 from agents.reactionless.model import Matrices, PathModel
 from agents.reactionless.paths import PolynomialPath
 from agents.reactionless.problem import Capture, Plan
+from space_envs.checks import flag
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError
@@ -52,7 +53,8 @@ def plan_ocp(
     Raises:
         ConfigurationError: for a malformed capture, or a robot that is not planar.
     """
-    capture, model = capture.checked(robot), PathModel.of(robot)
+    capture, limits, model = capture.checked(robot), limits.checked(robot), PathModel.of(robot)
+    flag("from_rest", from_rest)
     if model.dimensions != 2:
         raise ConfigurationError(
             "reactionless_ocp plans for the planar robot; use reactionless_free in space"

@@ -6,7 +6,8 @@ from typing import Self
 
 import numpy as np
 
-from agents.planning import JointPath, finite
+from agents.planning import JointPath
+from space_envs.checks import finite_array
 from space_envs.dynamics.floating import FloatingRobot
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError, positive
@@ -42,17 +43,17 @@ class Capture:
         tips = len(robot.tip_link)
         axis = None
         if self.axis is not None:
-            axis = finite("axis", self.axis, (tips, 3))
+            axis = finite_array("axis", self.axis, (tips, 3))
             length = np.sqrt((axis * axis).sum(axis=-1, keepdims=True))
             if not (length > 0.0).all():
                 raise ConfigurationError(f"axis must not be zero, got {self.axis!r}")
             axis = axis / length
         return replace(
             self,
-            start=finite("start", self.start, (robot.n_joints,)),
+            start=finite_array("start", self.start, (robot.n_joints,)),
             duration=positive("duration", self.duration),
-            position=finite("position", self.position, (tips, 3)),
-            velocity=finite("velocity", self.velocity, (tips, 3)),
+            position=finite_array("position", self.position, (tips, 3)),
+            velocity=finite_array("velocity", self.velocity, (tips, 3)),
             axis=axis,
         )
 

@@ -12,6 +12,7 @@ import numpy as np
 from tqdm import tqdm
 
 from agents.reactionless.problem import Plan
+from space_envs.checks import non_negative
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError, positive
 from space_envs.models.dual_arm import DualArmOptions, dual_arm_model
@@ -32,6 +33,23 @@ class Tracking:
     control_period: float = 0.02
     joint_gain: float = 1.0
     attitude_gain: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("timestep", "control_period"):
+            positive(name, getattr(self, name))
+        for name in ("joint_gain", "attitude_gain"):
+            non_negative(name, getattr(self, name))
+        substeps = self.control_period / self.timestep
+        if not substeps > 0.5 or abs(substeps - round(substeps)) > 1e-9 * substeps:
+            raise ConfigurationError(
+                f"control_period must be a multiple of timestep, got {self.control_period} and "
+                f"{self.timestep} s"
+            )
+
+    @property
+    def substeps(self) -> int:
+        """Steps of the simulation in a control period."""
+        return round(self.control_period / self.timestep)
 
 
 # docs/physics.md: the setting that reaches the order of the paper's 1e-9 rad/s.
@@ -79,17 +97,7 @@ def track(
 
     Args:
         plan: of the robot that `options` name; their time step is replaced.
-
-    Raises:
-        ConfigurationError: for settings that are not positive or periods that are no multiples.
     """
-    for name in ("timestep", "control_period"):
-        positive(name, getattr(how, name))
-    substeps = how.control_period / how.timestep
-    if not substeps > 0.5 or abs(substeps - round(substeps)) > 1e-9 * substeps:
-        raise ConfigurationError(
-            f"control_period must be a multiple of timestep, got {how.control_period} and {how.timestep} s"
-        )
     model = dual_arm_model(replace(options, timestep=how.timestep, visual=False))
     simulation = _started(model, plan.position[0])
     n, b, period = simulation.n_joints, simulation.n_base, how.control_period
@@ -97,7 +105,7 @@ def track(
     begin = np.arange(periods) * period
     position, *_ = plan.sample(begin)
     _, rate, _ = plan.sample(np.minimum(begin + period, plan.time[-1]))
-    size = periods * round(substeps)
+    size = periods * how.substeps
     state = np.empty((size, 7 + 6 + n + n))
     torque, momentum = np.empty((size, n)), np.empty(size)
     last = simulation.mass_matrix()[0], simulation.bias()[0].copy()
@@ -113,7 +121,7 @@ def track(
         )
         joints = middle[:, b:] @ acceleration + force
         simulation.ctrl[0] = joints[b:] - middle[b:, :b] @ np.linalg.solve(middle[:b, :b], joints[:b])
-        for _ in range(round(substeps)):
+        for _ in range(how.substeps):
             simulation.step(1)
             qpos, qvel = simulation.robot_state()
             state[step] = np.concatenate([qpos[0, :7], qvel[0, :6], qpos[0, 7:], qvel[0, 6:]])

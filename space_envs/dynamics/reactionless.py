@@ -66,18 +66,18 @@ def reactionless_rates(
         damping: of the inverse, in m/rad. weight: m/rad, of turning against moving.
     """
     n = now.turning.shape[-1]
-    batch = now.turning.shape[:-2]
+    batch, asked = now.turning.shape[:-2], 3 * now.position.shape[-2]
     square = now.turning @ now.turning.swapaxes(-1, -2) + _TINY * np.eye(3)
     back = now.turning.swapaxes(-1, -2) @ np.linalg.inv(square)
     # Applied twice: the small regularisation leaves a share of _TINY / W W' of the turning, then its square.
     null = np.eye(n) - back @ now.turning
     null = null - back @ (now.turning @ null)
-    rows = now.linear.reshape(*batch, -1, n)
-    wanted = velocity.reshape(*batch, -1)
+    rows = now.linear.reshape(*batch, asked, n)
+    wanted = velocity.reshape(*batch, asked)
     if turn is not None:
         across = np.eye(3) - now.axis[..., :, None] * now.axis[..., None, :]
-        rows = np.concatenate([rows, weight * (across @ now.angular).reshape(*batch, -1, n)], axis=-2)
-        wanted = np.concatenate([wanted, weight * turn.reshape(*batch, -1)], axis=-1)
+        rows = np.concatenate([rows, weight * (across @ now.angular).reshape(*batch, asked, n)], axis=-2)
+        wanted = np.concatenate([wanted, weight * turn.reshape(*batch, asked)], axis=-1)
     given = np.zeros((*batch, n)) if base_rate is None else (back @ base_rate[..., None])[..., 0]
     if posture is not None:
         given = given + (null @ posture[..., None])[..., 0]

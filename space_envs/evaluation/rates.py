@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from space_envs.dynamics.c_library import LibraryError, cache_folder
+from space_envs.dynamics.c_library import LibraryError, cache_folder, private_folder
 from space_envs.evaluation.records import Entrant
 from space_envs.evaluation.runner import Played
 from space_envs.files import atomic_write_text
@@ -20,8 +20,7 @@ def record_rates(played: Iterable[Played]) -> None:
     for one in played:
         rates[_key(one.entrant)] = one.seconds / len(one.records)
     try:
-        folder = cache_folder()
-        folder.mkdir(parents=True, exist_ok=True)
+        folder = private_folder(cache_folder())
         atomic_write_text(folder / FILE, json.dumps(rates, indent=1, sort_keys=True))
     except (LibraryError, OSError):
         return

@@ -7,7 +7,8 @@ from math import pi
 import mujoco
 import numpy as np
 
-from space_envs.errors import ConfigurationError, unknown_name
+from space_envs.checks import flag
+from space_envs.errors import ConfigurationError, positive, unknown_name
 from space_envs.models.dual_appearance import draw_planar, draw_spatial
 from space_envs.models.parameters import (
     DUAL_ARM_PLANAR,
@@ -46,7 +47,8 @@ class DualArmOptions:
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
             raise unknown_name("kind of dual-arm robot", self.kind, KINDS)
-        if not 0 < self.timestep <= 0.1:
+        flag("visual", self.visual)
+        if not positive("timestep", self.timestep) <= 0.1:
             raise ConfigurationError(f"timestep must lie in (0, 0.1] s, got {self.timestep!r}")
         if self.mounts is not None:
             if self.kind != "planar":

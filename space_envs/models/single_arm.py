@@ -6,7 +6,8 @@ from functools import lru_cache
 import mujoco
 import numpy as np
 
-from space_envs.errors import ConfigurationError, unknown_name
+from space_envs.checks import count, flag
+from space_envs.errors import ConfigurationError, positive, unknown_name
 from space_envs.models.appearance import draw_environment, draw_keep_out, draw_robot, draw_target
 from space_envs.models.parameters import (
     SINGLE_ARM,
@@ -49,10 +50,10 @@ class ModelOptions:
     def __post_init__(self) -> None:
         if self.variant not in VARIANTS:
             raise unknown_name("model variant", self.variant, VARIANTS)
-        if not 0 < self.timestep <= 0.1:
+        flag("visual", self.visual)
+        if not positive("timestep", self.timestep) <= 0.1:
             raise ConfigurationError(f"timestep must lie in (0, 0.1] s, got {self.timestep!r}")
-        if not self.obstacles >= 0:
-            raise ConfigurationError(f"obstacles must not be negative, got {self.obstacles!r}")
+        count("obstacles", self.obstacles, 100)
 
 
 def quaternion_x(angle: float) -> list[float]:

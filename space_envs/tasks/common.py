@@ -7,6 +7,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from space_envs.checks import number
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import positive, unknown_name
 
@@ -129,6 +130,10 @@ class RewardWeights:
     effort: float = 0.02  # -mean squared action, per s
     capture: float = 10.0  # once, on capture
     failure: float = 20.0  # minus, once, on a failure: attitude lost, obstacle touched, simulation diverged
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            number(f"reward weight: {name}", value)
 
 
 SPARSE = RewardWeights(1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0)

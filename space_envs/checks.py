@@ -1,0 +1,86 @@
+"""Values at public boundaries: numbers, flags and arrays, or an error that names what was got."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from space_envs.errors import ConfigurationError
+
+
+def number(name: str, value: object) -> float:
+    """`value` as a float, if it is a finite real number; text, flags and arrays are none.
+
+    Raises:
+        ConfigurationError: naming what was got.
+    """
+    if not isinstance(value, int | float | np.integer | np.floating) or isinstance(value, bool):
+        raise ConfigurationError(f"{name} must be a finite number, got {value!r}")
+    try:
+        result = float(value)
+    except OverflowError:
+        result = np.inf
+    if not np.isfinite(result):
+        raise ConfigurationError(f"{name} must be a finite number, got {value!r}")
+    return result
+
+
+def non_negative(name: str, value: object) -> float:
+    """`value` as a float, if it is a finite number of at least 0; errors as in `number`."""
+    result = number(name, value)
+    if result < 0.0:
+        raise ConfigurationError(f"{name} must be at least 0, got {value!r}")
+    return result
+
+
+def count(name: str, value: object, largest: int) -> int:
+    """`value` as an int, if it is a whole number from 0 to `largest`.
+
+    Raises:
+        ConfigurationError: naming what was got.
+    """
+    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not whole or not 0 <= int(value) <= largest:
+        raise ConfigurationError(f"{name} must be an integer from 0 to {largest}, got {value!r}")
+    return int(value)
+
+
+def flag(name: str, value: object) -> bool:
+    """`value` as a bool, if it is one: a text such as "no" would count as true.
+
+    Raises:
+        ConfigurationError: naming what was got.
+    """
+    if not isinstance(value, bool | np.bool_):
+        raise ConfigurationError(f"{name} must be True or False, got {value!r}")
+    return bool(value)
+
+
+def real_array(name: str, value: Any, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
+    """`value` as a new float64 array of `shape`, where None stands for any length; it may hold infinity.
+
+    Raises:
+        ConfigurationError: for text, complex numbers, NaN, ragged lists or another shape.
+    """
+    wanted = f"({', '.join('any' if length is None else str(length) for length in shape)})"
+    try:
+        raw = np.asarray(value)
+        if raw.dtype.kind not in "iuf":
+            raise TypeError
+        array = np.array(raw, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise ConfigurationError(f"{name} must be an array of numbers, {wanted}, got {value!r}") from None
+    fits = array.ndim == len(shape) and all(
+        length in (None, got) for length, got in zip(shape, array.shape, strict=True)
+    )
+    if not fits or np.isnan(array).any():
+        raise ConfigurationError(f"{name} must be of shape {wanted} without NaN, got {value!r}")
+    return array
+
+
+def finite_array(name: str, value: Any, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
+    """The same without infinity."""
+    array = real_array(name, value, shape)
+    if not np.isfinite(array).all():
+        raise ConfigurationError(f"{name} must be finite, got {value!r}")
+    return array

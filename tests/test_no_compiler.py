@@ -1,0 +1,54 @@
+"""Machines without a C compiler: every planner plans, with the numbers that compiled code gives."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from first_plans import first_actions
+
+from agents.commands.choice import experts_for
+from space_envs.registration import ENTRIES
+
+TESTS = Path(__file__).parent
+PLANNERS = [(env_id, name) for env_id in ENTRIES for name in experts_for(env_id)]
+# Every planner of the single arm once.
+ONCE = list({name: (env_id, name) for env_id, name in reversed(PLANNERS) if "SingleArm" in env_id}.values())
+
+
+def without_compiler(planners: list[tuple[str, str]], folder: Path) -> dict:
+    """What `first_plans` gives in a process that finds no compiler and no compiled code."""
+    variables = {name: value for name, value in os.environ.items() if name != "CC"}
+    (folder / "bin").mkdir()
+    variables |= {"PATH": str(folder / "bin"), "SPACE_ENVS_CACHE": str(folder / "cache")}
+    variables |= {"PYTHONPATH": str(TESTS.parent)}
+    command = [sys.executable, str(TESTS / "first_plans.py"), json.dumps(planners)]
+    done = subprocess.run(command, env=variables, capture_output=True, text=True, check=False, timeout=300)
+    assert done.returncode == 0, done.stderr
+    assert not (folder / "cache").exists()
+    return json.loads(done.stdout)
+
+
+def check(planners: list[tuple[str, str]], folder: Path) -> None:
+    """Equal actions with and without a compiler, and a warning that says which way it is."""
+    found = without_compiler(planners, folder)
+    assert any("no C compiler was found" in message for message in found["warnings"])
+    compiled = first_actions(planners)
+    for key, expected in compiled.items():
+        assert found["plans"][key]["failure"] == expected["failure"]
+        actions = found["plans"][key]["actions"], expected["actions"]
+        np.testing.assert_allclose(*actions, atol=1e-4, err_msg=key)
+    failed = [key for key, plan in compiled.items() if plan["failure"]]
+    assert len(failed) <= len(planners) // 4, failed  # paths that are given may break a limit
+
+
+def test_every_planner_plans_without_a_compiler(tmp_path: Path) -> None:
+    check(ONCE, tmp_path)
+
+
+@pytest.mark.slow
+def test_planners_on_every_id_without_a_compiler(tmp_path: Path) -> None:
+    check([planner for planner in PLANNERS if planner not in ONCE], tmp_path)

@@ -1,0 +1,227 @@
+"""Value classes and constructors at public boundaries: what is no value of a field is refused by name.
+
+A field that is a number gets text, flags, NaN, infinity, lists; a flag gets "no"; an array gets other shapes.
+Every such call ends in the package's own error, never in a raw one, and never in silence.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from agents.optimal.demonstrations import Recipe
+from agents.optimal.legendre import LegendreBasis
+from agents.optimal.nmpc import Controller, Weights
+from agents.optimal.ocp import plan_ocp
+from agents.optimal.problem import Reach
+from agents.optimal.promp_optimal import Planner
+from agents.optimal.stochastic_feedback import StochasticFeedback
+from agents.optimal.task_space import PoseTarget
+from agents.planning import Limits
+from agents.reactionless import fixed_path
+from agents.reactionless import ocp as reactionless_ocp
+from agents.reactionless.clearance import Surroundings
+from agents.reactionless.free import plan_free
+from agents.reactionless.problem import Capture
+from agents.reactionless.tracking import Tracking
+from agents.variations import DemonstratorConfig
+from promp import GaussianBasis, ProMP, PrompError, ViaPoint, regress_weights
+from promp.nonlinear import NonlinearTarget, condition_nonlinear
+from space_envs.errors import ConfigurationError
+from space_envs.models.dual_arm import DualArmOptions
+from space_envs.models.single_arm import ModelOptions, single_arm_model
+from space_envs.registration import make_task
+from space_envs.tasks.common import RewardWeights
+from space_envs.tasks.single_arm import PoseEnvelope
+
+ARM = make_task("SpaceCapture/SingleArm-v0", {}).robot
+ARMS = make_task("SpaceCapture/DualArmPlanar-v0", {}).robot
+REACH = Reach(ARM.home, *(np.ones(3), np.array([1.0, 0.0, 0.0, 0.0])), 10.0, np.zeros(7))
+REST = Capture(ARMS.home, 20.0, np.ones((2, 3)), np.zeros((2, 3)), np.ones((2, 3)))
+PROMP = ProMP(np.zeros((2, 10)), 0.01 * np.eye(20))
+MODEL = single_arm_model()
+
+ODD = st.sampled_from(
+    ["no", "", b"1", True, False, 1j, [1.0], [], {}, float("nan"), float("inf"), -float("inf"), object()]
+)  # fmt: skip
+NO_NUMBER = ODD
+NEGATIVE = ODD | st.floats(max_value=-1e-9) | st.integers(max_value=-1)
+NOT_POSITIVE = NEGATIVE | st.sampled_from([0, 0.0, -0.0])
+NO_COUNT = NOT_POSITIVE | st.sampled_from([1.5, 2.0, 10**400])
+NO_FLAG = st.sampled_from(["no", "", 0, 1, 1.0, np.nan, [True], {}])
+NO_SIZE = NEGATIVE | st.sampled_from([1.5, 2.0, 10**400])
+NO_TABLE = st.sampled_from(["no", [[1.0], [1.0, 2.0]], np.full(7, np.nan), np.full(7, "1"), np.full(7, 1j)])
+NO_ARRAY = NO_TABLE | st.sampled_from([5.0, [], np.ones((5, 4))])
+
+
+def each(build: Callable[..., Any], names: str, values: Any) -> list[Any]:
+    """One case for each of the keywords `names`, separated by blanks."""
+    title = getattr(build, "__qualname__", "")
+    return [pytest.param(build, name, values, id=f"{title} {name}") for name in names.split()]
+
+
+def reach(**values: Any) -> Reach:
+    return replace(REACH, **values).checked(ARM)
+
+
+def capture(**values: Any) -> Capture:
+    return replace(REST, **values).checked(ARMS)
+
+
+def ocp(**values: Any) -> Any:
+    return plan_ocp(MODEL, ARM, REACH, Limits(), **values)
+
+
+def planner(**values: Any) -> Planner:
+    return Planner(ARM, **values)
+
+
+def controller(**values: Any) -> Controller:
+    return Controller(ARM, Limits(), **values)
+
+
+def free(**values: Any) -> Any:
+    return plan_free(ARMS, REST, **values)
+
+
+def rested(**values: Any) -> Any:
+    return reactionless_ocp.plan_ocp(ARMS, REST, **values)
+
+
+def feedback(**values: Any) -> StochasticFeedback:
+    return StochasticFeedback.of(PROMP, **{"duration": 1.0, "period": 0.1, **values})
+
+
+def target(**values: Any) -> PoseTarget:
+    return PoseTarget(ARM, GaussianBasis(), **{"duration": 1.0, "position": np.ones(3), **values})
+
+
+def recipe(**values: Any) -> Recipe:
+    return Recipe(**{"keep_attitude": True, "limited": True, **values})
+
+
+def promp(**values: Any) -> ProMP:
+    return ProMP(**{"mean": np.zeros((2, 10)), "covariance": np.eye(20), **values})
+
+
+def sampled(**values: Any) -> Any:
+    return PROMP.sample(np.random.default_rng(0), **values)
+
+
+def via_point(**values: Any) -> ProMP:
+    given = {"phase": 0.5, "position": np.zeros(2), "velocity": np.zeros(2), "duration": 1.0}
+    return PROMP.condition_on([ViaPoint(**{**given, **values})])
+
+
+def regressed(**values: Any) -> Any:
+    given = {"positions": np.zeros((1, 20, 2)), "velocities": np.zeros((1, 20, 2)), "duration": 1.0}
+    return regress_weights(**{**given, "basis": GaussianBasis(), **values})
+
+
+def conditioned(**values: Any) -> Any:
+    asked = NonlinearTarget(lambda w: (w[:, 0, :1] - 0.1, np.eye(20)[None, :1]))
+    return condition_nonlinear(PROMP, asked, **values)
+
+
+CASES = [
+    *each(Limits, "rate acceleration torque coriolis control", NOT_POSITIVE),
+    *each(Limits, "position", NO_ARRAY | st.sampled_from([np.array([[1.0, 0.0]]), np.full((7, 2), np.nan)])),
+    *each(reach, "duration c", NOT_POSITIVE),
+    *each(reach, "start position quaternion", NO_ARRAY),
+    *each(reach, "rate", NO_ARRAY),
+    *each(reach, "spheres", NO_TABLE | st.sampled_from([np.zeros((2, 4)), np.ones((2, 3))])),
+    *each(reach, "keep_attitude", NO_FLAG),
+    *each(capture, "duration", NOT_POSITIVE),
+    *each(capture, "start position velocity axis", NO_ARRAY),
+    *each(Surroundings, "radius", NOT_POSITIVE),
+    *each(Surroundings, "margin gripper contact", NEGATIVE),
+    *each(Surroundings, "standing", NO_SIZE),
+    *each(Surroundings, "arms", NO_FLAG),
+    *each(Surroundings, "bus", NO_ARRAY),
+    *each(Tracking, "timestep control_period", NOT_POSITIVE),
+    *each(Tracking, "joint_gain attitude_gain", NEGATIVE),
+    *each(Weights, "duration latest shortest late damping", NOT_POSITIVE),
+    *each(Weights, "goal attitude_end attitude_late attitude", NEGATIVE),
+    *each(Weights, "iterations", NO_COUNT),
+    *each(controller, "c", NOT_POSITIVE),
+    *each(planner, "nearest tried", NO_COUNT),
+    *each(ocp, "starts", NO_COUNT),
+    *each(ocp, "time_weight", NEGATIVE),
+    *each(ocp, "free_time", NO_ARRAY | st.sampled_from([(2.0, 1.0), (0.0, 1.0), (1.0, np.inf)])),
+    *each(free, "starts", NO_COUNT),
+    *each(rested, "from_rest", NO_FLAG),
+    *each(feedback, "duration period", NOT_POSITIVE),
+    *each(feedback, "position_noise rate_noise", NEGATIVE),
+    *each(target, "duration phase", NOT_POSITIVE),
+    *each(target, "position rotation attitude", NO_ARRAY),
+    *each(LegendreBasis, "size", NO_COUNT),
+    *each(recipe, "keep_attitude limited", NO_FLAG),
+    *each(DemonstratorConfig, "dt", NOT_POSITIVE),
+    *each(DemonstratorConfig, "per_goal", NO_COUNT),
+    *each(DemonstratorConfig, "redundancy miss noise quiet rest weight_decades", NEGATIVE),
+    *each(DemonstratorConfig, "ramp radius", st.sampled_from([1.0, (1.0,), (2.0, 1.0), ("a", "b"), (-1.0, 1)])),
+    *each(ModelOptions, "timestep", NOT_POSITIVE),
+    *each(ModelOptions, "visual", NO_FLAG),
+    *each(ModelOptions, "obstacles", NO_SIZE),
+    *each(DualArmOptions, "timestep", NOT_POSITIVE),
+    *each(DualArmOptions, "visual", NO_FLAG),
+    *each(PoseEnvelope, "position linear_velocity hold orientation angular_velocity", NOT_POSITIVE),
+    *each(RewardWeights, "attitude position capture failure", NO_NUMBER),
+    *each(GaussianBasis, "bandwidth", NOT_POSITIVE),
+    *each(GaussianBasis, "centres", NO_TABLE),
+    *each(promp, "mean covariance basis", NO_ARRAY),
+    *each(sampled, "n", NEGATIVE | st.just(1.5)),
+    *each(via_point, "phase duration", NEGATIVE),
+    *each(via_point, "position velocity dofs covariance", NO_ARRAY),
+    *each(via_point, "accuracy velocity_accuracy", NEGATIVE.filter(lambda value: value not in ([1.0], []))),
+    *each(regressed, "positions velocities phase", NO_ARRAY),
+    *each(regressed, "ridge", NEGATIVE),
+    *each(regressed, "exact_ends", NO_FLAG),
+    *each(conditioned, "tolerance", NOT_POSITIVE),
+    *each(conditioned, "iterations", NO_COUNT),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("build", "name", "values"), CASES)
+def test_no_value_is_refused_by_name(build: Callable[..., Any], name: str, values: Any) -> None:
+    @settings(max_examples=40)
+    @given(value=values)
+    def refused(value: Any) -> None:
+        with pytest.raises((ConfigurationError, PrompError)):
+            build(**{name: value})
+
+    refused()
+
+
+@pytest.mark.parametrize("method", ["zeta_zero", "local"])
+def test_limits_of_another_robot_are_refused(method: str) -> None:
+    limits = Limits(position=np.tile([-1.0, 1.0], (3, 1)))
+    calls = [
+        lambda: Planner(ARM, limits),
+        lambda: Controller(ARM, limits),
+        lambda: plan_ocp(MODEL, ARM, REACH, limits),
+        lambda: plan_free(ARMS, REST, limits),
+        lambda: reactionless_ocp.plan_ocp(ARMS, REST, limits),
+        lambda: getattr(fixed_path, f"plan_{method}")(ARMS, REST, limits),
+    ]
+    for call in calls:
+        with pytest.raises(
+            ConfigurationError, match=r"limits of position are of 3 joints, the robot has [67]"
+        ):
+            call()
+
+
+def test_limits_are_copies_that_say_what_is_wrong() -> None:
+    bounds = np.tile([-1.0, 1.0], (7, 1))
+    limits = Limits(position=bounds.tolist(), rate=np.float32(0.5))
+    bounds[0] = 5.0
+    assert limits.position[0].tolist() == [-1.0, 1.0] and limits.rate == 0.5
+    assert Limits(position=np.array([[-np.inf, np.inf]])).position.shape == (1, 2)
+    with pytest.raises(ConfigurationError, match=r"limit of rate must be a finite positive number, got -1"):
+        Limits(rate=-1)
+    with pytest.raises(ConfigurationError, match=r"from lowest to highest, got \[1.0, -1.0\] of joint 2"):
+        Limits(position=np.array([[0.0, 1.0], [1.0, -1.0]]))
