@@ -3,14 +3,14 @@
 Debian's package `chromium` is what runs; without it nothing here can be tested.
 """
 
-import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from time import monotonic
 
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, Dialog, Locator, Page, Playwright, sync_playwright
+from page_layout import CHROMIUM
+from playwright.sync_api import Browser, Dialog, Locator, Page, Playwright
 from synthetic_results import HOSTILE, make_played, make_record, make_result
 
 from space_envs.evaluation.leaderboard import build_rows
@@ -19,7 +19,6 @@ from space_envs.evaluation.page_scores import all_scores
 from space_envs.evaluation.records import EpisodeRecord, EvaluationResult
 from space_envs.evaluation.replays import Replay, make_replays
 
-CHROMIUM = shutil.which("chromium")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium: apt-get install chromium")
 PHONE = {
     "viewport": {"width": 375, "height": 740},
@@ -77,22 +76,6 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> str:
         to_html(made, rows, {row.task: plots.get(row.task, []) for row in rows}), encoding="utf-8"
     )
     return path.as_uri()
-
-
-@pytest.fixture(scope="module")
-def engine() -> Iterator[Playwright]:
-    with sync_playwright() as started:
-        yield started
-
-
-@pytest.fixture(scope="module")
-def browser(engine: Playwright) -> Iterator[Browser]:
-    opened = engine.chromium.launch(
-        executable_path=CHROMIUM,
-        args=["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"],
-    )
-    yield opened
-    opened.close()
 
 
 @pytest.fixture
