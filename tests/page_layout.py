@@ -1,4 +1,4 @@
-"""What is wrong with how a page of ours is laid out, seen by a real Chromium at three widths, light and dark."""
+"""What is wrong with how a page is laid out, seen by a real Chromium at three widths, light and dark."""
 
 import shutil
 from typing import Any

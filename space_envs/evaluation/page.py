@@ -5,18 +5,14 @@ the page's own scripts run, known by their hashes.
 """
 
 import base64
-import hashlib
 import io
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from importlib.resources import files
 from itertools import groupby
 from types import MappingProxyType
 from typing import Any
 
-import jinja2
 import numpy as np
 from markupsafe import Markup
 from PIL import Image
@@ -32,9 +28,10 @@ from space_envs.evaluation.page_replays import page_replays
 from space_envs.evaluation.page_scores import score_table
 from space_envs.evaluation.records import OUTCOMES, Entrant, EpisodeRecord, EvaluationResult, Task
 from space_envs.evaluation.tables import ABLE, COLUMNS, NOTE, Column, by_task, leaders, modes_told, row_name
+from space_envs.evaluation.templating import make_environment, read_template, script_hash
 from space_envs.registration import ENTRIES
 
-SCRIPTS = ("pages.js", "table.js", "scene.js", "webgl.js", "painter.js", "player.js")
+SCRIPTS = ("pages.js", "table.js", "scrolling.js", "scene.js", "webgl.js", "painter.js", "player.js")
 PLOT_LETTERS, PICTURE_LETTERS = 4_200_000, 1_000_000  # of a page of ten million
 PICTURED = 3  # policies of a task whose captures are shown in pictures
 NO_PICTURES = (
@@ -80,26 +77,24 @@ def to_html(
     Raises:
         ConfigurationError: for pictures that are none.
     """
-    # Line ends as the browser will see them when it checks the hashes.
-    scripts = [_template(name).replace("\r\n", "\n") for name in SCRIPTS]
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    environment.filters["unit"] = lambda unit: unit.replace("^2", "²")
-    environment.filters["breakable"] = lambda name: Markup("<wbr>").join(re.split(r"(?<=[@_:.])", name))
+    scripts = [read_template(name) for name in SCRIPTS]
     env_ids = list(dict.fromkeys(row.task.env_id for row in rows))
     command = result.provenance.get("command")
-    return environment.from_string(_template("report.html.j2")).render(
-        title=display_name(", ".join(env_ids), 200),
-        pages=_pages(result, rows, plots, scores),
-        columns=COLUMNS,
-        note=NOTE,
-        no_pictures=result.pictures_note or NO_PICTURES,
-        command=None if command is None else display_name(str(command), 20_000),
-        provenance=_provenance(result),
-        style=Markup(_template("report.css")),
-        scripts=[Markup(script) for script in scripts],
-        hashes=[base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts],
+    return (
+        make_environment()
+        .from_string(read_template("report.html.j2"))
+        .render(
+            title=display_name(", ".join(env_ids), 200),
+            pages=_pages(result, rows, plots, scores),
+            columns=COLUMNS,
+            note=NOTE,
+            no_pictures=result.pictures_note or NO_PICTURES,
+            command=None if command is None else display_name(str(command), 20_000),
+            provenance=_provenance(result),
+            style=Markup(read_template("report.css")),
+            scripts=[Markup(script) for script in scripts],
+            hashes=[script_hash(script) for script in scripts],
+        )
     )
 
 
@@ -350,7 +345,3 @@ def _jpeg(policy: str, frame: np.ndarray) -> str:
 def _shade(rows: Sequence[Row]) -> dict[str, str]:
     """A colour for each policy, the same on every task."""
     return figures.colours(list(dict.fromkeys(row.policy for row in rows)))
-
-
-def _template(name: str) -> str:
-    return files("space_envs.evaluation").joinpath("templates", name).read_text(encoding="utf-8")
