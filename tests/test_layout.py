@@ -1,7 +1,7 @@
 """Every page that the project can write, in a real Chromium at three widths, light and dark.
 
 What counts as a fault stands in `page_layout`. Reports are of made-up episodes; pages of papers have all
-kinds of blocks with the papers' own claims; the runs of the papers in their own tests open what they wrote, too.
+kinds of blocks, with the papers' own claims. The runs of the papers in their own tests open what they wrote.
 """
 
 import io
