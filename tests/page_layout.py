@@ -1,9 +1,10 @@
 """What is wrong with how a page is laid out, seen by a real Chromium at three widths, light and dark."""
 
 import shutil
+from time import monotonic
 from typing import Any
 
-from playwright.sync_api import Browser
+from playwright.sync_api import Browser, Page
 
 CHROMIUM = shutil.which("chromium")
 WIDTHS = (1400, 800, 390)  # a screen, a small window, a phone; pixels
@@ -39,7 +40,7 @@ _FAULTS = """
   return faults;
 }
 """
-# Words of cards that stand on two lines: a word is what has no space in it nor a place to break.
+# Words of cards that stand on two lines though one has room for them; a place where a name may break ends a word.
 _BROKEN = """
 () => {
   const broken = [];
@@ -52,14 +53,24 @@ _BROKEN = """
       for (const word of node.data.matchAll(/[^\\s-]+/g)) {
         range.setStart(node, word.index);
         range.setEnd(node, word.index + word[0].length);
-        const lines = new Set([...range.getClientRects()].map((box) => Math.round(box.top)));
-        if (lines.size > 1) broken.push(word[0]);
+        const boxes = [...range.getClientRects()];
+        const lines = new Set(boxes.map((box) => Math.round(box.top)));
+        const length = boxes.reduce((sum, box) => sum + box.width, 0);
+        if (lines.size > 1 && length < node.parentElement.clientWidth) broken.push(word[0]);
       }
     }
   }
   return broken;
 }
 """
+
+
+def until(page: Page, condition: str) -> None:
+    """Wait for a condition in JavaScript; Playwright's own way needs `eval`, which the page forbids."""
+    end = monotonic() + 15
+    while not page.evaluate(condition):
+        assert monotonic() < end, f"never came true: {condition}"
+        page.wait_for_timeout(20)
 
 
 def layout_faults(browser: Browser, address: str) -> list[str]:

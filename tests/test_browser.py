@@ -5,11 +5,10 @@ Debian's package `chromium` is what runs; without it nothing here can be tested.
 
 from collections.abc import Iterator
 from dataclasses import replace
-from time import monotonic
 
 import numpy as np
 import pytest
-from page_layout import CHROMIUM
+from page_layout import CHROMIUM, until
 from playwright.sync_api import Browser, Dialog, Locator, Page, Playwright
 from synthetic_results import HOSTILE, make_played, make_record, make_result
 
@@ -127,14 +126,6 @@ def names(page: Page, task: int = 1) -> list[str]:
 
 def head(page: Page, title: str, task: int = 1) -> Locator:
     return page.locator(f"#task-{task} table.sortable th").filter(has=page.get_by_role("button", name=title))
-
-
-def until(page: Page, condition: str) -> None:
-    """Wait for a condition in JavaScript; Playwright's own way needs `eval`, which the page forbids."""
-    end = monotonic() + 15
-    while not page.evaluate(condition):
-        assert monotonic() < end, f"never came true: {condition}"
-        page.wait_for_timeout(20)
 
 
 def pixels(page: Page) -> bytes:

@@ -5,16 +5,25 @@ kinds of blocks, with the papers' own claims. The runs of the papers in their ow
 """
 
 import io
+from dataclasses import replace
 from itertools import cycle
 from pathlib import Path
 
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
-from page_layout import layout_faults
+from page_layout import layout_faults, until
 from PIL import Image
 from playwright.sync_api import Browser
-from synthetic_results import make_picture
+from synthetic_results import (
+    CHARACTERS,
+    HOSTILE,
+    Character,
+    make_picture,
+    make_played,
+    make_record,
+    make_result,
+)
 
 import reproduce
 import space_envs
@@ -25,6 +34,12 @@ from reproduce.page import Claims, Page, Picture, Section, Table, Text, write_pa
 from reproduce.shah2013.claims import CLAIMS as SHAH2013
 from reproduce.shyam2020.claims import CLAIMS as SHYAM2020
 from reproduce.study import STUDIES
+from space_envs.evaluation.leaderboard import build_rows
+from space_envs.evaluation.page import make_plots, to_html
+from space_envs.evaluation.page_scores import all_scores
+from space_envs.evaluation.records import EvaluationResult
+from space_envs.evaluation.replays import make_replays
+from space_envs.registration import ENTRIES
 
 TEMPLATES = {"report.html.j2", "page.html.j2"}
 
@@ -39,6 +54,103 @@ def test_there_is_no_other_page() -> None:
         path.name for package in packages for path in package.rglob("*.py") if "<!doctype" in path.read_text()
     }
     assert html == set()
+
+
+# Reports
+
+
+def large() -> EvaluationResult:
+    """Seven tasks, one of them with fourteen policies of long names, with plots, replays and pictures."""
+    odd = ("promp_demonstrated_by_optimal_control", "my_package.planners.receding_horizon:Planner", HOSTILE)
+    extra = {name: Character(0.9, 2e-5, 4e-6, 2e-5, 19.7, 218.0, 0.33) for name in odd}
+    extra |= {f"reactionless_{number}": CHARACTERS["ppo"] for number in range(3)}
+    made = make_result(episodes=8, seeds=2, pictures=True, extra=extra)
+    played = make_played("minimum_jerk", episodes=2)
+    mine = [replace(record, policy="watched", checksum="") for record in played.records]
+    others = [
+        make_record(env_id=env_id, difficulty=difficulty, policy=policy)
+        for env_id in list(ENTRIES)[1:]
+        for difficulty in ("easy", "hard")
+        for policy in ("bc", "promp_demonstrated")
+    ]
+    return replace(
+        made,
+        records=[*made.records, *mine, *others],
+        replays={mine[0].entrant: make_replays(played.task, played.rollout, mine)},
+    )
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The page of `large`, with the plots of its first task."""
+    made = large()
+    rows = build_rows(made.records, np.random.default_rng(0), resamples=200)
+    first = [row for row in rows if row.task == rows[0].task]
+    records = [record for record in made.records if record.entrant.task == rows[0].task]
+    scores = all_scores(records, ("mpc",), np.random.default_rng(0))
+    part = replace(made, records=records)
+    plots = make_plots(part, first, scores, np.random.default_rng(0))
+    text = to_html(made, rows, {row.task: plots.get(row.task, []) for row in rows}, scores)
+    path = tmp_path_factory.mktemp("layout") / "report.html"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_report(browser: Browser, report: Path) -> None:
+    assert layout_faults(browser, report.as_uri()) == []
+
+
+def test_report_of_one_policy_that_captures_nothing(browser: Browser, tmp_path: Path) -> None:
+    record = make_record(captured=False, outcome="timeout", time_to_capture=None)
+    made = EvaluationResult([record])
+    rows = build_rows(made.records, np.random.default_rng(0), resamples=50)
+    path = tmp_path / "report.html"
+    path.write_text(to_html(made, rows, {rows[0].task: []}), encoding="utf-8")
+    assert layout_faults(browser, path.as_uri()) == []
+
+
+def test_a_leaderboard_uses_the_screen(browser: Browser, report: Path) -> None:
+    page = browser.new_page(viewport={"width": 2560, "height": 1200}, reduced_motion="reduce")
+    page.goto(report.as_uri())
+    told = page.locator(".board + .more").first
+    shown = page.evaluate("(() => { const b = document.querySelector('.board'); return b.clientWidth; })()")
+    assert shown == page.evaluate("document.querySelector('.board').scrollWidth") and not told.is_visible()
+    page.set_viewport_size({"width": 1000, "height": 900})
+    until(page, "!document.querySelector('.board + .more').hidden")
+    assert page.evaluate("document.querySelector('.board').clientWidth") > 950
+    page.close()
+
+
+def test_a_table_that_is_cut_says_so_and_keeps_its_names(browser: Browser, report: Path) -> None:
+    page = browser.new_page(viewport={"width": 390, "height": 800}, reduced_motion="reduce")
+    page.goto(report.as_uri())
+    board, told = page.locator(".board").first, page.locator(".board + .more").first
+    columns = board.locator("thead th").count()
+    until(page, "/[0-9]+ more columns/.test(document.querySelector('.board + .more').textContent)")
+    assert columns / 2 < int(told.inner_text().split()[0]) < columns
+    board.evaluate("box => box.scrollTo(box.scrollWidth, 0)")
+    until(page, "document.querySelector('.board + .more').classList.contains('end')")
+    name = board.locator("tbody th").first.bounding_box()
+    frame = board.bounding_box()
+    assert name and frame and name["x"] == pytest.approx(frame["x"], abs=2) and name["width"] < 0.45 * 390
+    assert not told.is_visible()
+    page.close()
+
+
+def test_everything_of_a_plot_and_every_tab_is_on_a_phone(browser: Browser, report: Path) -> None:
+    page = browser.new_page(viewport={"width": 390, "height": 800}, reduced_motion="reduce")
+    page.goto(report.as_uri())
+    outside = """(all) => all.filter((each) => {
+        const box = each.getBoundingClientRect();
+        return box.width && (box.left < -0.5 || box.right > 390.5);
+    }).map((each) => each.textContent)"""
+    assert page.locator("nav.tabs a").count() == len(ENTRIES) + 1
+    assert page.locator("nav.tabs a").evaluate_all(outside) == []
+    texts = page.locator(".plots svg text")
+    assert texts.count() > 500 and texts.evaluate_all(outside) == []
+    sizes = texts.evaluate_all("(all) => all.map((each) => each.getBoundingClientRect().height)")
+    assert np.quantile([size for size in sizes if size > 0], 0.05) > 6.0
+    page.close()
 
 
 # Pages of the papers

@@ -25,7 +25,16 @@ from space_envs.errors import ConfigurationError
 from space_envs.evaluation import figures
 from space_envs.evaluation.leaderboard import FIGURES, Row, build_rows
 from space_envs.evaluation.names import csv_name, display_name, file_name, latex_name, markdown_name
-from space_envs.evaluation.page import NO_PICTURES, SCRIPTS, highlights, make_plots
+from space_envs.evaluation.page import (
+    NO_PICTURES,
+    NONE_HERE,
+    NOTHING_CAPTURED,
+    SCRIPTS,
+    TOO_MANY,
+    highlights,
+    make_plots,
+    to_html,
+)
 from space_envs.evaluation.page_scores import all_scores
 from space_envs.evaluation.records import (
     EpisodeRecord,
@@ -394,7 +403,7 @@ def drawn(reactionless: EvaluationResult) -> dict[str, figures.Plot]:
 
 
 def test_labels_of_axes_do_not_touch(drawn: dict[str, figures.Plot]) -> None:
-    assert len(drawn) == 8
+    assert set(drawn) >= {"intervals", "scores", "profiles", "pareto", "cost", "attitude"}
     for plot in drawn.values():
         for panel in plot.panels:
             assert panel.figure
@@ -403,10 +412,11 @@ def test_labels_of_axes_do_not_touch(drawn: dict[str, figures.Plot]) -> None:
                     low, high = sorted(axis.get_view_interval())
                     labels = [
                         label.get_window_extent()
-                        for place, label in zip(axis.get_majorticklocs(), axis.get_ticklabels(), strict=True)
-                        if low <= place <= high and label.get_text()
+                        for tick in axis.get_major_ticks()
+                        for label in (tick.label1, tick.label2)
+                        if low <= tick.get_loc() <= high and label.get_visible() and label.get_text()
                     ]
-                    assert len(labels) >= 2 and not len(axis.get_minorticklocs()), panel.key
+                    assert len(labels) >= 2 or not axis.get_label_text(), (panel.key, axis.axis_name)
                     for one, other in itertools.combinations(labels, 2):
                         assert not one.overlaps(other), (panel.key, axis.axis_name)
 
@@ -592,6 +602,8 @@ def test_page_shows_provenance_pictures_and_reasons(page: Page, result: Evaluati
         assert expected in texts
     assert any(text.endswith("base turned by more than 45 deg") for text in texts)
     assert len(page.named("img")) == 6
+    assert {"0.0 s", "2.5 s", "12.5 s"} <= set(texts)  # below the stills
+    assert page.named("img")[1]["alt"] == "mpc after 2.5 s"
     assert not any(NO_PICTURES[:30] in text for text in texts)
 
 
@@ -603,6 +615,45 @@ def test_page_says_why_there_are_no_pictures(tmp_path: Path) -> None:
         "utf-8"
     )
     assert NO_PICTURES not in page and "No EGL &lt;here&gt;." in page
+
+
+def test_room_for_pictures_is_shared_among_tasks(tmp_path: Path) -> None:
+    noise = np.random.default_rng(0).integers(0, 255, (360, 480, 3), dtype=np.uint8)
+    tasks = [
+        (env_id, difficulty)
+        for env_id in ("SpaceCapture/SingleArm-v0", "SpaceCapture/DualArmPlanar-v0")
+        for difficulty in ("easy", "medium", "hard")
+    ]
+    records = [
+        make_record(env_id=env_id, difficulty=difficulty, policy=policy)
+        for env_id, difficulty in tasks
+        for policy in ("a", "b", "c", "d")
+    ]
+    records.append(make_record(env_id="SpaceCapture/DualArmSpatial-v0"))
+    records.append(failed(env_id="SpaceCapture/DualArmSpatial-v0", difficulty="hard"))
+    rows = rows_of(records)
+    stills = {row.entrant: [Still(0.0, noise)] * 4 for row in rows if "Spatial" not in row.task.env_id}
+    text = to_html(EvaluationResult(records, pictures=stills), rows, {row.task: [] for row in rows})
+    assert len(text) < 2_000_000
+    shown = [len(part.split("</section>")[0].split("<img")) - 1 for part in text.split('id="pictures-')[1:]]
+    assert len(shown) == 8 and set(shown[:6]) == {shown[0]} and shown[0] % 4 == 0 and shown[0] > 0
+    assert shown[6:] == [0, 0]
+    assert NONE_HERE in text and NOTHING_CAPTURED in text
+    assert NO_PICTURES not in text and TOO_MANY not in text
+    # A page for which even the smallest are too large says so, and does not blame the machine.
+    many = {row.entrant: [Still(0.0, noise)] * 30 for row in rows}
+    text = to_html(EvaluationResult(records, pictures=many), rows, {row.task: [] for row in rows})
+    assert text.count(TOO_MANY) == 8 and "OpenGL" not in text and "<img" not in text
+
+
+def test_eq_20_has_one_name_and_one_unit(paths: ReportPaths, drawn: dict[str, figures.Plot]) -> None:
+    """On everything that people look at; records and leaderboard.csv keep SI units and names of fields."""
+    text = paths.html.read_text(encoding="utf-8") + paths.markdown.read_text(encoding="utf-8")
+    text += paths.latex.read_text(encoding="utf-8")
+    text += "".join(panel.svg + panel.alt + plot.caption for plot in drawn.values() for panel in plot.panels)
+    assert "eq. 20 cost" in text and "cm²/s" in text
+    assert not re.search(r"attitude cost", text, re.IGNORECASE)
+    assert not re.search(r"(?<![a-z])m(\^2|²)/s", text)
 
 
 def test_page_of_several_tasks_has_unique_ids(tmp_path: Path) -> None:

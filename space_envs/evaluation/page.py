@@ -325,20 +325,27 @@ _Film = tuple[str, list[tuple[str, str]]]  # a policy's name; the time in s and 
 def _pictures(tasks: Sequence[tuple[Task, list[Row]]], result: EvaluationResult) -> dict[Task, list[_Film]]:
     """Pictures of the first policies of each task: of as many and as large as every task has room for."""
     for count, width in _PICTURED:
-        shown: dict[Task, list[_Film]] = {}
-        for task, rows in tasks:
-            pictured = [(row, stills) for row in rows if (stills := result.pictures.get(row.entrant))]
-            shown[task] = [
-                (
-                    display_name(row_name(row, rows)),
-                    [(f"{still.time:.1f}", _jpeg(row.policy, still, width)) for still in stills],
-                )
-                for row, stills in pictured[:count]
-            ]
-        urls = [url for films in shown.values() for _, film in films for _, url in film]
-        if sum(map(len, urls)) <= PICTURE_LETTERS:
-            return shown
+        films = _films(tasks, result, count, width)
+        if films is not None:
+            return films
     return {task: [] for task, _ in tasks}
+
+
+def _films(
+    tasks: Sequence[tuple[Task, list[Row]]], result: EvaluationResult, count: int, width: int
+) -> dict[Task, list[_Film]] | None:
+    """Pictures of `count` policies of each task, `width` pixels wide; None where the page has no room."""
+    room = PICTURE_LETTERS
+    films: dict[Task, list[_Film]] = {task: [] for task, _ in tasks}
+    for task, rows in tasks:
+        pictured = [(row, stills) for row in rows if (stills := result.pictures.get(row.entrant))]
+        for row, stills in pictured[:count]:
+            film = [(f"{still.time:.1f}", _jpeg(row.policy, still, width)) for still in stills]
+            room -= sum(len(url) for _, url in film)
+            if room < 0:
+                return None
+            films[task].append((display_name(row_name(row, rows)), film))
+    return films
 
 
 def _no_pictures(result: EvaluationResult, rows: Sequence[Row]) -> str:
