@@ -40,7 +40,7 @@ _FAULTS = """
   return faults;
 }
 """
-# Words of cards that stand on two lines though one has room for them; a place where a name may break ends a word.
+# Words of cards that stand on two lines though one has room for them; places to break end a word.
 _BROKEN = """
 () => {
   const broken = [];
