@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from matplotlib.axes import Axes
 
-from space_envs.evaluation.drawing import WIDTH, Panel, draw_panel
+from space_envs.evaluation.drawing import LONE, WIDTH, Panel, draw_panel
 
 GAP = 12.0  # points, around each panel of a file
 Draw = Callable[[Axes], None]
@@ -54,7 +54,7 @@ def figure(
     key: str, title: str, caption: str, sketches: Sequence[Sketch], columns: int = 3, height: float = 2.7
 ) -> Figure:
     """Draw the panels one by one, and all of them together in rows of `columns`; `height` in inches."""
-    width = WIDTH if len(sketches) > 1 else 1.5 * WIDTH
+    width = WIDTH if len(sketches) > 1 else LONE
     panels = tuple(
         draw_panel(f"{key}-{number}", sketch.draw, sketch.alt, width=width, height=height)
         for number, sketch in enumerate(sketches)

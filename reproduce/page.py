@@ -7,21 +7,19 @@ script run, known by its hash.
 
 import base64
 import csv
-import hashlib
 import io
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-import jinja2
 from markupsafe import Markup
 
 from reproduce.animation import Movie
 from reproduce.claims import SHARE_NOTE, Claim, Record
 from reproduce.figures import Figure, standalone
 from space_envs.evaluation.names import csv_name, display_name, markdown_name
+from space_envs.evaluation.templating import make_environment, read_template, script_hash
 from space_envs.files import atomic_write, atomic_write_text
 
 _LONGEST = 10_000  # letters of a paragraph or cell
@@ -160,21 +158,16 @@ def _file(block: Figure | Movie | Picture) -> str:
 
 def to_html(page: Page) -> str:
     """The page, self-contained."""
-    # Line ends as the browser will see them when it checks the hash.
-    script = _own("page.js").replace("\r\n", "\n")
-    digest = base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii")
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
+    script = read_template("scrolling.js") + read_template("page.js", "reproduce")
+    environment = make_environment()
     environment.filters["kind"] = _kind
-    style = files("space_envs.evaluation").joinpath("templates", "report.css").read_text(encoding="utf-8")
-    return environment.from_string(_own("page.html.j2")).render(
+    return environment.from_string(read_template("page.html.j2", "reproduce")).render(
         page=page,
         share_note=SHARE_NOTE,
         provenance=flat(page.provenance),
-        style=Markup(style + _own("page.css")),
+        style=Markup(read_template("report.css") + read_template("page.css", "reproduce")),
         script=Markup(script),
-        script_hash=digest,
+        script_hash=script_hash(script),
     )
 
 
@@ -294,7 +287,3 @@ def _md(text: str) -> str:
 
 def _kind(block: Block) -> str:
     return {Figure: "figure", Movie: "movie"}.get(type(block)) or str(getattr(block, "kind", ""))
-
-
-def _own(name: str) -> str:
-    return files("reproduce").joinpath("templates", name).read_text(encoding="utf-8")

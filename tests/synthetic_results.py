@@ -14,6 +14,7 @@ from space_envs.evaluation.records import (
     Timing,
 )
 from space_envs.evaluation.rollout import Rollout
+from space_envs.evaluation.stills import Still
 from space_envs.evaluation.traces import Traces
 from space_envs.evaluation.units import Unit, play
 from space_envs.registration import make_task
@@ -186,7 +187,7 @@ def make_result(
             "versions": {"python": "3.11.9", "mujoco": "4.0.0", "numpy": "2.4.6", "gymnasium": "1.4.0"},
             "machine": {"processor": "an x86-64 with 2 cores", "threads": 2, "system": "Linux"},
         },
-        pictures={entrant("mpc"): [make_picture(step / 5) for step in range(6)]} if pictures else {},
+        pictures={entrant("mpc"): make_stills()} if pictures else {},
     )
 
 
@@ -207,6 +208,11 @@ def make_played(policy: str, episodes: int, env_id: str = "SpaceCapture/SingleAr
     part = play(unit)
     records = [replace(record, timing=timed(1.0, 0.1)) for record in part.records]
     return PlayedEpisodes(make_task(env_id, unit.keywords), part.rollout, records)
+
+
+def make_stills() -> list[Still]:
+    """Six of them, 2.5 s apart."""
+    return [Still(2.5 * number, make_picture(number / 5)) for number in range(6)]
 
 
 def make_picture(phase: float) -> np.ndarray:

@@ -3,14 +3,13 @@
 Debian's package `chromium` is what runs; without it nothing here can be tested.
 """
 
-import shutil
 from collections.abc import Iterator
 from dataclasses import replace
-from time import monotonic
 
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, Dialog, Locator, Page, Playwright, sync_playwright
+from page_layout import CHROMIUM, until
+from playwright.sync_api import Browser, Dialog, Locator, Page, Playwright
 from synthetic_results import HOSTILE, make_played, make_record, make_result
 
 from space_envs.evaluation.leaderboard import build_rows
@@ -19,7 +18,6 @@ from space_envs.evaluation.page_scores import all_scores
 from space_envs.evaluation.records import EpisodeRecord, EvaluationResult
 from space_envs.evaluation.replays import Replay, make_replays
 
-CHROMIUM = shutil.which("chromium")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium: apt-get install chromium")
 PHONE = {
     "viewport": {"width": 375, "height": 740},
@@ -79,22 +77,6 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> str:
     return path.as_uri()
 
 
-@pytest.fixture(scope="module")
-def engine() -> Iterator[Playwright]:
-    with sync_playwright() as started:
-        yield started
-
-
-@pytest.fixture(scope="module")
-def browser(engine: Playwright) -> Iterator[Browser]:
-    opened = engine.chromium.launch(
-        executable_path=CHROMIUM,
-        args=["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"],
-    )
-    yield opened
-    opened.close()
-
-
 @pytest.fixture
 def complaints() -> list[str]:
     return []
@@ -144,14 +126,6 @@ def names(page: Page, task: int = 1) -> list[str]:
 
 def head(page: Page, title: str, task: int = 1) -> Locator:
     return page.locator(f"#task-{task} table.sortable th").filter(has=page.get_by_role("button", name=title))
-
-
-def until(page: Page, condition: str) -> None:
-    """Wait for a condition in JavaScript; Playwright's own way needs `eval`, which the page forbids."""
-    end = monotonic() + 15
-    while not page.evaluate(condition):
-        assert monotonic() < end, f"never came true: {condition}"
-        page.wait_for_timeout(20)
 
 
 def pixels(page: Page) -> bytes:

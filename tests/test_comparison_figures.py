@@ -17,7 +17,7 @@ from space_envs.evaluation.records import EpisodeRecord
 
 def plots_of(records: Sequence[EpisodeRecord], seed: int = 0) -> dict[str, figures.Plot]:
     rows = rows_of(records)
-    shade = figures.colours(list(dict.fromkeys(row.policy for row in rows)))
+    shade = figures.looks(list(dict.fromkeys(row.policy for row in rows)))
     plots = comparison_plots(rows, records, shade, np.random.default_rng(seed), resamples=200)
     return {plot.key: plot for plot in plots}
 

@@ -16,6 +16,7 @@ from xml.etree import ElementTree
 import matplotlib
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 from PIL import Image
 from rich.console import Console
 from synthetic_results import CHARACTERS, HOSTILE, Character, entrant, make_record, make_result, timed
@@ -24,7 +25,16 @@ from space_envs.errors import ConfigurationError
 from space_envs.evaluation import figures
 from space_envs.evaluation.leaderboard import FIGURES, Row, build_rows
 from space_envs.evaluation.names import csv_name, display_name, file_name, latex_name, markdown_name
-from space_envs.evaluation.page import NO_PICTURES, SCRIPTS, highlights
+from space_envs.evaluation.page import (
+    NO_PICTURES,
+    NONE_HERE,
+    NOTHING_CAPTURED,
+    SCRIPTS,
+    TOO_MANY,
+    highlights,
+    make_plots,
+    to_html,
+)
 from space_envs.evaluation.page_scores import all_scores
 from space_envs.evaluation.records import (
     EpisodeRecord,
@@ -33,6 +43,7 @@ from space_envs.evaluation.records import (
     records_without_timing,
 )
 from space_envs.evaluation.report import ReportPaths, entrant_stem, write_report
+from space_envs.evaluation.stills import Still
 from space_envs.evaluation.tables import COLUMNS, to_csv, to_latex, to_markdown, to_terminal
 from space_envs.evaluation.traces import Traces
 
@@ -281,7 +292,7 @@ def test_names_are_made_harmless() -> None:
 
 
 def test_figures_are_xml_with_names_as_text(result: EvaluationResult, rows: list[Row]) -> None:
-    shade = figures.colours([row.policy for row in rows])
+    shade = figures.looks([row.policy for row in rows])
     plots = [
         figures.intervals_plot(rows, shade),
         figures.outcomes_plot(rows),
@@ -308,7 +319,7 @@ def test_figures_are_xml_with_names_as_text(result: EvaluationResult, rows: list
 def test_normalised_scores_are_drawn_where_both_references_were_played() -> None:
     made = make_result()
     rows = rows_of(list(made.records))
-    shade = figures.colours([row.policy for row in rows])
+    shade = figures.looks([row.policy for row in rows])
     scores = all_scores(made.records, ("mpc",), np.random.default_rng(0))
     plot = figures.scores_plot(rows, scores, shade)
     assert plot is not None
@@ -323,7 +334,7 @@ def test_normalised_scores_are_drawn_where_both_references_were_played() -> None
 
 
 def test_figures_repeat_whatever_the_users_style(rows: list[Row]) -> None:
-    shade = figures.colours([row.policy for row in rows])
+    shade = figures.looks([row.policy for row in rows])
     first = figures.cost_plot(rows, shade)
     before = dict(matplotlib.rcParams)
     with matplotlib.rc_context({"lines.linewidth": 9, "font.size": 30, "svg.fonttype": "path"}):
@@ -334,12 +345,13 @@ def test_figures_repeat_whatever_the_users_style(rows: list[Row]) -> None:
 
 def test_figures_without_data() -> None:
     rows = rows_of([failed(attitude_cost=0.0)])
-    assert figures.cost_plot(rows, {"mpc": "#000000"}) is None
+    look = figures.looks(["mpc", "hold"])
+    assert figures.cost_plot(rows, look) is None
     assert figures.attitude_plot({}, {}) is None
     assert figures.motion_plot({}) is None
     still = named(make_result(episodes=1))["hold"]
     assert figures.motion_plot({"hold": still}) is None
-    assert figures.attitude_plot({"hold": still}, {"hold": "#000000"})
+    assert figures.attitude_plot({"hold": still}, look)
 
 
 def test_representative_episode_is_the_middle_one(result: EvaluationResult) -> None:
@@ -352,13 +364,80 @@ def test_representative_episode_is_the_middle_one(result: EvaluationResult) -> N
     assert figures.representative_episode({"a": made, "b": made}) == 0
 
 
-def test_one_wild_policy_does_not_flatten_the_others(result: EvaluationResult) -> None:
-    wild = dataclasses.replace(named(result)["mpc"], attitude=1000 * named(result)["mpc"].attitude)
+def test_no_two_policies_look_the_same() -> None:
+    looks = figures.looks([f"policy_{number}" for number in range(36)])
+    assert len({(look.colour, look.marker) for look in looks.values()}) == 36
+    assert len({(look.colour, str(look.dash)) for look in looks.values()}) == 36
+    assert len({look.colour for look in list(looks.values())[:18]}) == 18
+    points = oklab(np.array([to_rgb(colour) for colour in figures.PALETTE]))
+    apart = np.linalg.norm(points[:, None] - points, axis=-1) + np.eye(len(points))
+    assert apart.min() > 0.09
+
+
+def oklab(rgb: np.ndarray) -> np.ndarray:
+    """Colours (n, 3) of sRGB in a space in which distances are as they are seen (Ottosson 2020)."""
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    to_lms = [[0.4122, 0.5363, 0.0514], [0.2119, 0.6807, 0.1074], [0.0883, 0.2817, 0.6300]]
+    to_lab = [[0.2105, 0.7936, -0.0041], [1.9780, -2.4286, 0.4506], [0.0259, 0.7828, -0.8087]]
+    return np.cbrt(linear @ np.array(to_lms).T) @ np.array(to_lab).T
+
+
+@pytest.fixture(scope="module")
+def reactionless() -> EvaluationResult:
+    """Policies whose attitudes differ by six powers of ten, as on the dual-arm tasks."""
+    extra = {
+        "reactionless_free": Character(1.0, 2e-5, 4e-6, 2e-5, 19.7, 218.0, 0.33),
+        "reactionless_rate": Character(0.99, 1e-4, 4e-5, 8e-5, 11.2, None, 1.2),
+        "bc": Character(1.0, 0.19, 0.06, 9e-5, 11.4, None, 0.15),
+    }
+    return make_result(episodes=20, policies=("hold", "random"), extra=extra)
+
+
+@pytest.fixture(scope="module")
+def drawn(reactionless: EvaluationResult) -> dict[str, figures.Plot]:
+    rows = rows_of(list(reactionless.records))
+    generator = np.random.default_rng(0)
+    scores = all_scores(reactionless.records, ("reactionless_free",), generator)
+    ((_, plots),) = make_plots(reactionless, rows, scores, generator).items()
+    return {plot.key: plot for plot in plots}
+
+
+def test_labels_of_axes_do_not_touch(drawn: dict[str, figures.Plot]) -> None:
+    assert set(drawn) >= {"intervals", "scores", "profiles", "pareto", "cost", "attitude"}
+    for plot in drawn.values():
+        for panel in plot.panels:
+            assert panel.figure
+            for axes in panel.figure.axes:
+                for axis in (axes.xaxis, axes.yaxis):
+                    low, high = sorted(axis.get_view_interval())
+                    labels = [
+                        label.get_window_extent()
+                        for tick in axis.get_major_ticks()
+                        for label in (tick.label1, tick.label2)
+                        if low <= tick.get_loc() <= high and label.get_visible() and label.get_text()
+                    ]
+                    assert len(labels) >= 2 or not axis.get_label_text(), (panel.key, axis.axis_name)
+                    for one, other in itertools.combinations(labels, 2):
+                        assert not one.overlaps(other), (panel.key, axis.axis_name)
+
+
+def test_attitudes_that_are_almost_kept_do_not_lie_on_zero(drawn: dict[str, figures.Plot]) -> None:
+    ends = {}
+    for panel in drawn["attitude"].panels:
+        assert panel.figure
+        (axes,) = panel.figure.axes
+        points = axes.transData.transform(np.asarray(axes.lines[-1].get_xydata()))
+        ends[axes.get_title(loc="left")] = axes.transAxes.inverted().transform(points)[-1, 1]
+    assert ends["hold"] == pytest.approx(0.0, abs=1e-9)
+    assert 0.05 < ends["reactionless_free"] < ends["reactionless_rate"] - 0.05 < ends["bc"] - 0.1
+    assert ends["random"] <= 1.0 and "logarithmic" in drawn["attitude"].caption
+
+
+def test_attitudes_of_one_size_are_drawn_on_a_linear_scale(result: EvaluationResult) -> None:
     calm = {name: named(result)[name] for name in ("mpc", "gjm", "promp")}
-    plot = figures.attitude_plot({**calm, "wild": wild}, figures.colours([*calm, "wild"]))
-    assert plot and "cut off" in plot.caption
-    usual = figures.attitude_plot(calm, figures.colours(list(calm)))
-    assert usual and "cut off" not in usual.caption
+    plot = figures.attitude_plot(calm, figures.looks(list(calm)))
+    assert plot and "logarithmic" not in plot.caption
+    assert all(panel.figure and panel.figure.axes[0].get_yscale() == "linear" for panel in plot.panels)
 
 
 # Report
@@ -523,6 +602,8 @@ def test_page_shows_provenance_pictures_and_reasons(page: Page, result: Evaluati
         assert expected in texts
     assert any(text.endswith("base turned by more than 45 deg") for text in texts)
     assert len(page.named("img")) == 6
+    assert {"0.0 s", "2.5 s", "12.5 s"} <= set(texts)  # below the stills
+    assert page.named("img")[1]["alt"] == "mpc after 2.5 s"
     assert not any(NO_PICTURES[:30] in text for text in texts)
 
 
@@ -534,6 +615,45 @@ def test_page_says_why_there_are_no_pictures(tmp_path: Path) -> None:
         "utf-8"
     )
     assert NO_PICTURES not in page and "No EGL &lt;here&gt;." in page
+
+
+def test_room_for_pictures_is_shared_among_tasks(tmp_path: Path) -> None:
+    noise = np.random.default_rng(0).integers(0, 255, (360, 480, 3), dtype=np.uint8)
+    tasks = [
+        (env_id, difficulty)
+        for env_id in ("SpaceCapture/SingleArm-v0", "SpaceCapture/DualArmPlanar-v0")
+        for difficulty in ("easy", "medium", "hard")
+    ]
+    records = [
+        make_record(env_id=env_id, difficulty=difficulty, policy=policy)
+        for env_id, difficulty in tasks
+        for policy in ("a", "b", "c", "d")
+    ]
+    records.append(make_record(env_id="SpaceCapture/DualArmSpatial-v0"))
+    records.append(failed(env_id="SpaceCapture/DualArmSpatial-v0", difficulty="hard"))
+    rows = rows_of(records)
+    stills = {row.entrant: [Still(0.0, noise)] * 4 for row in rows if "Spatial" not in row.task.env_id}
+    text = to_html(EvaluationResult(records, pictures=stills), rows, {row.task: [] for row in rows})
+    assert len(text) < 2_000_000
+    shown = [len(part.split("</section>")[0].split("<img")) - 1 for part in text.split('id="pictures-')[1:]]
+    assert len(shown) == 8 and set(shown[:6]) == {shown[0]} and shown[0] % 4 == 0 and shown[0] > 0
+    assert shown[6:] == [0, 0]
+    assert NONE_HERE in text and NOTHING_CAPTURED in text
+    assert NO_PICTURES not in text and TOO_MANY not in text
+    # A page for which even the smallest are too large says so, and does not blame the machine.
+    many = {row.entrant: [Still(0.0, noise)] * 30 for row in rows}
+    text = to_html(EvaluationResult(records, pictures=many), rows, {row.task: [] for row in rows})
+    assert text.count(TOO_MANY) == 8 and "OpenGL" not in text and "<img" not in text
+
+
+def test_eq_20_has_one_name_and_one_unit(paths: ReportPaths, drawn: dict[str, figures.Plot]) -> None:
+    """On everything that people look at; records and leaderboard.csv keep SI units and names of fields."""
+    text = paths.html.read_text(encoding="utf-8") + paths.markdown.read_text(encoding="utf-8")
+    text += paths.latex.read_text(encoding="utf-8")
+    text += "".join(panel.svg + panel.alt + plot.caption for plot in drawn.values() for panel in plot.panels)
+    assert "eq. 20 cost" in text and "cm²/s" in text
+    assert not re.search(r"attitude cost", text, re.IGNORECASE)
+    assert not re.search(r"(?<![a-z])m(\^2|²)/s", text)
 
 
 def test_page_of_several_tasks_has_unique_ids(tmp_path: Path) -> None:
@@ -566,7 +686,7 @@ def test_what_cannot_be_reported_leaves_the_folder_as_it_was(tmp_path: Path) -> 
         (dataclasses.replace(result, records=[]), "at least one record"),
         (dataclasses.replace(result, provenance={"seed": np.int64(3)}), "plain JSON"),
         (dataclasses.replace(result, provenance={"rate": math.nan}), "plain JSON"),
-        (dataclasses.replace(result, pictures={entrant("mpc"): [np.zeros((4, 4))]}), "uint8"),
+        (dataclasses.replace(result, pictures={entrant("mpc"): [Still(0.0, np.zeros((4, 4)))]}), "uint8"),
     ):
         with pytest.raises(ConfigurationError, match=said):
             write_report(bad, tmp_path / "report")

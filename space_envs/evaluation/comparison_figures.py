@@ -1,9 +1,8 @@
 """The report's figures that set the policies of one task against each other."""
 
 import math
-from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import Any, cast
+from typing import cast
 
 import matplotlib
 import numpy as np
@@ -12,7 +11,6 @@ from matplotlib.collections import PatchCollection
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from space_envs.evaluation.comparison import (
     COSTS,
@@ -23,16 +21,17 @@ from space_envs.evaluation.comparison import (
     pareto_front,
     profiles,
 )
-from space_envs.evaluation.drawing import INK, WIDTH, Panel, draw_panel, label_points
-from space_envs.evaluation.figures import BLUE, ORANGE, Plot
+from space_envs.evaluation.drawing import INK, LONE, Panel, draw_panel, label_points
+from space_envs.evaluation.figures import BLUE, ORANGE, Look, Plot, column_of, heading_of
 from space_envs.evaluation.leaderboard import Row
 from space_envs.evaluation.names import display_name, figure_name
 from space_envs.evaluation.records import EpisodeRecord
 from space_envs.evaluation.statistics import Estimates
-from space_envs.evaluation.tables import COLUMNS, row_name
+from space_envs.evaluation.tables import row_name
+from space_envs.evaluation.templating import shown_unit
+from space_envs.evaluation.ticks import log_ticks
 
 _POINTS = 81  # of a profile
-_DASHES: tuple[Any, ...] = ("-", (0, (4, 1.6)), (0, (1.2, 1.2)), (0, (7, 1.5, 1.2, 1.5)), (0, (2.2, 0.8)))
 _ROOMY = 8  # policies up to which a cell of the matrix has room for its interval
 _ABLE = 0.9  # success from which a policy's place on the front is joined to the others
 
@@ -40,13 +39,13 @@ _ABLE = 0.9  # success from which a policy's place on the front is joined to the
 def comparison_plots(
     rows: Sequence[Row],
     records: Sequence[EpisodeRecord],
-    shade: Mapping[str, str],
+    shade: Mapping[str, Look],
     generator: np.random.Generator,
     resamples: int = 2000,
 ) -> list[Plot]:
     """Performance profiles, probability of improvement and Pareto front of one task.
 
-    `rows` and `records` are of the same policies, `shade` gives each its colour. A plot for which there are
+    `rows` and `records` are of the same policies, `shade` gives each its look. A plot for which there are
     no data is left out. Raises ConfigurationError where they are of several tasks.
     """
     plots = (
@@ -60,7 +59,7 @@ def comparison_plots(
 def profiles_plot(
     rows: Sequence[Row],
     records: Sequence[EpisodeRecord],
-    shade: Mapping[str, str],
+    shade: Mapping[str, Look],
     generator: np.random.Generator,
     resamples: int = 2000,
 ) -> Plot | None:
@@ -85,35 +84,28 @@ def _profile_panel(
     metric: str,
     tau: np.ndarray,
     found: Sequence[Estimates],
-    shade: Mapping[str, str],
+    shade: Mapping[str, Look],
 ) -> Panel:
-    column = next(column for column in COLUMNS if column.key == metric)
+    column = column_of(metric)
     names = [row_name(row, rows) for row in rows]
     order = sorted(range(len(rows)), key=lambda number: -found[number].value.mean())
     wide = tau[0] > 0 and tau[-1] > 30 * tau[0]
 
     def draw(axes: Axes) -> None:
-        seen: Counter[str] = Counter()
         lines = []
         for row, name, share in zip(rows, names, found, strict=True):
-            colour = shade[row.policy]
-            # Colours repeat; the dashes tell those of one colour apart.
-            dash = _DASHES[seen[colour] % len(_DASHES)]
-            seen[colour] += 1
+            look = shade[row.policy]
             low, value, high = (100 * end for end in (share.low, share.value, share.high))
             axes.fill_between(
-                column.scale * tau, low, high, color=colour, alpha=min(0.2, 1 / len(rows)), lw=0
+                column.scale * tau, low, high, color=look.colour, alpha=min(0.2, 1 / len(rows)), lw=0
             )
             lines += axes.plot(
-                column.scale * tau, value, color=colour, ls=dash, lw=1.8, label=figure_name(name)
+                column.scale * tau, value, color=look.colour, ls=look.dash, lw=1.8, label=figure_name(name)
             )
+        axes.set(xscale="log" if wide else "linear", xlim=column.scale * tau[[0, -1]], ylim=(-2, 102))
         if wide:
-            axes.set_xscale("log")
-            axes.xaxis.set_major_locator(LogLocator(numticks=6))
-            axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-            axes.xaxis.set_minor_formatter(NullFormatter())
-        axes.set(xlim=column.scale * tau[[0, -1]], ylim=(-2, 102))
-        axes.set(xlabel=column.heading, ylabel="episodes [%]")
+            log_ticks(axes.xaxis)
+        axes.set(xlabel=heading_of(metric), ylabel="episodes [%]")
         axes.grid()
         cast(Figure, axes.get_figure(root=True)).legend(
             handles=[lines[number] for number in order],
@@ -128,7 +120,7 @@ def _profile_panel(
     figures = ", ".join(
         f"{display_name(names[number])} {100 * found[number].value[middle]:.0f} %" for number in order
     )
-    at = f"{column.number(column.scale * tau[middle])} {column.unit}"
+    at = f"{column.number(column.scale * tau[middle])} {shown_unit(column.unit)}"
     alt = f"Episodes with a {column.title} of at most {at}: {figures}"
     return draw_panel(f"profiles-{metric}", draw, alt, height=2.95 + 0.175 * math.ceil(len(rows) / 2))
 
@@ -204,13 +196,13 @@ def improvement_plot(rows: Sequence[Row], found: Improvement) -> Plot | None:
         "improvement",
         draw,
         alt,
-        width=1.5 * WIDTH,
-        height=1.3 + (0.5 if roomy else 0.26) * count,
+        width=LONE,
+        height=1.3 + (0.4 if roomy else 0.24) * count,
     )
     return Plot("improvement", "Probability of improvement", caption, (panel,))
 
 
-def pareto_plot(rows: Sequence[Row], shade: Mapping[str, str]) -> Plot | None:
+def pareto_plot(rows: Sequence[Row], shade: Mapping[str, Look]) -> Plot | None:
     """Final attitude against the time to the first action, both logarithmic; None where nothing was timed."""
     names, standings = [row_name(row, rows) for row in rows], pareto_front(rows)
     shown = [
@@ -227,15 +219,15 @@ def pareto_plot(rows: Sequence[Row], shade: Mapping[str, str]) -> Plot | None:
         axes.set_xscale("log")
         axes.set_yscale("log")
         labels = []
-        for name, colour, standing in shown:
+        for name, look, standing in shown:
             height, front = max(standing.final_attitude, floor), not standing.dominated_by
             axes.plot(
                 standing.wait,
                 height,
-                "o" if standing.final_attitude > 0 else "v",
+                look.marker if standing.final_attitude > 0 else "v",
                 ms=4 + 6 * standing.success,
-                color=colour,
-                mfc=colour if front else "none",
+                color=look.colour,
+                mfc=look.colour if front else "none",
                 mew=1.6,
                 zorder=3,
             )
@@ -252,12 +244,9 @@ def pareto_plot(rows: Sequence[Row], shade: Mapping[str, str]) -> Plot | None:
             axes.plot(*zip(*joined, strict=True), color=INK, lw=1.1, ls=(0, (4, 2)), alpha=0.6)
         axes.margins(x=0.2, y=0.14)
         for axis in (axes.xaxis, axes.yaxis):
-            low, high = axis.get_view_interval()
-            axis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 200 * low else (1,), numticks=8))
-            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-            axis.set_minor_formatter(NullFormatter())
+            log_ticks(axis, most=7)
         axes.set_xlabel("planning time and one action [ms]")
-        axes.set_ylabel("final attitude [deg]")
+        axes.set_ylabel(heading_of("final_attitude"))
         axes.grid(which="major")
         with matplotlib.rc_context({"font.size": 10 if len(labels) <= _ROOMY else 8.5}):
             label_points(axes, labels)
@@ -281,5 +270,5 @@ def pareto_plot(rows: Sequence[Row], shade: Mapping[str, str]) -> Plot | None:
         "attitude than any faster one of these. A triangle at the lower edge: no attitude at all."
         + (f" Not timed and not shown: {', '.join(left)}." if left else "")
     )
-    panel = draw_panel("pareto", draw, alt, width=1.5 * WIDTH, height=5.0)
+    panel = draw_panel("pareto", draw, alt, width=LONE, height=4.6)
     return Plot("pareto", "Attitude, success and planning time", caption, (panel,))

@@ -24,6 +24,7 @@ from space_envs.errors import ConfigurationError
 
 INK = "#010203"  # stands for the page's colour until the SVG is written
 WIDTH = 4.4  # inches of one panel: 317 CSS points, so that text keeps its size on a phone
+LONE = 5.0  # inches of a panel that stands alone, legible on a phone and not too large on a screen
 
 _EXCLUDED = {"backend", "backend_fallback", "interactive", "toolbar", "timezone", "webagg.port"}
 

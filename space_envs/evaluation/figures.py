@@ -1,29 +1,62 @@
 """The report's figures as SVG text that goes inline into HTML.
 
-Data are in the Okabe-Ito colours, which colour-blind readers can tell apart, and no meaning rests on colour
-alone. `shade` gives each policy its colour, the same in all figures (see `colours`).
+No meaning rests on colour alone: `looks` gives each policy its colour, marker and dashes, the same in all
+figures and on the page.
 """
 
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+from matplotlib.ticker import MaxNLocator
 
-from space_envs.evaluation.drawing import INK, WIDTH, Panel, draw_panel, label_points
+from space_envs.evaluation.drawing import INK, LONE, Panel, draw_panel, label_points
 from space_envs.evaluation.leaderboard import Row
 from space_envs.evaluation.names import display_name, figure_name
 from space_envs.evaluation.normalised import SCORES, Scores
 from space_envs.evaluation.statistics import Estimate
-from space_envs.evaluation.tables import row_name
+from space_envs.evaluation.tables import COLUMNS, Column, row_name
+from space_envs.evaluation.templating import shown_unit
+from space_envs.evaluation.ticks import is_wide, log_ticks, wide_scale
 from space_envs.evaluation.traces import Traces
 
 # Okabe and Ito without yellow, which white pages swallow, and without black, which dark ones do.
 BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"
-PALETTE = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
+# Then what is farthest from these and from each other, and still seen on white and on dark pages.
+PALETTE = (
+    *(BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY),
+    *("#8a2be2", "#c2185b", "#7a5c3e", "#7d7af5", "#8c8400", "#e03ad0"),
+    *("#5da800", "#f0506e", "#3f51e0", "#9a6bb0", "#a8957c", "#1f7a1f"),
+)
+# What matplotlib and the page's style sheet call the same shape.
+SHAPES = {"o": "circle", "s": "square", "D": "diamond", "^": "triangle", "P": "plus", "X": "cross"}
+_DASHES: tuple[Any, ...] = (
+    "-",
+    (0, (4, 1.6)),
+    (0, (1.2, 1.2)),
+    (0, (7, 1.5, 1.2, 1.5)),
+    (0, (2.2, 0.8)),
+    (0, (9, 2)),
+)
+_SAFE = 6  # colours in a row that colour-blind readers can tell apart
+
+
+@dataclass(frozen=True)
+class Look:
+    """How a policy is drawn: `marker` and `dash` as matplotlib takes them, `shape` for the style sheet."""
+
+    colour: str
+    marker: str
+    dash: Any
+
+    @property
+    def shape(self) -> str:
+        """The marker's name."""
+        return SHAPES[self.marker]
 
 
 @dataclass(frozen=True)
@@ -36,33 +69,54 @@ class Plot:
     panels: tuple[Panel, ...]
 
 
-def colours(policies: Sequence[str]) -> dict[str, str]:
-    """A colour for each policy in the order given; they repeat after six, labels always tell them apart."""
-    return {policy: PALETTE[number % len(PALETTE)] for number, policy in enumerate(policies)}
+def looks(policies: Sequence[str]) -> dict[str, Look]:
+    """A look for each policy, in the order given.
+
+    The first 18 have colours of their own; every six there is another marker with other dashes, so that no
+    two of 36 look the same, and colour-blind readers can tell them apart.
+    """
+    markers = tuple(SHAPES)
+    return {
+        policy: Look(
+            PALETTE[number % len(PALETTE)],
+            markers[number // _SAFE % len(markers)],
+            _DASHES[number // _SAFE % len(_DASHES)],
+        )
+        for number, policy in enumerate(policies)
+    }
 
 
-def intervals_plot(rows: Sequence[Row], shade: Mapping[str, str]) -> Plot:
+def column_of(key: str) -> Column:
+    """The column of the leaderboard that shows a figure: its name, its unit and its scale."""
+    return next(column for column in COLUMNS if column.key == key)
+
+
+def heading_of(key: str) -> str:
+    """What an axis calls a figure of the leaderboard."""
+    return shown_unit(column_of(key).heading)
+
+
+def intervals_plot(rows: Sequence[Row], shade: Mapping[str, Look]) -> Plot:
     """Success and final attitude with their 95 % intervals, one line for each row."""
     panels = []
-    for key, title, scale in (
-        ("success", "success [%]", 100.0),
-        ("capture@1deg", "capture@1deg [%]", 100.0),
-        ("final_attitude", "final attitude [deg]", 1.0),
-    ):
+    for key in ("success", "capture@1deg", "final_attitude"):
         estimates = [row.figures[key] for row in rows]
 
-        def dress(axes: Axes, scale: float = scale, estimates: list[Estimate] = estimates) -> None:
-            if scale == 100:
+        def dress(axes: Axes, key: str = key, estimates: list[Estimate] = estimates) -> None:
+            if column_of(key).unit == "%":
                 axes.set_xlim(-3, 103)
             else:
-                _wide_range(axes, [estimate.value for estimate in estimates])
+                _from_zero(axes, [estimate.value for estimate in estimates])
 
-        panels.append(_interval_panel(f"intervals-{key}", title, rows, estimates, scale, shade, dress))
+        scale = column_of(key).scale
+        panels.append(
+            _interval_panel(f"intervals-{key}", heading_of(key), rows, estimates, scale, shade, dress)
+        )
     caption = "Dots are the figures of the table, bars their 95 % intervals. Failures count."
     return Plot("intervals", "Success and attitude", caption, tuple(panels))
 
 
-def scores_plot(rows: Sequence[Row], scores: Scores, shade: Mapping[str, str]) -> Plot | None:
+def scores_plot(rows: Sequence[Row], scores: Scores, shade: Mapping[str, Look]) -> Plot | None:
     """Normalised scores with their 95 % intervals, one panel for each score that exists."""
     panels = []
     scored = [row for row in rows if row.entrant in scores]
@@ -76,7 +130,7 @@ def scores_plot(rows: Sequence[Row], scores: Scores, shade: Mapping[str, str]) -
             for reference in (0.0, 1.0):
                 axes.axvline(reference, color=INK, lw=0.8, ls=(0, (4, 2)))
 
-        title = f"score in {name.replace('_', ' ')}"
+        title = f"score in {column_of(name).title}"
         panels.append(_interval_panel(f"scores-{name}", title, scored, found, 1.0, shade, dress))
     caption = "Dashed lines: random has 0, the best expert 1. Bars are 95 % intervals. Failures count."
     return Plot("scores", "Normalised scores", caption, tuple(panels)) if panels else None
@@ -88,7 +142,7 @@ def _interval_panel(
     rows: Sequence[Row],
     estimates: Sequence[Estimate],
     scale: float,
-    shade: Mapping[str, str],
+    shade: Mapping[str, Look],
     dress: Callable[[Axes], None],
 ) -> Panel:
     """A dot and a bar for each row; `dress` finishes the axes."""
@@ -99,10 +153,12 @@ def _interval_panel(
             if not math.isfinite(estimate.value):
                 continue
             low, high = (scale * end for end in (estimate.low, estimate.high))
-            colour = shade[row.policy]
+            look = shade[row.policy]
             if math.isfinite(low) and math.isfinite(high):
-                axes.plot([low, high], [number, number], color=colour, lw=5, alpha=0.35)
-            axes.plot(scale * estimate.value, number, "o", color=colour, ms=7, clip_on=False)
+                axes.plot([low, high], [number, number], color=look.colour, lw=5, alpha=0.35)
+            axes.plot(
+                scale * estimate.value, number, look.marker, color=look.colour, ms=7, mew=0, clip_on=False
+            )
         axes.set_yticks(range(len(rows)), [figure_name(name) for name in names])
         axes.set_ylim(len(rows) - 0.4, -0.6)
         axes.set_xlabel(title)
@@ -156,11 +212,11 @@ def outcomes_plot(rows: Sequence[Row]) -> Plot:
         f"{display_name(name)}: " + ", ".join(f"{row.outcomes[o]} {o}" for o in seen if row.outcomes[o])
         for name, row in zip(names, rows, strict=True)
     )
-    panel = draw_panel("outcomes", draw, alt, width=1.5 * WIDTH, height=1.1 + 0.27 * len(rows))
+    panel = draw_panel("outcomes", draw, alt, width=LONE, height=1.1 + 0.27 * len(rows))
     return Plot("outcomes", "How episodes ended", "Every episode counts once.", (panel,))
 
 
-def cost_plot(rows: Sequence[Row], shade: Mapping[str, str]) -> Plot | None:
+def cost_plot(rows: Sequence[Row], shade: Mapping[str, Look]) -> Plot | None:
     """Eq. 20 cost against planning time, both logarithmic; None where no row has both."""
     points = []
     for row, name in zip(rows, (row_name(row, rows) for row in rows), strict=True):
@@ -173,53 +229,52 @@ def cost_plot(rows: Sequence[Row], shade: Mapping[str, str]) -> Plot | None:
     if not positive:
         return None
     floor = min(positive) / 4
+    column = column_of("attitude_cost")
 
     def draw(axes: Axes) -> None:
         axes.set_xscale("log")
         axes.set_yscale("log")
         labels = []
         for name, row, wait, plans in points:
-            cost, colour = row.figures["attitude_cost"], shade[row.policy]
-            value, low, high = (1e4 * max(end, floor) for end in (cost.value, cost.low, cost.high))
+            cost, look = row.figures["attitude_cost"], shade[row.policy]
+            value, low, high = (column.scale * max(end, floor) for end in (cost.value, cost.low, cost.high))
             if math.isfinite(low) and math.isfinite(high):
-                axes.plot([wait, wait], [low, high], color=colour, lw=5, alpha=0.35)
-            marker = "o" if cost.value > 0 else "v"
-            axes.plot(wait, value, marker, ms=8, color=colour, mfc=colour if plans else "none", mew=1.8)
+                axes.plot([wait, wait], [low, high], color=look.colour, lw=5, alpha=0.35)
+            marker = look.marker if cost.value > 0 else "v"
+            face = look.colour if plans else "none"
+            axes.plot(wait, value, marker, ms=8, color=look.colour, mfc=face, mew=1.8)
             labels.append((figure_name(name) + ("" if cost.value > 0 else " (0)"), wait, value))
         axes.margins(x=0.16, y=0.16)
         for axis in (axes.xaxis, axes.yaxis):
-            low, high = axis.get_view_interval()
-            axis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 200 * low else (1,)))
-            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-            axis.set_minor_formatter(NullFormatter())
+            log_ticks(axis, most=7)
         axes.set_xlabel("planning time [ms]")
-        axes.set_ylabel("eq. 20 cost [cm$^2$/s]")
+        axes.set_ylabel(heading_of(column.key))
         axes.grid(which="major")
         label_points(axes, labels)
 
     alt = "; ".join(
-        f"{display_name(n)}: {r.figures['attitude_cost'].value:.3g} m^2/s, {w:.3g} ms"
-        for n, r, w, _ in points
+        f"{display_name(name)}: {column.value(row)} {shown_unit(column.unit)}, {wait:.3g} ms"
+        for name, row, wait, _ in points
     )
     caption = (
         "Filled: the time to make the plan. Hollow: policies without a plan, at the time of one action. "
         "A triangle at the lower edge: no cost at all. Low and left is better, for policies that capture."
     )
-    panel = draw_panel("cost", draw, alt, width=1.5 * WIDTH, height=3.9)
+    panel = draw_panel("cost", draw, alt, width=LONE, height=4.0)
     return Plot("cost", "Cost against planning time", caption, (panel,))
 
 
-def attitude_plot(traces: Mapping[str, Traces], shade: Mapping[str, str]) -> Plot | None:
+def attitude_plot(traces: Mapping[str, Traces], shade: Mapping[str, Look]) -> Plot | None:
     """Base attitude against time: median and quartile band of each policy, all the others in grey behind."""
     if not traces:
         return None
     bands = {
         policy: np.quantile(trace.attitude, [0.25, 0.5, 0.75], axis=0) for policy, trace in traces.items()
     }
-    peaks = np.array([band[2].max() for band in bands.values() if band[2].max() > 0])
-    # One policy that spins the base must not flatten all the others.
-    top = 1.05 * float(min(peaks.max(), 2.5 * np.median(peaks))) if peaks.size else 1.0
-    cut = " Larger values are cut off." if peaks.size and peaks.max() > top else ""
+    top = 1.05 * max(float(band[2].max()) for band in bands.values()) or 1.0
+    # A policy that spins the base must not push those that keep it onto zero.
+    telling = [float(height) for band in bands.values() for height in (band[1].max(), band[1][-1])]
+    logarithmic = is_wide(telling)
     end = max(float(trace.time[-1]) for trace in traces.values())
     panels = []
     for number, (policy, trace) in enumerate(traces.items()):
@@ -229,9 +284,11 @@ def attitude_plot(traces: Mapping[str, Traces], shade: Mapping[str, str]) -> Plo
                 if other != policy:
                     axes.plot(traces[other].time, band[1], color=INK, alpha=0.2, lw=0.9)
             low, middle, high = bands[policy]
-            axes.fill_between(trace.time, low, high, color=shade[policy], alpha=0.3, lw=0)
-            axes.plot(trace.time, middle, color=shade[policy], lw=2.2)
+            axes.fill_between(trace.time, low, high, color=shade[policy].colour, alpha=0.3, lw=0)
+            axes.plot(trace.time, middle, color=shade[policy].colour, lw=2.2)
             axes.set(xlim=(0, end), ylim=(0, top), xlabel="time [s]", ylabel="base attitude [deg]")
+            if logarithmic:
+                wide_scale(axes.yaxis, telling)
             axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
             axes.set_title(figure_name(policy))
             axes.grid()
@@ -241,7 +298,8 @@ def attitude_plot(traces: Mapping[str, Traces], shade: Mapping[str, str]) -> Plo
     first = max(trace.episodes for trace in traces.values())
     caption = (
         f"Median and quartiles over the first {first} episodes of each policy, on one scale; the thin lines "
-        "are the medians of the others. An episode that ended keeps its last value." + cut
+        "are the medians of the others. An episode that ended keeps its last value."
+        + (" The scale is logarithmic above its first step." if logarithmic else "")
     )
     return Plot("attitude", "Base attitude against time", caption, tuple(panels))
 
@@ -294,13 +352,13 @@ def motion_plot(traces: Mapping[str, Traces]) -> Plot | None:
     return Plot("motion", "The base's motion", caption, tuple(panels))
 
 
-def _wide_range(axes: Axes, values: Sequence[float]) -> None:
+def _from_zero(axes: Axes, values: Sequence[float]) -> None:
     """Start the horizontal axis at 0; logarithmic above the least value where they differ by much."""
-    positive = [value for value in values if 0 < value < math.inf]
-    if positive and max(positive) > 30 * min(positive):
-        axes.set_xscale("symlog", linthresh=10 ** math.floor(math.log10(min(positive))), linscale=0.5)
-        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.set_xlim(left=-0.03 * axes.get_xlim()[1] if axes.get_xscale() == "linear" else 0)
+    if is_wide(values):
+        axes.set_xlim(left=0.0)
+        wide_scale(axes.xaxis, values)
+    else:
+        axes.set_xlim(left=-0.03 * axes.get_xlim()[1])
 
 
 def representative_episode(traces: Mapping[str, Traces]) -> int:

@@ -5,18 +5,14 @@ the page's own scripts run, known by their hashes.
 """
 
 import base64
-import hashlib
 import io
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from importlib.resources import files
 from itertools import groupby
 from types import MappingProxyType
 from typing import Any
 
-import jinja2
 import numpy as np
 from markupsafe import Markup
 from PIL import Image
@@ -31,12 +27,18 @@ from space_envs.evaluation.normalised import Scores
 from space_envs.evaluation.page_replays import page_replays
 from space_envs.evaluation.page_scores import score_table
 from space_envs.evaluation.records import OUTCOMES, Entrant, EpisodeRecord, EvaluationResult, Task
+from space_envs.evaluation.stills import Still
 from space_envs.evaluation.tables import ABLE, COLUMNS, NOTE, Column, by_task, leaders, modes_told, row_name
+from space_envs.evaluation.templating import make_environment, read_template, script_hash
 from space_envs.registration import ENTRIES
 
-SCRIPTS = ("pages.js", "table.js", "scene.js", "webgl.js", "painter.js", "player.js")
+SCRIPTS = ("pages.js", "table.js", "scrolling.js", "scene.js", "webgl.js", "painter.js", "player.js")
 PLOT_LETTERS, PICTURE_LETTERS = 4_200_000, 1_000_000  # of a page of ten million
-PICTURED = 3  # policies of a task whose captures are shown in pictures
+# How many policies of each task are shown in pictures, and how wide these are, in pixels: the first that fit.
+_PICTURED = ((3, 480), (2, 480), (2, 320), (1, 320), (1, 200), (1, 120))
+TOO_MANY = "There are no pictures: those of so many tasks would make this page too large."
+NOTHING_CAPTURED = "There are no pictures, since no policy captured anything here."
+NONE_HERE = "There are no pictures of this task among these results."
 NO_PICTURES = (
     "There are no pictures: none came with these results. They need a machine that can draw (OpenGL through "
     "EGL or OSMesa); the figures above do not."
@@ -80,26 +82,23 @@ def to_html(
     Raises:
         ConfigurationError: for pictures that are none.
     """
-    # Line ends as the browser will see them when it checks the hashes.
-    scripts = [_template(name).replace("\r\n", "\n") for name in SCRIPTS]
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    environment.filters["unit"] = lambda unit: unit.replace("^2", "²")
-    environment.filters["breakable"] = lambda name: Markup("<wbr>").join(re.split(r"(?<=[@_:.])", name))
+    scripts = [read_template(name) for name in SCRIPTS]
     env_ids = list(dict.fromkeys(row.task.env_id for row in rows))
     command = result.provenance.get("command")
-    return environment.from_string(_template("report.html.j2")).render(
-        title=display_name(", ".join(env_ids), 200),
-        pages=_pages(result, rows, plots, scores),
-        columns=COLUMNS,
-        note=NOTE,
-        no_pictures=result.pictures_note or NO_PICTURES,
-        command=None if command is None else display_name(str(command), 20_000),
-        provenance=_provenance(result),
-        style=Markup(_template("report.css")),
-        scripts=[Markup(script) for script in scripts],
-        hashes=[base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts],
+    return (
+        make_environment()
+        .from_string(read_template("report.html.j2"))
+        .render(
+            title=display_name(", ".join(env_ids), 200),
+            pages=_pages(result, rows, plots, scores),
+            columns=COLUMNS,
+            note=NOTE,
+            command=None if command is None else display_name(str(command), 20_000),
+            provenance=_provenance(result),
+            style=Markup(read_template("report.css")),
+            scripts=[Markup(script) for script in scripts],
+            hashes=[script_hash(script) for script in scripts],
+        )
     )
 
 
@@ -125,7 +124,7 @@ def _pages(
     shade = _shade(rows)
     tasks = by_task(rows)
     replays = page_replays(tasks, result.replays, shade)
-    pictures = _pictures(tasks, result.pictures)
+    pictures = _pictures(tasks, result)
     fitting = _fitting(plots)
     pages = []
     numbered = [(number, task, group) for number, (task, group) in enumerate(tasks)]
@@ -142,6 +141,7 @@ def _pages(
                 "left_out": [plot.title for plot in plots[task] if plot not in fitting[task]],
                 "replays": watched,
                 "pictures": pictures[task],
+                "no_pictures": _no_pictures(result, mine),
                 "scores": score_table(mine, scores),
             }
             sections.append(section)
@@ -182,7 +182,7 @@ def _choices(sections: Sequence[Mapping[str, Any]]) -> dict[str, list[str]]:
 
 
 def _section(
-    task: Task, rows: list[Row], shade: Mapping[str, str], number: int, replayed: Sequence[Entrant]
+    task: Task, rows: list[Row], shade: Mapping[str, figures.Look], number: int, replayed: Sequence[Entrant]
 ) -> dict[str, Any]:
     """What the template shows for one task, apart from plots, replays and pictures.
 
@@ -203,7 +203,7 @@ def _section(
         "rows": [
             {
                 "name": display_name(row_name(row, rows)),
-                "colour": shade[row.policy],
+                "look": shade[row.policy],
                 "replay": replayed.index(row.entrant) if row.entrant in replayed else None,
                 "cells": [
                     _cell(column, row, row in best[column.key], ranges[column.key]) for column in COLUMNS
@@ -319,38 +319,58 @@ def _flat(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
     return flat
 
 
-def _pictures(
-    tasks: Sequence[tuple[Task, list[Row]]], pictures: Mapping[Entrant, Sequence[np.ndarray]]
-) -> dict[Task, list[tuple[str, list[str]]]]:
-    """Pictures of the first policies of each task as data URLs, as far as the page has room."""
+_Film = tuple[str, list[tuple[str, str]]]  # a policy's name; the time in s and the data URL of each still
+
+
+def _pictures(tasks: Sequence[tuple[Task, list[Row]]], result: EvaluationResult) -> dict[Task, list[_Film]]:
+    """Pictures of the first policies of each task: of as many and as large as every task has room for."""
+    for count, width in _PICTURED:
+        films = _films(tasks, result, count, width)
+        if films is not None:
+            return films
+    return {task: [] for task, _ in tasks}
+
+
+def _films(
+    tasks: Sequence[tuple[Task, list[Row]]], result: EvaluationResult, count: int, width: int
+) -> dict[Task, list[_Film]] | None:
+    """Pictures of `count` policies of each task, `width` pixels wide; None where the page has no room."""
     room = PICTURE_LETTERS
-    shown: dict[Task, list[tuple[str, list[str]]]] = {task: [] for task, _ in tasks}
+    films: dict[Task, list[_Film]] = {task: [] for task, _ in tasks}
     for task, rows in tasks:
-        for row in [row for row in rows if len(pictures.get(row.entrant, ()))][:PICTURED]:
-            urls = [_jpeg(row.policy, frame) for frame in pictures[row.entrant]]
-            size = sum(map(len, urls))
-            if size <= room:
-                room -= size
-                shown[task].append((display_name(row_name(row, rows)), urls))
-    return shown
+        pictured = [(row, stills) for row in rows if (stills := result.pictures.get(row.entrant))]
+        for row, stills in pictured[:count]:
+            film = [(f"{still.time:.1f}", _jpeg(row.policy, still, width)) for still in stills]
+            room -= sum(len(url) for _, url in film)
+            if room < 0:
+                return None
+            films[task].append((display_name(row_name(row, rows)), film))
+    return films
 
 
-def _jpeg(policy: str, frame: np.ndarray) -> str:
-    """A picture as a data URL."""
-    frame = np.asarray(frame)
+def _no_pictures(result: EvaluationResult, rows: Sequence[Row]) -> str:
+    """Why a task is shown without pictures."""
+    if not result.pictures:
+        return result.pictures_note or NO_PICTURES
+    if any(result.pictures.get(row.entrant) for row in rows):
+        return TOO_MANY
+    return NONE_HERE if any(row.outcomes["captured"] for row in rows) else NOTHING_CAPTURED
+
+
+def _jpeg(policy: str, still: Still, width: int) -> str:
+    """A picture as a data URL, no wider than `width` pixels."""
+    frame = np.asarray(still.frame)
     if frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[-1] != 3:
         raise ConfigurationError(
             f"pictures of {policy!r} must be uint8 (height, width, 3), got {frame.dtype} {frame.shape}"
         )
     buffer = io.BytesIO()
-    Image.fromarray(frame).save(buffer, format="JPEG", quality=85)
+    picture = Image.fromarray(frame)
+    picture.thumbnail((width, picture.height))
+    picture.save(buffer, format="JPEG", quality=85)
     return "data:image/jpeg;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
 
 
-def _shade(rows: Sequence[Row]) -> dict[str, str]:
-    """A colour for each policy, the same on every task."""
-    return figures.colours(list(dict.fromkeys(row.policy for row in rows)))
-
-
-def _template(name: str) -> str:
-    return files("space_envs.evaluation").joinpath("templates", name).read_text(encoding="utf-8")
+def _shade(rows: Sequence[Row]) -> dict[str, figures.Look]:
+    """A look for each policy, the same on every task."""
+    return figures.looks(list(dict.fromkeys(row.policy for row in rows)))

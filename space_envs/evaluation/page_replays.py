@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from space_envs.evaluation.figures import Look
 from space_envs.evaluation.leaderboard import Row
 from space_envs.evaluation.names import display_name
 from space_envs.evaluation.packing import json_text, replay_values, scene_values, size_of
@@ -19,7 +20,7 @@ _LONGEST_STRIDE = 50  # steps between two frames; what does not fit then is left
 def page_replays(
     tasks: Sequence[tuple[Task, list[Row]]],
     replays: Mapping[Entrant, Sequence[Replay]],
-    shade: Mapping[str, str],
+    shade: Mapping[str, Look],
 ) -> dict[Task, dict[str, Any] | None]:
     """What the page shows of each task's replays; None where a task has none.
 
@@ -49,7 +50,7 @@ def page_replays(
     stride, values = _fitting(motions)
     for entry in filter(None, made.values()):
         policies = [
-            {"name": name, "colour": shade[entrant.policy], "episodes": values[entrant]}
+            {"name": name, "colour": shade[entrant.policy].colour, "episodes": values[entrant]}
             for name, entrant in zip(entry["names"], entry["entrants"], strict=True)
         ]
         entry["json"] = json_text({"policies": policies})

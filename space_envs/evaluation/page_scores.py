@@ -9,7 +9,7 @@ from space_envs.evaluation.leaderboard import Row
 from space_envs.evaluation.names import display_name
 from space_envs.evaluation.normalised import SCORES, NormalisedScore, Scores, normalised_scores
 from space_envs.evaluation.records import EpisodeRecord, Task
-from space_envs.evaluation.tables import row_name
+from space_envs.evaluation.tables import COLUMNS, row_name
 
 
 def all_scores(
@@ -44,7 +44,7 @@ def score_table(rows: Sequence[Row], scores: Scores) -> dict[str, Any] | None:
     first = found[0][1]
     there = [name for name in SCORES if first[name].estimate is not None]
     return {
-        "titles": [name.replace("_", " ") for name in there],
+        "titles": [column.title for name in there for column in COLUMNS if column.key == name],
         "experts": [display_name(first[name].expert or "") for name in there],
         "rows": [
             (display_name(row_name(row, rows)), [_cell(own[name]) for name in there]) for row, own in found

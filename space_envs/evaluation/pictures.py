@@ -4,11 +4,11 @@ from collections.abc import Mapping
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from space_envs.errors import RenderingError
 from space_envs.evaluation.records import Entrant
 from space_envs.evaluation.rollout import Rollout
+from space_envs.evaluation.stills import Still
 from space_envs.tasks.base import CaptureTask
 
 FRAMES = 4
@@ -17,14 +17,14 @@ WIDTH, HEIGHT = 480, 360
 
 def capture_pictures(
     task: CaptureTask, rollouts: Mapping[Entrant, Rollout]
-) -> tuple[dict[Entrant, list[NDArray[np.uint8]]], str]:
-    """Frames (HEIGHT, WIDTH, 3) of each policy's farthest capture, and a note where there are none."""
+) -> tuple[dict[Entrant, list[Still]], str]:
+    """Stills (HEIGHT, WIDTH, 3) of each policy's farthest capture, and a note where there are none."""
     from space_envs.rendering import Renderer  # OpenGL may be missing, and is not needed without pictures
 
     model = task.render_model
     data = mujoco.MjData(model)
     state = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_INTEGRATION))
-    pictures: dict[Entrant, list[NDArray[np.uint8]]] = {}
+    pictures: dict[Entrant, list[Still]] = {}
     try:
         renderer = Renderer(model, width=WIDTH, height=HEIGHT, camera="overview")
         for name, rollout in rollouts.items():
@@ -32,13 +32,13 @@ def capture_pictures(
             if not captured.any():
                 continue
             row = int(np.argmax(np.where(captured, rollout.position_error[:, 0], -1.0)))
-            frames = []
+            stills = []
             for step in np.linspace(0, rollout.length[row], FRAMES).round().astype(int):
                 data.qpos[:] = rollout.scene[row, step]
                 task.dress(renderer.model, data, rollout.goals, row)
                 mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
-                frames.append(renderer.render(state))
-            pictures[name] = frames
+                stills.append(Still(float(step * task.control_period), renderer.render(state)))
+            pictures[name] = stills
         renderer.close()
     except RenderingError as error:
         return {}, f"There are no pictures: {error}"

@@ -19,6 +19,7 @@ import numpy as np
 from space_envs.errors import ConfigurationError, unknown_name
 from space_envs.evaluation.replays import Replay
 from space_envs.evaluation.states import States
+from space_envs.evaluation.stills import Still
 from space_envs.evaluation.traces import Traces
 from space_envs.files import atomic_write_text
 
@@ -206,8 +207,8 @@ class EvaluationResult:
 
     `provenance` is shown in the report as it is: `command`, `versions`, `machine`, `commit`, ... What a clock
     or the machine's load decides goes under its key `timing`, so that the rest repeats byte for byte.
-    `pictures` holds uint8 frames (height, width, 3) of a capture for each entrant, in order of time; where it
-    is empty, `pictures_note` says why in one sentence. `replays` holds the best, the median and the worst
+    `pictures` holds stills of a capture for each entrant, in order of time; where it is empty,
+    `pictures_note` says why in one sentence. `replays` holds the best, the median and the worst
     episode of each, `states` the recorded states of all. `experts` are the names of policies among which the
     best has the normalised score 1.
     """
@@ -215,7 +216,7 @@ class EvaluationResult:
     records: Sequence[EpisodeRecord]
     traces: Mapping[Entrant, Traces] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)
-    pictures: Mapping[Entrant, Sequence[np.ndarray]] = field(default_factory=dict)
+    pictures: Mapping[Entrant, Sequence[Still]] = field(default_factory=dict)
     pictures_note: str = ""
     replays: Mapping[Entrant, Sequence[Replay]] = field(default_factory=dict)
     states: Mapping[Entrant, States] = field(default_factory=dict)
