@@ -18,7 +18,7 @@ PLAIN = {
     "blue_mark": ((0.06, 0.22, 0.62, 1.0), 0.4, 0.4, 0.1),
     "glass": ((0.03, 0.05, 0.10, 1.0), 1.0, 0.95, 0.0),
     "lamp": ((1.0, 0.25, 0.15, 1.0), 0.2, 0.2, 1.0),
-    "keep_out": ((1.0, 0.14, 0.10, 0.55), 0.3, 0.5, 0.4),
+    "keep_out": ((1.0, 0.16, 0.12, 1.0), 0.3, 0.5, 0.6),
 }
 
 
@@ -74,7 +74,7 @@ def add_sunlight(spec: mujoco.MjSpec, way: tuple[float, float, float]) -> None:
         castshadow=True,
     )
     spec.visual.headlight.ambient = [0.10, 0.11, 0.13]
-    spec.visual.headlight.diffuse = [0.10, 0.10, 0.12]
+    spec.visual.headlight.diffuse = [0.30, 0.30, 0.32]
     spec.visual.headlight.specular = [0.0, 0.0, 0.0]
     spec.visual.quality.shadowsize = 2048
     spec.visual.quality.numslices = 20

@@ -21,10 +21,10 @@ PAINTED = 1.15  # rad, angle from the point below the origin to the texture's ed
 RINGS, SIDES = 96, 144  # of the planet's mesh
 GLOW = 0.045  # of the horizon's radius, height of the glow above it
 _GLOW_PIXELS = (32, 256)  # of the glow's texture: outward, around
-_OCEAN = np.array([0.02, 0.10, 0.26])
-_SHALLOWS = np.array([0.05, 0.24, 0.42])
-_CLOUD = np.array([0.74, 0.78, 0.84])
-_HAZE = np.array([0.36, 0.60, 0.95])
+_OCEAN = np.array([0.03, 0.13, 0.34])
+_SHALLOWS = np.array([0.06, 0.29, 0.52])
+_CLOUD = np.array([0.80, 0.85, 0.92])
+_HAZE = np.array([0.42, 0.68, 1.0])
 
 Texture = NDArray[np.uint8]
 Fields = NDArray[np.float32]
@@ -42,14 +42,15 @@ def add_planet(spec: mujoco.MjSpec, pos: Vector, radius: float, sun: Vector) -> 
     distance = float(np.linalg.norm(pos))
     horizon = float(np.arccos(radius / distance))
     turn = rotation_to([-part for part in pos])
-    _add_textured(spec, PLANET, _planet_pixels(round(horizon, 6)), emission=0.0)
+    _add_textured(spec, PLANET, _planet_pixels(round(horizon, 6)), lit=0.74, glow=0.0)
     _add_sphere(spec, radius)
-    _add_textured(spec, ATMOSPHERE, _glow_pixels(_across(sun, turn)), emission=1.0)
+    _add_textured(spec, ATMOSPHERE, _glow_pixels(_across(sun, turn)), lit=0.02, glow=0.98)
     _add_ring(spec, radius * np.sin(horizon))
     height = radius * np.cos(horizon)  # of the horizon's circle above the centre
     above = (np.asarray(pos) * (1 - height / distance)).tolist()
     for name, place in ((PLANET, pos), (ATMOSPHERE, above)):
         spec.worldbody.add_geom(
+            name=name,
             type=mujoco.mjtGeom.mjGEOM_MESH,
             meshname=name,
             material=name,
@@ -81,12 +82,17 @@ def _across(sun: Vector, turn: Vector) -> tuple[float, float]:
     return round(float(seen[0]), 6), round(float(seen[1]), 6)
 
 
-def _add_textured(spec: mujoco.MjSpec, name: str, pixels: Texture, emission: float) -> None:
+def _add_textured(spec: mujoco.MjSpec, name: str, pixels: Texture, lit: float, glow: float) -> None:
+    """Add a texture and its material, which reflects `lit` of the light and glows by itself.
+
+    With all light together a material should stay below 1, where OpenGL clips.
+    """
     height, width, channels = pixels.shape
     flat = mujoco.mjtTexture.mjTEXTURE_2D
     texture = spec.add_texture(name=name, type=flat, width=width, height=height, nchannel=channels)
     texture.data = pixels.tobytes()
-    material = spec.add_material(name=name, emission=emission, specular=0.0, shininess=0.0)
+    material = spec.add_material(name=name, emission=glow / lit, specular=0.0, shininess=0.0)
+    material.rgba = [lit, lit, lit, 1.0]
     material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
 
 
@@ -118,7 +124,8 @@ def _add_ring(spec: mujoco.MjSpec, horizon: float) -> None:
     place = np.zeros((2, SIDES + 1, 3))
     place[..., 0], place[..., 1] = np.outer(radii, np.cos(around)), np.outer(radii, np.sin(around))
     margin = 0.5 / _GLOW_PIXELS[0]  # half a pixel: textures repeat beyond their edges
-    texture = np.stack(np.broadcast_arrays(around / (2 * np.pi), np.array([[margin], [1.0 - margin]])), axis=-1)
+    outward = np.array([[margin], [1.0 - margin]])
+    texture = np.stack(np.broadcast_arrays(around / (2 * np.pi), outward), axis=-1)
     mesh = spec.add_mesh(name=ATMOSPHERE, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
     mesh.uservert = place.astype(np.float32).ravel()
     mesh.usertexcoord = texture.astype(np.float32).ravel()
@@ -142,14 +149,15 @@ def _planet_pixels(horizon: float) -> Texture:
     across, along = _noise(generator, side, decay=2.6, first=4)
     weather, detail = _noise(generator, side, decay=1.9, first=5)[0], _noise(generator, side, 1.5, 24)[0]
     rows, columns = np.indices((side, side), dtype=np.int32)
-    swirl = (rows + 0.03 * side * across).astype(int) % side, (columns + 0.03 * side * along).astype(int) % side
-    cloud = _smoothstep(0.75 * weather[swirl] + 0.45 * detail, 0.0, 1.9)[..., None]
+    reach = 0.03 * side  # pixels that winds carry the clouds
+    carried = (rows + reach * across).astype(int) % side, (columns + reach * along).astype(int) % side
+    cloud = _smoothstep(0.75 * weather[carried] + 0.45 * detail, 0.0, 1.9)[..., None]
     ground = _OCEAN + _smoothstep(across, 0.2, 1.8)[..., None] * (_SHALLOWS - _OCEAN)
     colour = ground + cloud * (_CLOUD - ground)
     middle = (side - 1) / 2
     angle = PAINTED * np.hypot(rows - middle, columns - middle) / middle
     height = np.sin(np.minimum(angle, horizon)) / np.sin(horizon)  # across the line of sight
-    haze = 0.75 * height[..., None] ** 14
+    haze = 0.85 * height[..., None] ** 14
     return _bytes(colour + haze * (_HAZE - colour))
 
 
@@ -162,6 +170,7 @@ def _glow_pixels(across: tuple[float, float]) -> Texture:
     radius = np.linspace(0.97, 1.0 + GLOW, outward)
     above = np.clip((radius - 1.0) / GLOW, 0.0, 1.0)
     fade = np.exp(-4.5 * above) * (1.0 - above)
+    fade[:2] = 0.0  # behind the planet: the texture repeats, and its outer edge shall stay black
     return _bytes(fade[:, None, None] * day[:, None] * _HAZE)
 
 
