@@ -21,8 +21,9 @@ class PrompFeedback(ConditionalMean):
     """Draws accelerations so that motions are distributed as the ProMP conditioned on start and goal.
 
     Gains and noise (`StochasticFeedback`) are those of the distribution that conditioning leaves, which is
-    the same for all goals; only its mean depends on them. The expected acceleration is feedback
-    to the conditional mean, stiff in the directions in which demonstrations agree and soft in the others.
+    the same for all goals; only its mean depends on them. Where the distribution narrows, the expected
+    acceleration leads back to the mean; while it widens, a deviation may grow as those of the demonstrations
+    do. Where its spread is below that with which the state is taken to be measured, it hardly corrects.
     """
 
     def __init__(self, context: PolicyContext, seed: int) -> None:

@@ -1,11 +1,11 @@
-"""Control from the learned distribution (sec. VII): policy `promp_feedback` in MuJoCo, on the page's own goal."""
+"""Control from the learned distribution (sec. VII): policy `promp_feedback` in MuJoCo, on one goal."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
 
-from agents.promp_feedback import PrompFeedback
+from agents.promp_feedback import POSITION_NOISE, RATE_NOISE, PrompFeedback
 from agents.promp_policy import ConditionalMean, ProMPPolicy
 from reproduce.figures import Figure, Sketch, figure
 from reproduce.page import Table
@@ -133,7 +133,7 @@ def feedback_figure(found: Feedback) -> Figure:
         def draw(axes: Axes) -> None:
             low, high = mean - BAND * spread, mean + BAND * spread
             axes.fill_between(time, low, high, color=SKY, alpha=0.35, lw=0, label=f"ProMP, ±{BAND:g} σ")
-            for row in range(LINES):
+            for row in range(min(LINES, len(found.drawn.joints))):
                 line = np.rad2deg(found.drawn.joints[row, :, number])
                 axes.plot(time, line, color=BLUE, lw=0.8, label="drawn, in MuJoCo" if row == 0 else None)
             expected = np.rad2deg(found.expected.joints[0, :, number])
@@ -214,7 +214,8 @@ def feedback_table(found: Feedback) -> Table:
         ),
         tuple(rows),
         "Page's own goal, simulated by MuJoCo for the 10 s of the motion; medians if nothing else is said. "
-        "Drawn motions end where the mean does up to the spread that is left, and the base elsewhere under "
-        "each; the policy then corrects the end-effector's pose. On the leaderboard it acts by expected "
-        "accelerations.",
+        "Drawn motions end beside the mean since the law does not correct what is below the errors of "
+        f"measurement that it is told of, {POSITION_NOISE:g} rad and {RATE_NOISE:g} rad/s, and the base ends "
+        "elsewhere under each; the policy then corrects the end-effector's pose. On the leaderboard it acts "
+        "by expected accelerations.",
     )
