@@ -20,7 +20,7 @@ from joblib import Parallel, delayed
 from tqdm import tqdm
 
 from agents.demonstrator import Demonstrations, demonstrate
-from agents.variations import DemonstratorConfig
+from agents.variations import BANDS, DemonstratorConfig
 from promp import ProMP
 from promp.storage import checksum
 from space_envs.errors import ConfigurationError, SpaceEnvsError
@@ -89,6 +89,8 @@ def provenance(config: DemonstratorConfig, seed: int, count: int) -> dict[str, A
     command = (
         f"python -m agents.demonstrations --count {count} --seed {seed} --difficulty {config.difficulty}"
     )
+    if config.bands != DemonstratorConfig().bands:
+        command += f" --bands {config.bands}"
     versions = {"python": platform.python_version()} | {
         name: version(name) for name in ("numpy", "scipy", "mujoco")
     }
@@ -195,6 +197,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--jobs", type=int, default=1, help="processes (default %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="default %(default)s")
     parser.add_argument("--difficulty", choices=DIFFICULTIES, default="medium", help="of the goals")
+    what = "space of the elastic bands' obstacles: the paper's is task; the shipped prior has %(default)s"
+    parser.add_argument("--bands", choices=BANDS, default=DemonstratorConfig().bands, help=what)
     parser.add_argument(
         "--resume", action=argparse.BooleanOptionalAction, default=True, help="keep what is there"
     )
@@ -202,7 +206,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--fit", type=Path, metavar="PATH", help="write the ProMP prior there (npz, and json beside)"
     )
     options = parser.parse_args(arguments)
-    config = DemonstratorConfig(difficulty=options.difficulty)
+    config = DemonstratorConfig(difficulty=options.difficulty, bands=options.bands)
     try:
         made = generate(
             options.output, options.count, options.seed, config, options.jobs, options.resume, True

@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.elastic_bands import Detour, Obstacles, detour
+from agents.elastic_bands import Detour, Obstacles, end_effector_path, joint_detour, task_detour
 from agents.inverse_kinematics import JointGoals, JointMotion, Rows, floating_inverse_kinematics
 from agents.linear_quadratic import closed_loop, receding_gains
 from agents.mpc import CONTROL_WEIGHT, POSITION_WEIGHT
 from agents.tracking import DURATION
-from agents.variations import KINDS, DemonstratorConfig, beside_the_way, draw
+from agents.variations import KINDS, DemonstratorConfig, Draws, beside_the_way, draw
 from space_envs.control import STOP_MARGIN
-from space_envs.dynamics import trajectory_cost
+from space_envs.dynamics import FloatingRobot, trajectory_cost
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import PlanningError
 from space_envs.models.parameters import SINGLE_ARM
@@ -115,11 +115,7 @@ def _attempt(
 
     # First where the undisturbed way leads, then the detour from that way, then the goal with the detour.
     straight = solve(None, start).position
-    middle = start + draws.obstacle_phase[:, None] * (straight - start)
-    obstacles = Obstacles(
-        middle + config.miss * beside_the_way(arm, middle, draws.obstacle_side), draws.obstacle_radius
-    )
-    off = detour(start, straight, obstacles, _progress(time), config.dt)
+    off = _detour(config, arm, draws, start, straight, _progress(time))
     found = solve(off, straight)
     motion = motion_with(off, found.position, np.arange(len(number)))
     made = Demonstrations(
@@ -134,6 +130,20 @@ def _attempt(
         cost=trajectory_cost(arm, motion.position, motion.velocity, config.dt),
     )
     return made, found.converged & _usable(made, limits, config)
+
+
+def _detour(
+    config: DemonstratorConfig, arm: FloatingRobot, draws: Draws, start: Array, goal: Array, progress: Array
+) -> Detour:
+    """Detours off the straight motions from start to goal (D, n), around an obstacle of the config's kind."""
+    middle = start + draws.obstacle_phase[:, None] * (goal - start)
+    if config.bands == "task":
+        aside = draws.sphere_side / np.linalg.norm(draws.sphere_side, axis=1, keepdims=True)
+        centre = end_effector_path(arm, middle) + config.sphere_miss * aside
+        spheres = Obstacles(centre, draws.sphere_radius)
+        return task_detour(arm, start, goal, spheres, progress, config.dt)
+    centre = middle + config.miss * beside_the_way(arm, middle, draws.obstacle_side)
+    return joint_detour(start, goal, Obstacles(centre, draws.obstacle_radius), progress, config.dt)
 
 
 def _usable(made: Demonstrations, limits: Array, config: DemonstratorConfig) -> NDArray[np.bool_]:

@@ -49,6 +49,11 @@ POLICIES: dict[str, Entry] = {
     "promp_mean": Entry(
         "agents.promp_policy:ConditionalMean", "the conditional mean of the same ProMP", tasks=SINGLE_ARM
     ),
+    "promp_feedback": Entry(
+        "agents.promp_feedback:PrompFeedback",
+        "feedback to that mean with gains from the same ProMP's covariance",
+        tasks=SINGLE_ARM[:1],
+    ),
     "ocp": Entry(
         "agents.optimal_policies:OptimalControl",
         "least eq. 20 by collocation, all limits, attitude free",

@@ -14,7 +14,8 @@ from space_envs.errors import ConfigurationError, positive, positive_integer, un
 from space_envs.models.parameters import VARIANTS
 from space_envs.tasks.common import DIFFICULTIES
 
-KINDS = ("cost_matrices", "obstacle", "noise")
+KINDS = ("cost_matrices", "elastic_band", "noise")
+BANDS = ("joint", "task")
 OFF_REDUNDANCY = 0.3  # share of any direction in the side on which an obstacle lies
 
 
@@ -30,7 +31,11 @@ class DemonstratorConfig:
         ramp: least and largest exponent with which the position weights grow, in all kinds.
         scale_decades: half-width of the log-uniform factor on all position weights, powers of ten, likewise.
         redundancy: standard deviation of the configuration that the redundancy is drawn to, rad a joint.
-        radius: kind obstacle: least and largest radius, rad. miss: distance of its centre from the way, rad.
+        bands: kind elastic_band: the space of its artificial obstacle. `task` is the paper's, a sphere
+            between the end-effector's points at start and goal; the shipped prior has `joint`, a ball of
+            joint angles.
+        radius, miss: bands `joint`: least and largest radius, distance of the centre from the motion, rad.
+        sphere_radius, sphere_miss: bands `task`: the same in m, from the end-effector's path.
         noise: kind noise: standard deviation of the acceleration that disturbs every control period, rad/s^2.
         quiet: s before the end from which there is no noise, so that the arm comes to rest.
         rest: rad/s, the most that a joint may still turn at the end.
@@ -46,6 +51,9 @@ class DemonstratorConfig:
     redundancy: float = 0.2
     radius: tuple[float, float] = (0.4, 0.7)
     miss: float = 0.1
+    bands: str = "joint"
+    sphere_radius: tuple[float, float] = (0.3, 0.6)
+    sphere_miss: float = 0.1
     noise: float = 0.015
     quiet: float = 2.5
     rest: float = 2e-3
@@ -55,6 +63,8 @@ class DemonstratorConfig:
             raise unknown_name("difficulty", self.difficulty, DIFFICULTIES)
         if self.variant not in VARIANTS:
             raise unknown_name("model variant", self.variant, VARIANTS)
+        if self.bands not in BANDS:
+            raise unknown_name("space of elastic bands", self.bands, BANDS)
         for name, value in vars(self).items():
             numbers = value if isinstance(value, tuple) else (value,)
             for one in () if name in ("difficulty", "variant") else numbers:
@@ -85,6 +95,8 @@ class Draws:
     obstacle_side: Array
     obstacle_radius: Array
     disturbance: Array
+    sphere_side: Array
+    sphere_radius: Array
 
 
 def draw(
@@ -108,15 +120,18 @@ def draw(
         scale = 10.0 ** rng.uniform(-config.scale_decades, config.scale_decades)
         phase, radius, side = rng.uniform(0.3, 0.7), rng.uniform(*config.radius), rng.standard_normal(n)
         noise = rng.normal(0.0, config.noise, (samples, n)) * (time < time[-1] - config.quiet)[:, None]
+        sphere, aside = rng.uniform(*config.sphere_radius), rng.standard_normal(3)
         varied, pushed, noisy = (k == KINDS.index(name) for name in KINDS)
         q = np.zeros((2 * n, 2 * n))
         q[:n, :n] = scale * POSITION_WEIGHT * (position if varied else np.eye(n))
         r = CONTROL_WEIGHT * (control if varied else np.eye(n))
         # An obstacle of no size pushes nothing.
-        size = np.array(radius if pushed else 0.0)
-        rows.append((q, r, np.array(ramp), preferred, np.array(phase), side, size, noise * noisy))
-    q, r, ramp, preferred, phase, side, size, noise = (np.stack(column) for column in zip(*rows, strict=True))
-    return Draws(q, r, ramp, preferred, phase, side, size, np.ascontiguousarray(noise.swapaxes(0, 1)))
+        size, sphere = np.array(radius if pushed else 0.0), np.array(sphere if pushed else 0.0)
+        obstacle = np.array(phase), side, size
+        rows.append((q, r, np.array(ramp), preferred, *obstacle, noise * noisy, aside, sphere))
+    columns = [np.stack(column) for column in zip(*rows, strict=True)]
+    columns[7] = np.ascontiguousarray(columns[7].swapaxes(0, 1))
+    return Draws(*columns)
 
 
 def _random_spd(rng: np.random.Generator, n: int, decades: float) -> Array:

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 from cluttered_scenes import ENV_ID, make, scene
+from drawn_models import geoms
 
 import space_envs  # noqa: F401  (registers the ids)
 from space_envs.dynamics import minimum_jerk
@@ -298,11 +299,14 @@ def test_drawn_spheres_have_the_size_and_place_of_the_goal():
         task.dress(model, data, goals, row)
         mujoco.mj_forward(model, data)
         for sphere in range(3):
-            geom = int(model.body(f"obstacle{sphere + 1}").geomadr[0])
-            np.testing.assert_array_equal(data.geom_xpos[geom], goals.obstacle_position[row, sphere])
-            np.testing.assert_array_equal(model.geom_size[geom], goals.obstacle_radius[row, sphere])
-            assert model.mat_rgba[model.geom_matid[geom], 3] < 0.6  # seen through
-            assert model.geom_contype[geom] == model.geom_conaffinity[geom] == 0
+            cage = geoms(model, f"obstacle{sphere + 1}", "keep_out")
+            away = data.geom_xpos[cage] - goals.obstacle_position[row, sphere]
+            distance, radius = np.linalg.norm(away, axis=1), goals.obstacle_radius[row, sphere]
+            np.testing.assert_allclose(away.mean(axis=0), 0.0, atol=1e-12)
+            np.testing.assert_allclose(distance, np.cos(np.pi / 24) * radius, rtol=1e-6)  # middles of chords
+            np.testing.assert_allclose(np.hypot(distance, model.geom_size[cage, 1]), radius, rtol=1e-6)
+            assert model.geom_size[cage, 0].max() < 0.05 * radius  # what lies behind can be seen
+            assert not model.geom_contype[cage].any() and not model.geom_conaffinity[cage].any()
     np.testing.assert_allclose(data.sensor("obstacle2_radius").data, [goals.obstacle_radius[1, 1], 0, 0])
     plain = task.model
     for name in ("nq", "nv", "nu", "nsensordata", "nmocap"):

@@ -11,9 +11,9 @@ import pytest
 
 from agents import demonstrations as store
 from agents.demonstrator import Demonstrations, demonstrate
-from agents.elastic_bands import Obstacles, detour, relax
+from agents.elastic_bands import Obstacles, end_effector_path, joint_detour, relax, straight_path, task_detour
 from agents.promp_policy import shipped_prior
-from agents.variations import KINDS, DemonstratorConfig
+from agents.variations import BANDS, KINDS, DemonstratorConfig
 from promp import ProMP
 from space_envs.dynamics import roll_out_base, trajectory_cost
 from space_envs.dynamics.rotations import angle_between, from_matrix, multiply, rotate
@@ -28,9 +28,9 @@ def equal(a: Demonstrations, b: Demonstrations) -> bool:
     return all(np.array_equal(getattr(a, f.name), getattr(b, f.name)) for f in dataclasses.fields(a))
 
 
-@pytest.fixture(scope="module")
-def made() -> Demonstrations:
-    return demonstrate(CONFIG, 0, 0, 30)
+@pytest.fixture(scope="module", params=BANDS)
+def made(request: pytest.FixtureRequest) -> Demonstrations:
+    return demonstrate(dataclasses.replace(CONFIG, bands=request.param), 0, 0, 30)
 
 
 def test_demonstrations_go_from_home_to_their_goals_and_rest(made: Demonstrations) -> None:
@@ -55,7 +55,7 @@ def test_velocities_are_the_slopes_of_positions(made: Demonstrations) -> None:
     moved = np.diff(made.position, axis=1)
     expected = 0.05 * (made.velocity[:, 1:] + made.velocity[:, :-1])
     # Exact for the controlled motion; the detours are smooth curves, for which it is the trapezoidal rule.
-    assert np.abs(moved - expected)[made.kind != KINDS.index("obstacle")].max() < 1e-4
+    assert np.abs(moved - expected)[made.kind != KINDS.index("elastic_band")].max() < 1e-4
     assert np.abs(moved - expected).max() < 1e-3
 
 
@@ -76,11 +76,22 @@ def test_goals_spread_over_the_train_split() -> None:
     assert np.diff(np.sort(index)).max() < 60
 
 
-def test_a_demonstration_is_the_same_alone(made: Demonstrations) -> None:
-    for number in (0, 13, 29):
-        alone = demonstrate(CONFIG, 0, number, 1)
-        np.testing.assert_array_equal(alone.position[0], made.position[number])
-    assert np.abs(demonstrate(CONFIG, 1, 0, 1).position - made.position[:1]).max() > 1e-3
+@pytest.mark.parametrize("bands", BANDS)
+def test_a_demonstration_is_the_same_alone(bands: str) -> None:
+    config = dataclasses.replace(CONFIG, bands=bands)
+    together = demonstrate(config, 0, 12, 3)
+    for number in (12, 13, 14):
+        alone = demonstrate(config, 0, number, 1)
+        np.testing.assert_array_equal(alone.position[0], together.position[number - 12])
+    assert np.abs(demonstrate(config, 1, 12, 1).position - together.position[:1]).max() > 1e-3
+
+
+def test_bands_in_task_space_vary_the_elastic_band_kind_alone() -> None:
+    """The paper's obstacles lie between the end-effector's points; those of the shipped prior do not."""
+    joint, task = (demonstrate(dataclasses.replace(CONFIG, bands=bands), 0, 0, 9) for bands in BANDS)
+    apart = np.abs(task.position - joint.position).max(axis=(1, 2))
+    assert (apart[joint.kind != KINDS.index("elastic_band")] == 0).all()
+    assert (apart[joint.kind == KINDS.index("elastic_band")] > 0.02).all()
 
 
 def test_what_cannot_be_drawn_is_an_error() -> None:
@@ -88,6 +99,15 @@ def test_what_cannot_be_drawn_is_an_error() -> None:
         demonstrate(dataclasses.replace(CONFIG, rest=1e-12), 0, 0, 2)
     with pytest.raises(ConfigurationError, match="Did you mean 'medium'"):
         DemonstratorConfig(difficulty="medum")
+    with pytest.raises(ConfigurationError, match="unknown space of elastic bands 'tsk'.*Did you mean 'task'"):
+        DemonstratorConfig(bands="tsk")
+
+
+def nearest(path: np.ndarray, centre: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(path - centre[:, None], axis=-1).min(axis=1)
+
+
+PROGRESS = np.linspace(0, 1, 101) ** 2 * (3 - 2 * np.linspace(0, 1, 101))
 
 
 def test_bands_keep_away_from_obstacles() -> None:
@@ -95,24 +115,37 @@ def test_bands_keep_away_from_obstacles() -> None:
     start, goal = rng.uniform(-0.5, 0.5, (2, 20, 7))
     centre = 0.5 * (start + goal) + 0.05 * rng.standard_normal((20, 7))
     obstacles = Obstacles(centre, np.full(20, 0.6))
-    band = relax(start, goal, obstacles)
+    straight = straight_path(start, goal)
+    band = relax(straight, obstacles)
     np.testing.assert_array_equal(band[:, 0], start)
     np.testing.assert_allclose(band[:, -1], goal, atol=1e-15)
-    straight = start[:, None] + np.linspace(0, 1, 21)[:, None] * (goal - start)[:, None]
-
-    def nearest(path: np.ndarray) -> np.ndarray:
-        return np.linalg.norm(path - centre[:, None], axis=-1).min(axis=1)
-
-    assert (nearest(band) > nearest(straight) + 0.02).all()
+    assert (nearest(band, centre) > nearest(straight, centre) + 0.02).all()
     # Without an obstacle the band is straight, and there is no detour.
     none = Obstacles(centre, np.zeros(20))
-    np.testing.assert_allclose(relax(start, goal, none), straight, atol=1e-12)
-    progress = np.linspace(0, 1, 101) ** 2 * (3 - 2 * np.linspace(0, 1, 101))
-    off = detour(start, goal, obstacles, progress, 0.1)
+    np.testing.assert_allclose(relax(straight, none), straight, atol=1e-12)
+    off = joint_detour(start, goal, obstacles, PROGRESS, 0.1)
     for end in (0, -1):
         assert np.abs(off.position[:, end]).max() < 1e-12 and np.abs(off.velocity[:, end]).max() < 1e-12
     slope = np.gradient(off.position, 0.1, axis=1)
     np.testing.assert_allclose(off.velocity[:, 1:-1], slope[:, 1:-1], atol=5e-3)
+
+
+def test_bands_in_task_space_lead_the_end_effector_around_spheres() -> None:
+    arm, rng = SingleArmTask().robot, np.random.default_rng(1)
+    start = np.tile(arm.home, (12, 1))
+    goal = start + rng.uniform(-0.6, 0.6, (12, 7))
+    straight = straight_path(start, goal)
+    way = end_effector_path(arm, straight)
+    spheres = Obstacles(way[:, 10] + 0.05 * rng.standard_normal((12, 3)), np.full(12, 0.4))
+    off = task_detour(arm, start, goal, spheres, np.linspace(0.0, 1.0, len(straight[0])), 0.5)
+    around = end_effector_path(arm, straight + off.position)
+    # The end-effector is on the relaxed band, farther from the sphere than without it, and ends alike.
+    band = relax(way, spheres)
+    np.testing.assert_allclose(around, band, atol=2e-3)
+    assert (nearest(around, spheres.centre) > nearest(way, spheres.centre) + 0.03).all()
+    np.testing.assert_allclose(around[:, [0, -1]], way[:, [0, -1]], atol=1e-12)
+    none = Obstacles(spheres.centre, np.zeros(12))
+    assert np.abs(task_detour(arm, start, goal, none, PROGRESS, 0.1).position).max() < 1e-9
 
 
 # Files

@@ -7,21 +7,24 @@ import runpy
 import shlex
 import sys
 from collections.abc import Iterator
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 
 import gymnasium as gym
+import numpy as np
 import pytest
+from PIL import Image
 
 from agents.commands.evaluate import COMMANDS
 from agents.commands.evaluate import main as evaluate
-from docs import generate
+from docs import generate, pictures
 from docs.blocks import BLOCKS
 from docs.goals import goals
 from docs.reading import attributes, comments, described, field_comments, number, section, split_unit
 from space_envs.envs import CaptureEnv
 from space_envs.evaluation.records import read_records
 from space_envs.registration import ENTRIES
+from space_envs.rendering import missing_gl
 from space_envs.tasks.base import CaptureTask
 from space_envs.tasks.common import CaptureEnvelope
 from space_envs.tasks.dual_arm_planar import DualArmPlanarTask
@@ -280,3 +283,19 @@ def test_pages_named_in_the_code_exist():
     for path in sorted((ROOT / "space_envs").rglob("*.py")) + sorted((ROOT / "agents").rglob("*.py")):
         for page in re.findall(r"docs/[\w/]+\.md", path.read_text(encoding="utf-8")):
             assert (ROOT / page).exists(), f"{path.relative_to(ROOT)} names {page}"
+
+
+def test_pictures_of_the_readme_are_those_of_their_command(tmp_path, monkeypatch, capsys):
+    assert {f"{shot.name}.jpg" for shot in pictures.SHOTS} <= {
+        path.name for path in pictures.IMAGES.iterdir()
+    }
+    for shot in pictures.SHOTS:
+        assert f"docs/images/{shot.name}.jpg" in (ROOT / "README.md").read_text(encoding="utf-8")
+        assert Image.open(pictures.IMAGES / f"{shot.name}.jpg").size == (pictures.WIDTH, pictures.HEIGHT)
+    monkeypatch.setattr(pictures, "SHOTS", [replace(pictures.SHOTS[0], seconds=0.4)])
+    status = pictures.main(["--output", str(tmp_path)])
+    if missing_gl() is not None:
+        assert status == 2 and "libegl1" in capsys.readouterr().err
+        return
+    drawn = np.asarray(Image.open(tmp_path / "capture.jpg"))
+    assert status == 0 and drawn.shape == (pictures.HEIGHT, pictures.WIDTH, 3) and drawn.std() > 20

@@ -160,7 +160,7 @@ def test_goals_that_come_in_sizes_are_drawn_in_their_sizes(env_id: str) -> None:
         names = [played.task.render_model.body(body).name for body in scene.bodies]
         if "obstacle1" in names:
             model, first = played.task.render_model, names.index("obstacle1")
-            drawn = size[first : first + 3] * model.geom_size[model.body("obstacle1").geomadr[0], 0]
+            drawn = size[first : first + 3] * model.site("obstacle1_surface").pos[0]
             np.testing.assert_allclose(drawn, one.goals.obstacle_radius[0])
         else:
             grapple = np.linalg.norm(played.task.render_model.site("grapple1").pos)

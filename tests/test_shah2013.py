@@ -61,7 +61,8 @@ def test_grapple_points_move_with_the_target():
 def figures(**changes: float) -> dict:
     names = (
         "energy energy_check start_energy work peak_power base_rate path end_position end_velocity spin_left "
-        "jolt jolt_time jolt_ratio zeta_jolt zeta_jolt_time zeta_jolt_ratio gradient least_singular "
+        "jolt jolt_time jolt_ratio arm1_jolt arm1_jolt_time arm2_jolt arm2_jolt_time "
+        "zeta_jolt zeta_jolt_time zeta_jolt_ratio gradient least_singular "
         "tracked_base_rate tracked_momentum lead"
     ).split()
     return dict.fromkeys(names, 1e-12) | {"energy": 1.0, "peak_power": 1.0, "jolt": 1.0} | changes
@@ -69,7 +70,7 @@ def figures(**changes: float) -> dict:
 
 def made(**methods: dict) -> dict:
     found = {key: figures() for key in METHODS} | methods
-    return {"case": {"duration": 20.0}, "methods": found}
+    return {"index": -1, "case": {"duration": 20.0}, "methods": found}
 
 
 FAILED = {"cause": "singular", "reason": "singular at t = 3 s"}
@@ -109,6 +110,22 @@ def test_claims_about_a_jump_by_hand():
     assert jump(zeta_jolt_ratio=3.9)["jump"] is False
     assert jump(lead=0.1)["jump_cost"] is False
     assert jump(energy=0.9)["jump_cost"] is None
+    assert jump(arm1_jolt_time=18.4)["jump_time"] is True
+    assert jump(arm1_jolt_time=16.1)["jump_time"] is jump(arm1_jolt_time=18.6)["jump_time"] is False
+    elsewhere = made(local=figures(arm1_jolt_time=18.0)) | {"index": 0}
+    assert answers(CLAIMS, elsewhere)["jump_time"] is None  # only the canonical case stands for the paper's
+
+
+def test_arm_1_changes_fastest_at_the_papers_18_s(plans):
+    """Known from an independent computation: arm 1's dependent velocity at 18.16 s, arm 2's at 16.085 s."""
+    found = record(plans["local"], curves(plans["local"]), CANONICAL)
+    assert found["arm1_jolt_time"] == pytest.approx(18.16, abs=0.005)
+    assert found["arm2_jolt_time"] == pytest.approx(16.085, abs=0.005)
+    assert found["arm1_jolt"] < found["arm2_jolt"] <= found["jolt"]
+    (rule,) = [each for each in CLAIMS if each.key == "jump_time"]
+    whole = made(local=figures() | found)
+    assert rule.test is not None and rule.test(whole) is True
+    assert "arm 1 changes fastest at t = 18.16 s" in rule.measured(whole)
 
 
 def test_methods_without_a_plan_are_left_out():
@@ -221,6 +238,7 @@ def test_a_small_run_for_real(tmp_path, capsys, monkeypatch):
     for figure_file in (out / "figures").iterdir():
         ElementTree.parse(figure_file)
     written = (docs / "shah2013.md").read_text(encoding="utf-8")
+    assert "comes with a later version" in written and "as vectors, every 1 s" in written
     for link in re.findall(r"\]\((images/\S+)\)", written):
         assert (docs / link).exists()
     assert not list(tmp_path.rglob(".*"))

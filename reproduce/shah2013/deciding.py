@@ -16,6 +16,7 @@ LATE = 0.75  # of the duration
 ORDER = 1e-8  # rad/s, below which a base rate is of the paper's order, 1e-9 rad/s
 ARRIVED = 1e-6  # m and m/s
 HARDLY = 1e-6  # rad/s, of a simulated base
+PRINTED = 18.0, 0.5  # s, when the paper has the sudden change, and how near to it counts as the same
 NONE = "No plan."
 LETTERS = {"zeta_zero": "(a)", "local": "(b)", "ocp": "(c)", "ocp_rest": "(c′)", "free": "(d)"}
 REST = ("zeta_zero", "local", "ocp_rest", "free")  # methods that start from rest
@@ -119,8 +120,30 @@ def sudden_figures(record: Record) -> str:
         return NONE
     return (
         f"ζ changes fastest at t = {found['zeta_jolt_time']:.1f} s of {record['case']['duration']:g} s, "
-        f"{found['zeta_jolt_ratio']:.1f} times as fast as on average; the dependent velocities at "
-        f"t = {found['jolt_time']:.1f} s."
+        f"{found['zeta_jolt_ratio']:.1f} times as fast as on average."
+    )
+
+
+def at_the_printed_time(record: Record) -> bool | None:
+    """Whether arm 1's dependent velocity changes fastest when the paper says; asked of the canonical case."""
+    found, (printed, near) = figures_of(record, "local"), PRINTED
+    if not found or record["index"] >= 0:
+        return None
+    return abs(found["arm1_jolt_time"] - printed) <= near
+
+
+def dependent_figures(record: Record) -> str:
+    """When the dependent velocities of (b) change fastest, and how fast: each arm's, and both together."""
+    found = figures_of(record, "local")
+    if not found:
+        return NONE
+    arms = [
+        f"{name} at t = {found[f'{arm}_jolt_time']:.2f} s ({found[f'{arm}_jolt']:.4f} rad/s²)"
+        for arm, name in (("arm1", "that of arm 1 changes fastest"), ("arm2", "that of arm 2"))
+    ]
+    return (
+        f"Of the dependent velocities {' and '.join(arms)}, of {record['case']['duration']:g} s; the norm of "
+        f"both at {found['jolt_time']:.2f} s."
     )
 
 

@@ -22,6 +22,8 @@ from space_envs.models.parameters import DUAL_ARM_PLANAR
 POINTS = 161  # drawn of a curve
 FLOOR = 1e-18  # rad/s; what is less, zero included, is drawn there
 FRAMES = 61  # of the animation
+ARROWS = 21  # velocity vectors drawn along each path
+ARROW_SECONDS = 3.0  # s of motion that an arrow is long
 LOOP = 10.0  # s that the motion takes in it
 ARM_COLOURS = (BLUE, VERMILION)
 DASHES = ("-", (0, (4, 1.6)))
@@ -48,6 +50,26 @@ def independent_velocities(worked: Worked) -> Figure:
         _dress(axes, course.time, "independent velocities [cm/s]")
         axes.legend(ncols=2)
 
+    arrows = np.linspace(0, len(course.time) - 1, ARROWS).round().astype(int)
+
+    def vectors(axes: Axes) -> None:
+        for arm, colour in enumerate(ARM_COLOURS):
+            place, velocity = course.place[:, arm], course.velocity[:, 2 * arm : 2 * arm + 2]
+            axes.plot(*place.T, color=colour, lw=1.1, alpha=0.6)
+            axes.quiver(
+                *place[arrows].T,
+                *(ARROW_SECONDS * velocity[arrows]).T,
+                color=colour,
+                angles="xy",
+                scale_units="xy",
+                scale=1.0,
+                width=0.009,
+            )
+            axes.plot(*place[-1], "o", color=INK, ms=4)
+        axes.set(xlabel="x [m]", ylabel="y [m]")
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.grid()
+
     speed = 100 * np.abs(course.velocity).max(axis=0)
     end = ", ".join(f"{100 * value:+.2f}" for value in course.velocity[-1])
     alt = (
@@ -59,10 +81,24 @@ def independent_velocities(worked: Worked) -> Figure:
         "fig2",
         "Fig. 2: independent velocities",
         "Linear velocities of end-effector 1 (blue) and 2 (orange), x solid and y dashed, by eq. 11 for the "
-        "canonical case. Methods (a), (b), (c) share them.",
-        (Sketch(draw, alt),),
+        "canonical case. Methods (a), (b), (c) share them. Right: the same as vectors, every "
+        f"{course.time[arrows[1]]:g} s along the paths of the end-effectors to the grapple points; an arrow "
+        f"is as long as {ARROW_SECONDS:g} s of its motion.",
+        (
+            Sketch(draw, alt),
+            Sketch(
+                vectors,
+                f"The velocities of both end-effectors as {2 * ARROWS} arrows along their paths in the "
+                f"plane, from rest to {_ends(course.velocity[-1])} m/s at the grapple points.",
+            ),
+        ),
         height=3.2,
     )
+
+
+def _ends(velocity: Array) -> str:
+    """Two velocities in the plane (4,), m/s, as words."""
+    return " and ".join(f"({x:+.2f}, {y:+.2f})" for x, y in (velocity + 0.0).round(2).reshape(2, 2) + 0.0)
 
 
 def method_figure(worked: Worked, method: Method) -> Figure | None:

@@ -113,10 +113,10 @@ def record(plan: Plan, course: Curves, case: Case) -> dict[str, Any]:
     jump of the rates at t = 0 needs; work, J, of the drives, that included; peak_power, W; base_rate, rad/s,
     largest; path, m, largest distance from eq. 10 along x or y; end_position, m, and end_velocity, m/s,
     missed; spin_left, rad/s, of the end-effectors against the target; jolt, rad/s^2, fastest change of the
-    dependent velocities, at jolt_time, s, and jolt_ratio, over its mean; zeta_jolt, zeta_jolt_time and
-    zeta_jolt_ratio, the same of zeta; gradient, the cosine between the joint rates and the free direction in
-    the metric of I_m: zero where the instantaneous energy cannot be lowered; least_singular, of the
-    task's rows.
+    dependent velocities, at jolt_time, s, and jolt_ratio, over its mean; arm1_jolt, arm2_jolt and so on, the
+    same of one arm's alone, and zeta_jolt and so on of zeta; gradient, the cosine between the joint rates and
+    the free direction in the metric of I_m: zero where the instantaneous energy cannot be lowered;
+    least_singular, of the task's rows.
     """
     robot, goal = planar_robot(), case.capture
     start = 0.5 * float(course.cost[0])
@@ -132,6 +132,8 @@ def record(plan: Plan, course: Curves, case: Case) -> dict[str, Any]:
         "end_velocity": float(np.abs(course.velocity[-1] - goal.velocity[:, :2].ravel()).max()),
         "spin_left": float(np.abs(course.turning[-1] - case.spin).max()),
         **_jolt("jolt", course.time, course.turning),
+        **_jolt("arm1_jolt", course.time, course.turning[:, :1]),
+        **_jolt("arm2_jolt", course.time, course.turning[:, 1:]),
         **_jolt("zeta_jolt", course.time, course.zeta),
         "gradient": _gradient(robot, course),
         "least_singular": float(np.linalg.svd(task_rows(robot, course.position))[1][:, -1].min()),
@@ -139,13 +141,17 @@ def record(plan: Plan, course: Curves, case: Case) -> dict[str, Any]:
 
 
 def _jolt(name: str, time: Array, velocity: Array) -> dict[str, float]:
-    """How fast a velocity (K, 2) changes at most, when, and how much faster than on average."""
+    """How fast a velocity (K, m) changes at most, when, and how much faster than on average."""
     step = time[1] - time[0]
     change = np.linalg.norm(np.diff(velocity, axis=0), axis=1) / step
     fastest, mean = int(change.argmax()), float(change.mean())
+    offset = 0.0  # of the peak from its largest sample, by the parabola through its neighbours
+    if 0 < fastest < len(change) - 1:
+        before, at, after = change[fastest - 1 : fastest + 2].tolist()
+        offset = 0.5 * (before - after) / (before - 2.0 * at + after) if before + after < 2.0 * at else 0.0
     return {
         name: float(change.max()),
-        f"{name}_time": float(time[fastest] + 0.5 * step),
+        f"{name}_time": float(time[fastest] + (0.5 + offset) * step),
         f"{name}_ratio": float(change.max()) / mean if mean > 1e-9 else 0.0,
     }
 

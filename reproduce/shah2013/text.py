@@ -33,6 +33,13 @@ COMPARED = (
     ("(d) / (c)", "free", ("ocp",)),
 )
 
+SPATIAL = (
+    "The paper's future work is a spatial robot of 14 joints. Here it is the id "
+    "SpaceCapture/DualArmSpatial-v0, with ζ = 0, the local optimisation and free paths as planners. Optimal "
+    "control along given paths (eq. 16) is there for the planar robot alone; for the spatial one it comes "
+    "with a later version."
+)
+
 
 def build(options: Options, sampler: Sampler, worked: Worked, records: Sequence[Record]) -> Page:
     """The page from the canonical case and the records of the random ones."""
@@ -43,6 +50,7 @@ def build(options: Options, sampler: Sampler, worked: Worked, records: Sequence[
     paper += [f for key in ("zeta_zero", "local", "ocp") if (f := method_figure(worked, METHODS[key]))]
     extra: list[Block] = [Claims(tuple(beyond), OWN, "random cases")]
     extra += [f for f in (method_figure(worked, METHODS["free"]), ratios(records, worked.record)) if f]
+    extra.append(Text((SPATIAL,)))
     return Page(
         name="shah2013",
         title=STUDIES["shah2013"].title,

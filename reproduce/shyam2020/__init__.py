@@ -4,9 +4,12 @@ from functools import partial
 
 from tqdm import tqdm
 
+from agents.demonstrations import COUNT
 from reproduce.cases import run_cases
 from reproduce.page import Page
 from reproduce.shyam2020.cases import check_count, goal
+from reproduce.shyam2020.demonstrated import QUICK, cover
+from reproduce.shyam2020.feedback import control
 from reproduce.shyam2020.runs import case_record, recipe_key, work_out
 from reproduce.shyam2020.tables import step_times
 from reproduce.shyam2020.text import build
@@ -21,10 +24,14 @@ def reproduce(options: Options) -> Page:
             written.
     """
     check_count(options.cases)
-    with tqdm(total=2, desc="own goal", unit="step", disable=not options.progress) as bar:
+    with tqdm(total=4, desc="own goal", unit="step", disable=not options.progress) as bar:
         worked = work_out(goal(-1), options.seed)
         bar.update()
         steps = step_times(goal(-1), options.seed)
+        bar.update()
+        covered = cover(options.seed, QUICK if options.quick else COUNT)
+        bar.update()
+        controlled = control(goal(-1), options.seed)
         bar.update()
     records = run_cases(
         partial(case_record, seed=options.seed),
@@ -33,4 +40,4 @@ def reproduce(options: Options) -> Page:
         jobs=options.jobs,
         progress=options.progress,
     )
-    return build(options, worked, steps, records)
+    return build(options, worked, steps, covered, controlled, records)

@@ -1,4 +1,4 @@
-"""Figures 3 to 6 of the paper from our runs, and how the planners compare over the goals."""
+"""Figures 2 to 6 of the paper from our runs, and how the planners compare over the goals."""
 
 from collections.abc import Callable, Sequence
 
@@ -10,6 +10,7 @@ from agents.promp_policy import shipped_prior
 from reproduce.compare import Record, figures_of, ratio
 from reproduce.figures import Figure, Sketch, figure
 from reproduce.shyam2020.cases import context
+from reproduce.shyam2020.measures import link_vectors
 from reproduce.shyam2020.methods import METHODS
 from reproduce.shyam2020.runs import Worked
 from reproduce.shyam2020.sampling import SHOWN, Drawn
@@ -23,7 +24,57 @@ AXES = "xyz"
 COLOURS = (BLUE, VERMILION, GREEN)
 DASHES = ("-", (0, (4, 1.6)), (0, (1.2, 1.2)))
 EVERY = 10  # samples of a course between those that are drawn
+NEAR = "offset points"
 LETTERS = {key: "abcdefgh"[number] for number, key in enumerate(METHODS)}  # on narrow panels
+
+
+def vectors() -> Figure:
+    """Fig. 2: the vectors of the kinematics at home, in the satellite's axes."""
+    found = link_vectors(context().arm.home)
+    joints, centres = found.joint, found.centre
+
+    def sketch(view: Callable[[Array], Array], name: str, labels: tuple[str, str]) -> Sketch:
+        def arrow(axes: Axes, start: Array, end: Array, colour: str, style: str) -> None:
+            look = {"arrowstyle": "-|>", "color": colour, "lw": 1.4, "ls": style, "shrinkA": 0, "shrinkB": 0}
+            axes.annotate("", view(end), view(start), arrowprops=look)
+
+        def draw(axes: Axes) -> None:
+            still = np.array([1.0, 0.0, 0.0, 0.0])
+            for edge in _cube(centres[0], still):
+                axes.plot(*view(edge).T, color=INK, lw=0.8, alpha=0.4)
+            axes.plot(*view(joints).T, "o", color=INK, ms=5)
+            axes.plot(*view(centres).T, "o", color=INK, ms=4, mfc="none")
+            axes.plot(0.0, 0.0, "+", color=INK, ms=11, mew=1.6)
+            for number, centre in enumerate(centres):
+                arrow(axes, np.zeros(3), centre, SKY, "--")
+                axes.annotate(f"r{_low(number)}", view(centre), fontsize=8, xytext=(4, 3), textcoords=NEAR)
+            for centre, inward in zip(centres[1:], found.inward, strict=True):
+                arrow(axes, centre - inward, centre, BLUE, "-")
+            for centre, outward in zip(centres, found.outward, strict=True):
+                arrow(axes, centre, centre + outward, VERMILION, "-")
+            for colour, style, label in ((BLUE, "-", "a"), (VERMILION, "-", "b"), (SKY, "--", "r")):
+                axes.plot([], [], color=colour, ls=style, label=label)
+            axes.set_aspect("equal", adjustable="datalim")
+            axes.set(xlabel=labels[0], ylabel=labels[1])
+            axes.legend(fontsize=8, loc="lower right")
+
+        return Sketch(draw, name)
+
+    return figure(
+        "fig2",
+        "Fig. 2: vectors of the spacecraft-manipulator arm",
+        "At home, read from the model that is simulated. Cross: the system's centre of mass, the origin of "
+        "the inertial frame; dots: joints and the end-effector; circles: centres of mass of the satellite "
+        "(0) and of the links. a leads from a joint to its link's centre of mass, b from there to the next "
+        "joint, r from the origin to each centre of mass, so that r of a link is that of the one before "
+        "plus b and a (eq. 4).",
+        (
+            sketch(lambda p: p[..., [1, 2]], "The vectors seen along x.", ("y [m]", "z [m]")),
+            sketch(lambda p: p[..., [0, 2]], "The vectors seen along y.", ("x [m]", "z [m]")),
+        ),
+        columns=2,
+        height=3.6,
+    )
 
 
 def trajectories(worked: Worked, drawn: Drawn) -> Figure:
@@ -271,6 +322,11 @@ def _plain(axes: Axes, which: str) -> None:
     axis.set_minor_formatter(
         FuncFormatter(lambda value, _: f"{value:g}" if value in (0.5, 2.0, 3.0, 5.0) else "")
     )
+
+
+def _low(number: int) -> str:
+    """A digit as a subscript."""
+    return chr(0x2080 + number)
 
 
 def _oblique(points: Array) -> Array:

@@ -56,6 +56,36 @@ class Course:
         return float(self.running[-1])
 
 
+@dataclass(frozen=True)
+class LinkVectors:
+    """The vectors of the paper's Fig. 2, satellite's axes, m; body 0 is the satellite.
+
+    Attributes:
+        centre: (8, 3) r, from the system's centre of mass to those of the bodies.
+        inward: (7, 3) a of links 1 to 7, from the joint to the link's centre of mass.
+        outward: (8, 3) b, from a body's centre of mass to the next joint; of link 7, to the end-effector.
+    """
+
+    centre: Array
+    inward: Array
+    outward: Array
+
+    @property
+    def joint(self) -> Array:
+        """(8, 3) joints 1 to 7 and the end-effector."""
+        return self.centre + self.outward
+
+
+def link_vectors(joints: Array) -> LinkVectors:
+    """The vectors at joint angles (7,) rad."""
+    arm = context().arm
+    now = arm.kinematics(joints)
+    place = np.vstack([now.position, arm.end_effector_pose(joints)[0]])
+    centre = np.vstack([arm.com[0], now.com])
+    origin = arm.mass @ centre / arm.mass.sum()
+    return LinkVectors(centre - origin, now.com - now.position, place - centre)
+
+
 def course(motion: JointMotion | JointPath, samples: int = SAMPLES) -> Course:
     """Sample one motion densely and roll it out; sampled motions run as cubics between their samples."""
     if isinstance(motion, JointPath):

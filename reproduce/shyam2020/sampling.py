@@ -63,9 +63,9 @@ class Drawn:
         return angle_between(self.attitude[:, -1], np.broadcast_to(IDENTITY, self.attitude[:, -1].shape))
 
 
-def joint_goal(case: Case) -> Array | None:
+def joint_goal(case: Case, at: ConditionedPrior | None = None) -> Array | None:
     """The joint goal (7,) to which the conditional mean leads so that the inertial pose is met, if any."""
-    at, start = prior(), case.start[None]
+    at, start = at or prior(), case.start[None]
 
     def motion(goal: Array, rows: NDArray[np.int64]) -> JointMotion:
         begin = np.repeat(start, len(goal), axis=0)
@@ -84,12 +84,16 @@ def joint_goal(case: Case) -> Array | None:
     return found.position[0] if found.converged[0] else None
 
 
-def draw(case: Case, seed: int, count: int = SAMPLES) -> Drawn | None:
-    """Samples of the ProMP conditioned on the start and on the joint goal; None where there is no such."""
-    goal = joint_goal(case)
+def draw(case: Case, seed: int, count: int = SAMPLES, at: ConditionedPrior | None = None) -> Drawn | None:
+    """Samples of a ProMP conditioned on the start and on the joint goal; None where there is no such.
+
+    Args:
+        at: the ProMP; None is the shipped one.
+    """
+    at, arm = at or prior(), context().arm
+    goal = joint_goal(case, at)
     if goal is None:
         return None
-    at, arm = prior(), context().arm
     mean = at.weights(case.start[None], np.zeros((1, arm.n_joints)), goal[None])[0]
     weights = mean + at.free.sample(np.random.default_rng(seed), count) - at.free.mean
     motion = at.motion(weights)

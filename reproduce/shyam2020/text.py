@@ -16,7 +16,17 @@ from reproduce.page import Block, Claims, Page, Section, Table, Text, cases_csv,
 from reproduce.shyam2020.cases import DIFFICULTY, C, limits
 from reproduce.shyam2020.claims import BEYOND, CLAIMS
 from reproduce.shyam2020.deciding import MET, sampling_gain
-from reproduce.shyam2020.figures import base_motion, basis, compared, costs, ratios_to, trajectories
+from reproduce.shyam2020.demonstrated import Covered, learned, variations, workspace
+from reproduce.shyam2020.feedback import Feedback, feedback_figure, feedback_table
+from reproduce.shyam2020.figures import (
+    base_motion,
+    basis,
+    compared,
+    costs,
+    ratios_to,
+    trajectories,
+    vectors,
+)
 from reproduce.shyam2020.methods import METHODS
 from reproduce.shyam2020.pictures import poses
 from reproduce.shyam2020.runs import Worked
@@ -34,9 +44,16 @@ def build(
     options: Options,
     worked: Worked,
     steps: Mapping[str, tuple[str, list[float]]],
+    covered: Covered,
+    controlled: Feedback | None,
     records: Sequence[Record],
 ) -> Page:
-    """The page from the own goal, the times of the algorithm's steps, and the records of the test goals."""
+    """The page.
+
+    Args:
+        worked: the own goal. steps: times of the algorithm's steps. covered: demonstrations. controlled: the
+            control law on the own goal, if that has a joint goal. records: of the test goals.
+    """
     claims, beyond = settle(CLAIMS, worked.record, records), settle(BEYOND, worked.record, records)
     count = len(records)
     return Page(
@@ -68,9 +85,14 @@ def build(
                     Claims(tuple(claims), OWN, GOALS),
                 ),
             ),
-            Section("Figures 3 to 6", tuple(_figures(worked))),
+            Section(
+                "Demonstrations",
+                (workspace(covered), variations(covered), learned(covered, worked.case, options.seed)),
+            ),
+            Section("Figures 2 to 6", tuple(_figures(worked))),
             Section("Tables I and II", model_tables()),
             Section("Planning times", time_tables(steps, records)),
+            Section("Control from the learned distribution", tuple(_control(controlled))),
             Section("Beyond the paper", tuple(_beyond(worked, beyond))),
             Section("Failures", (_failures(records),)),
             Section("What was run", (_assumptions(worked, options),)),
@@ -216,7 +238,7 @@ def kept_table(records: Sequence[Record]) -> Table:
 
 
 def _figures(worked: Worked) -> list[Block]:
-    blocks: list[Block] = []
+    blocks: list[Block] = [vectors()]
     if worked.drawn and "promp" in worked.courses:
         blocks += [
             poses(worked.case, worked.courses["promp"]),
@@ -231,6 +253,18 @@ def _figures(worked: Worked) -> list[Block]:
         "Best of 100 samples.",
     )
     return [*blocks, *([motion] if motion else []), basis()]
+
+
+def _control(found: Feedback | None) -> list[Block]:
+    words = Text(
+        (
+            "Section VII names a control strategy from the learned distribution, simulated in a physics "
+            "engine, as a way forward. Here it is a policy of the suite, promp_feedback: a law that is "
+            "linear in joint angles and rates, whose gains and noise reproduce the mean and the covariance "
+            "of the ProMP that is conditioned on start and goal.",
+        )
+    )
+    return [words, *([feedback_figure(found), feedback_table(found)] if found else [])]
 
 
 def _beyond(worked: Worked, beyond: Sequence[Claim]) -> list[Block]:
@@ -251,10 +285,9 @@ def _beyond(worked: Worked, beyond: Sequence[Claim]) -> list[Block]:
                 "SpaceCapture/SingleArmCluttered-v0 has keep-out balls between start and goal. The "
                 "claims about "
                 "a ball above show how far samples alone get, and what an optimiser makes of the same ball.",
-                "A control strategy from the learned distribution, simulated in a physics engine: every "
-                "planner here is also a policy of the suite, and its plans are tracked in MuJoCo on a "
-                "floating "
-                "base; python evaluate.py compares them.",
+                "A control strategy from the learned distribution, simulated in a physics engine: the "
+                "section above, and policy promp_feedback, which python evaluate.py compares with the "
+                "others.",
             ),
         ),
     ]
@@ -293,9 +326,9 @@ def _assumptions(worked: Worked, options: Options) -> Text:
             "Every motion takes 10 s and ends at rest at an inertial pose of the end-effector.",
             *(f"{method.name}: {method.what}." for method in METHODS.values()),
             "The ProMP is the one that is shipped, fitted to 540 demonstrations over goals of the train "
-            "split, "
-            "180 for each of the paper's three ways to vary them. Its samples come from seed "
-            f"{options.seed}.",
+            "split, 180 for each of three variations: cost matrices and noise as in the paper, and elastic "
+            "bands in joint space, where the paper's are in task space (see Demonstrations). Its samples "
+            f"come from seed {options.seed}.",
             "Joint goals of minimum jerk, the controller and the ProMP come from inverse kinematics in "
             "the base "
             "frame that the motion itself will end in; the paper does not say how. Optimisers leave the "

@@ -17,9 +17,13 @@ from space_envs.models.parts import (
     draw_bus,
     draw_hand,
     draw_joint,
+    draw_ring,
     draw_wing,
 )
 from space_envs.models.shapes import Brush, Vector, add_crumpled_box
+
+_KEEP_OUT_WIRE = 0.007  # m, radius
+_MERIDIANS = [pi * number / 3 for number in range(3)]  # rad, of a keep-out sphere's cage
 
 
 def draw_robot(spec: mujoco.MjSpec, parameters: SingleArmParameters) -> None:
@@ -47,18 +51,27 @@ def draw_robot(spec: mujoco.MjSpec, parameters: SingleArmParameters) -> None:
 
 
 def draw_keep_out(spec: mujoco.MjSpec, radius: float) -> None:
-    """Draw a translucent sphere of this radius on every body `obstacle{i}` that there is."""
+    """Draw a sphere of this radius in m on every body `obstacle{i}` that there is.
+
+    It is a cage of rings, which hides neither the arm nor the goal behind it.
+    """
+    turns = [(cos(pi / 4), cos(angle) * sin(pi / 4), sin(angle) * sin(pi / 4), 0.0) for angle in _MERIDIANS]
     for body in spec.bodies:
         if body.name.startswith("obstacle"):
-            Brush(body).ball("keep_out", (0, 0, 0), (radius, radius, radius))
+            cage = Brush(body)
+            for turn in ((1.0, 0.0, 0.0, 0.0), *turns):
+                draw_ring(cage.at((0, 0, 0), turn), "keep_out", radius, _KEEP_OUT_WIRE)
 
 
 def resize_keep_out(model: mujoco.MjModel, radius: Vector) -> None:
     """Give the spheres that `draw_keep_out` drew their radii in m, in place."""
     for number, size in enumerate(radius, start=1):
-        geom = int(model.body(f"obstacle{number}").geomadr[0])
-        model.geom_size[geom] = model.geom_aabb[geom, 3:] = model.geom_rbound[geom] = size
-        model.site(f"obstacle{number}_surface").pos[0] = size
+        body, surface = model.body(f"obstacle{number}"), model.site(f"obstacle{number}_surface")
+        geoms = slice(int(body.geomadr[0]), int(body.geomadr[0] + body.geomnum[0]))
+        ratio = size / surface.pos[0]
+        for lengths in (model.geom_pos, model.geom_size, model.geom_rbound, model.geom_aabb):
+            lengths[geoms] *= ratio
+        surface.pos[0] = size
 
 
 def draw_target(target: mujoco.MjsBody) -> None:
@@ -112,6 +125,6 @@ def draw_environment(spec: mujoco.MjSpec) -> None:
 
     add_views(
         spec,
-        overview=((6.5, -1.5, 3.6), (-0.3, 0.85, 1.4)),
-        chase=((4.0, -4.1, 3.2), (0.0, 0.6, 0.9)),
+        overview=((7.51, -0.82, 5.53), (-0.5, 0.31, 1.76)),
+        chase=((4.76, 5.48, 4.87), (0.69, 1.42, 1.55)),
     )

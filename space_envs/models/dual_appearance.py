@@ -212,10 +212,12 @@ def _draw_surroundings(spec: mujoco.MjSpec, kind: str) -> None:
     add_part_meshes(spec)
     if kind == "planar":
         add_space(spec, earth=(-370.0, 110.0, -340.0))
-        overview, chase = ((4.1, -2.6, 4.3), (0.95, 0.7, -0.4)), ((-1.8, -3.6, 3.4), (0.8, 0.9, -0.3))
+        overview = ((4.32, 1.30, 3.36), (1.63, 0.57, 0.03))
+        chase = ((-1.37, -3.64, 1.45), (0.94, 0.35, -1.78))
     else:
         add_space(spec, earth=(-400.0, -120.0, -310.0), sun=(-0.55, -0.30, -0.78))
-        overview, chase = ((2.0, 3.5, 2.6), (0.1, 0.9, -0.1)), ((3.3, -0.9, 2.3), (0.0, 0.8, 0.0))
+        overview = ((2.20, 3.70, 3.59), (0.02, 0.70, 0.99))
+        chase = ((3.41, 1.72, 3.36), (-0.12, 0.43, 0.73))
     spec.stat.extent = 5.0
     spec.stat.center = [0.0, 0.8, 0.0]
     add_views(spec, overview, chase)

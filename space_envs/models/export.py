@@ -18,6 +18,7 @@ from space_envs.errors import ConfigurationError, SpaceEnvsError, unknown_name
 from space_envs.files import atomic_write_text
 from space_envs.models.dual_arm import END_EFFECTORS, DualArmOptions, dual_arm_spec
 from space_envs.models.parameters import DUAL_ARM_PLANAR, DUAL_ARM_SPATIAL, SINGLE_ARM, VARIANTS
+from space_envs.models.planet import make_plain
 from space_envs.models.single_arm import END_EFFECTOR, SATELLITE, ModelOptions, single_arm_spec
 
 FORMATS = ("mjcf", "urdf")
@@ -30,8 +31,13 @@ def _spec(options: Options) -> mujoco.MjSpec:
 
 
 def mjcf(options: Options = ModelOptions()) -> str:
-    """The model as MJCF text that holds all it needs, with what matters to the dynamics to full precision."""
+    """The model as MJCF text that holds all it needs, with what matters to the dynamics to full precision.
+
+    A drawn planet is plain there, without clouds.
+    """
     spec = _spec(options)
+    if options.visual:
+        make_plain(spec)
     model = spec.compile()
     root = ET.fromstring(spec.to_xml())
     _restore_digits(root, model)

@@ -1,8 +1,8 @@
-"""Colours, foils, skies and sunlight of the drawings, all procedural so that MJCF can hold them."""
-
-from math import cos, sin
+"""Colours, foils, skies and sunlight of the drawings, all of them procedural."""
 
 import mujoco
+
+from space_envs.models.planet import add_planet
 
 # name: (red, green, blue, alpha), specular, shininess, emission
 PLAIN = {
@@ -18,7 +18,7 @@ PLAIN = {
     "blue_mark": ((0.06, 0.22, 0.62, 1.0), 0.4, 0.4, 0.1),
     "glass": ((0.03, 0.05, 0.10, 1.0), 1.0, 0.95, 0.0),
     "lamp": ((1.0, 0.25, 0.15, 1.0), 0.2, 0.2, 1.0),
-    "keep_out": ((1.0, 0.14, 0.10, 0.55), 0.3, 0.5, 0.4),
+    "keep_out": ((1.0, 0.16, 0.12, 1.0), 0.3, 0.5, 0.6),
 }
 
 
@@ -36,7 +36,7 @@ def add_space(
     """
     add_materials(spec)
     add_sky(spec)
-    add_earth(spec, earth, radius=305.0)
+    add_planet(spec, earth, radius=305.0, sun=sun)
     add_sunlight(spec, sun)
 
 
@@ -74,14 +74,14 @@ def add_sunlight(spec: mujoco.MjSpec, way: tuple[float, float, float]) -> None:
         castshadow=True,
     )
     spec.visual.headlight.ambient = [0.10, 0.11, 0.13]
-    spec.visual.headlight.diffuse = [0.10, 0.10, 0.12]
+    spec.visual.headlight.diffuse = [0.30, 0.30, 0.32]
     spec.visual.headlight.specular = [0.0, 0.0, 0.0]
     spec.visual.quality.shadowsize = 2048
     spec.visual.quality.numslices = 20
     spec.visual.quality.numstacks = 10
     spec.visual.map.shadowclip = 1.0
     spec.visual.map.znear = 0.01
-    spec.visual.map.zfar = 100.0  # times the extent: beyond the limb of the planet
+    spec.visual.map.zfar = 300.0  # times the extent: the sky is drawn nearer, and must not hide the horizon
 
 
 def add_sky(spec: mujoco.MjSpec) -> None:
@@ -98,42 +98,3 @@ def add_sky(spec: mujoco.MjSpec) -> None:
         width=800,
         height=800,
     )
-
-
-def add_earth(spec: mujoco.MjSpec, pos: tuple[float, float, float], radius: float) -> None:
-    """Add the limb of a planet: an ocean under cloud at several scales, which blend into weather."""
-    layers = [
-        ("ocean", 12, 0.30, 1.0, (0.36, 0.46, 0.66)),
-        ("weather", 34, 0.28, 0.34, (0.92, 0.95, 1.0)),
-        ("cloud", 80, 0.28, 0.20, (0.92, 0.95, 1.0)),
-        ("cirrus", 190, 0.25, 0.26, (0.92, 0.95, 1.0)),
-    ]
-    for turn, (name, width, density, alpha, cloud) in enumerate(layers):
-        # Each shell lies just above the last, by more than the facets of the mesh are flat.
-        mesh = spec.add_mesh(name=name, scale=[radius * (1 + 0.002 * turn)] * 3)
-        mesh.make_sphere(subdivision=4)
-        mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
-        spec.add_texture(
-            name=name,
-            type=mujoco.mjtTexture.mjTEXTURE_CUBE,
-            builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT,
-            mark=mujoco.mjtMark.mjMARK_RANDOM,
-            rgb1=[0.06, 0.19, 0.48],
-            rgb2=[0.06, 0.19, 0.48],
-            markrgb=cloud,
-            random=density,
-            width=width,
-            height=width,
-        )
-        _textured(spec, name, name, (1, 1), rgba=[1, 1, 1, alpha], specular=0.1, shininess=0.1)
-        spec.worldbody.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_MESH,
-            meshname=name,
-            material=name,
-            pos=pos,
-            quat=[cos(turn), sin(turn) * 0.6, 0.0, sin(turn) * 0.8],  # so that their grids do not line up
-            mass=0,
-            contype=0,
-            conaffinity=0,
-            group=1,
-        )

@@ -156,6 +156,14 @@ def draw_boom(body: Brush, end: Vector, radius: float, shorten: float = 0.0) -> 
     body.rod("grey_paint", *duct, 0.16 * radius)
 
 
+def draw_ring(brush: Brush, material: str, radius: float, wire: float, segments: int = 24) -> None:
+    """Draw a ring about z out of straight pieces; both radii, of the ring and of its wire, in m."""
+    angles = [2 * pi * number / segments for number in range(segments + 1)]
+    corners = [(radius * cos(angle), radius * sin(angle), 0.0) for angle in angles]
+    for start, end in zip(corners, corners[1:], strict=False):
+        brush.rod(material, start, end, wire)
+
+
 def draw_hand(hand: Brush, camera: str, fingers: int) -> None:
     """Draw wrist, palm and fingers that close on the origin from -z, and add the camera behind them."""
     hand.rod("dark_metal", (0, 0, -0.32), (0, 0, -0.22), 0.105)
@@ -168,12 +176,13 @@ def draw_hand(hand: Brush, camera: str, fingers: int) -> None:
         angle = 2 * pi * number / fingers
         _draw_finger(hand.at((0, 0, 0), (cos(angle / 2), 0.0, 0.0, sin(angle / 2))))
     hand.rod("glass", (0.0, 0.0, -0.14), (0.0, 0.0, -0.13), 0.028)
-    hand.box("dark_metal", (0.10, 0.0, -0.36), (0.10, 0.09, 0.09))  # camera on its bracket
-    hand.rod("glass", (0.12, 0.0, -0.315), (0.12, 0.0, -0.305), 0.03)
-    eye, at = (
-        ((0.18, 0.0, -0.25), (0.02, 0.0, 0.30)) if fingers == 2 else ((0.34, 0.0, -0.34), (0.04, 0.0, 0.2))
-    )
-    hand.camera(camera, eye, at, up=(1.0, 0.0, 0.0), fovy=70)
+    # The camera looks between two fingers at what they close on, from beside the palm.
+    gap = pi / 2 - pi / fingers
+    side = hand.at((0, 0, 0), (cos(gap / 2), 0.0, 0.0, sin(gap / 2)))
+    side.rod("aluminium", (0.09, 0.0, -0.27), (0.24, 0.0, -0.27), 0.022)
+    side.box("dark_metal", (0.25, 0.0, -0.28), (0.08, 0.09, 0.10))
+    side.rod("glass", (0.25, 0.0, -0.23), (0.25, 0.0, -0.22), 0.03)
+    side.camera(camera, (0.25, 0.0, -0.215), (0.0, 0.0, 0.22), up=(1.0, 0.0, 0.0), fovy=75)
 
 
 def _draw_finger(hand: Brush) -> None:

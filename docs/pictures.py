@@ -1,0 +1,105 @@
+"""Draw the README's pictures: `python -m docs.pictures` plays an episode for each and writes docs/images.
+
+It needs OpenGL, as `render_mode="rgb_array"` does.
+"""
+
+import argparse
+import io
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+import space_envs  # noqa: F401  (registers the ids)
+from agents.resolve import resolve_policy
+from space_envs.errors import SpaceEnvsError
+from space_envs.evaluation.policy import PolicyContext
+from space_envs.files import atomic_write
+
+IMAGES = Path(__file__).resolve().parent / "images"
+WIDTH, HEIGHT = 1280, 640
+QUALITY = 88
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A picture: what a policy has done after some time, on a goal of the test split.
+
+    Attributes:
+        name: of the file, without its suffix. env_id: registered id. policy: built-in policy.
+        index: of the goal. seconds: simulated time at which to draw, or at the end of a shorter episode.
+        camera: of the model.
+    """
+
+    name: str
+    env_id: str
+    policy: str
+    index: int
+    seconds: float
+    camera: str = "overview"
+
+
+SHOTS = (
+    Shot("capture", "SpaceCapture/SingleArm-v0", "gjm", 1, 4.0),
+    Shot("dual_arm_planar", "SpaceCapture/DualArmPlanar-v0", "reactionless_rate", 9, 30.0),
+    Shot("dual_arm_spatial", "SpaceCapture/DualArmSpatial-v0", "reactionless_rate", 8, 30.0),
+)
+
+
+def draw(shot: Shot, width: int = WIDTH, height: int = HEIGHT) -> NDArray[np.uint8]:
+    """Play an episode up to the time of a shot; returns its picture (height, width, 3).
+
+    Raises:
+        SpaceEnvsError: if the policy fails, or nothing can be drawn here.
+    """
+    resolved = resolve_policy(shot.policy)
+    env = gym.make(
+        shot.env_id,
+        render_mode="rgb_array",
+        width=width,
+        height=height,
+        camera=shot.camera,
+        control_mode=resolved.control_mode,
+    )
+    inner = env.unwrapped
+    policy = resolved.build(PolicyContext.from_env(inner), 0)
+    observation, _ = env.reset(options={"split": "test", "index": shot.index})
+    state, start = None, np.array([True])
+    for _ in range(round(shot.seconds / inner.task.control_period)):
+        action, state = policy.predict(observation[None], state, start)
+        observation, _, terminated, truncated, _ = env.step(action[0])
+        start = np.array([False])
+        if terminated or truncated:
+            break
+    picture = env.render()
+    env.close()
+    return picture
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; returns the exit status."""
+    parser = argparse.ArgumentParser(prog="python -m docs.pictures", description=__doc__)
+    parser.add_argument(
+        "--output", type=Path, default=IMAGES, help="folder to write to (default: docs/images)"
+    )
+    options = parser.parse_args(arguments)
+    for shot in SHOTS:
+        content = io.BytesIO()
+        try:
+            Image.fromarray(draw(shot)).save(content, format="JPEG", quality=QUALITY)
+        except SpaceEnvsError as error:
+            print(f"error: {error}", file=sys.stderr)
+            return 2
+        with atomic_write(options.output / f"{shot.name}.jpg") as temporary:
+            temporary.write_bytes(content.getvalue())
+        print(options.output / f"{shot.name}.jpg")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
