@@ -5,14 +5,24 @@ from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from space_envs.control import MODES, Drive
 from space_envs.dynamics.rotations import Array
-from space_envs.errors import ActionError, ConfigurationError, positive_integer, unknown_name
-from space_envs.registration import make_task
-from space_envs.reset_options import choose_start, rows_to_reset, seeded
+from space_envs.errors import (
+    ActionError,
+    ConfigurationError,
+    ResetNeededError,
+    UnknownKeywordError,
+    positive_integer,
+    shown,
+    unknown_name,
+)
+from space_envs.memory import check_memory
+from space_envs.registration import asked_of_make, make_task
+from space_envs.reset_options import Seeds, choose_start, rows_to_reset
 from space_envs.simulation import Simulation
 from space_envs.tasks.common import Goals
 
@@ -23,7 +33,9 @@ OUTCOMES = ("running", "captured", "timeout", "attitude_lost", "diverged", "coll
 _RUNNING, _CAPTURED, _TIMEOUT, _ATTITUDE_LOST, _DIVERGED, _COLLISION = range(6)
 _OUTCOME_NAMES = np.array(OUTCOMES, dtype=object)
 _COPIED = (
-    "_generators",
+    "_seeds",
+    "_spec",
+    "closed",
     "_observation",
     "_steps",
     "_held",
@@ -40,6 +52,9 @@ _AUTORESET = {
     "disabled": AutoresetMode.DISABLED,
 }
 METADATA: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 10}
+_CAMERA = "overview"
+MOST_ENVS = 2**20
+MOST_THREADS = 256
 
 
 class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
@@ -53,12 +68,14 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         threads: of the simulation; None chooses by N.
         render_mode: None, rgb_array (of every simulation) or human (of the first).
         width, height: of pictures, pixels. camera: name of a camera of the model.
+        max_episode_steps: the horizon, as Gymnasium calls it; None and -1 leave it to the task.
         **keywords: of the task (difficulty, split, reward, variant, horizon, timestep, control_period,
             attitude_limit, c; docs/environments has those of each id) and of its capture envelope
             (position_tolerance m, linear_velocity_tolerance m/s, hold_time s, ...).
 
     Raises:
-        ConfigurationError: for a keyword or a value that is not valid, naming the nearest that is.
+        ConfigurationError: for a value that is not valid, naming the nearest that is.
+        UnknownKeywordError: for a keyword that there is not, likewise.
     """
 
     metadata: dict[str, Any] = {**METADATA, "autoreset_mode": AutoresetMode.NEXT_STEP}
@@ -78,7 +95,8 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         render_mode: str | None = None,
         width: int = 480,
         height: int = 480,
-        camera: str = "overview",
+        camera: str = _CAMERA,
+        max_episode_steps: int | None = None,
         **keywords: Any,
     ) -> None:
         self._arguments = {
@@ -91,22 +109,31 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
             "width": width,
             "height": height,
             "camera": camera,
+            "max_episode_steps": max_episode_steps,
             **keywords,
         }
-        positive_integer("num_envs", num_envs)
+        num_envs = positive_integer("num_envs", num_envs, largest=MOST_ENVS)
         if threads is not None:
-            positive_integer("threads", threads)
+            threads = positive_integer("threads", threads, largest=MOST_THREADS)
         if not isinstance(control_mode, str) or control_mode not in MODES:
             raise unknown_name("control mode", control_mode, MODES)
-        if render_mode is not None and render_mode not in METADATA["render_modes"]:
-            raise unknown_name("render mode", render_mode, METADATA["render_modes"])
+        modes = METADATA["render_modes"]
+        if render_mode is not None and (not isinstance(render_mode, str) or render_mode not in modes):
+            raise unknown_name("render mode", render_mode, modes)
         if isinstance(autoreset_mode, str) and autoreset_mode in _AUTORESET:
             autoreset_mode = _AUTORESET[autoreset_mode]
         if not isinstance(autoreset_mode, AutoresetMode):
             raise unknown_name("autoreset mode", autoreset_mode, _AUTORESET)
-        for name, side in (("width", width), ("height", height)):
-            positive_integer(name, side, largest=4096)
-        self.task = make_task(env_id, keywords)
+        width, height = (
+            positive_integer(name, side, largest=4096) for name, side in (("width", width), ("height", height))
+        )
+        self.task = make_task(env_id, _with_horizon(keywords, max_episode_steps))
+        if camera != _CAMERA:  # which every model has
+            model = self.task.render_model
+            cameras = [model.cam(index).name for index in range(model.ncam)]
+            if not isinstance(camera, str) or camera not in cameras:
+                raise unknown_name("camera", camera, cameras)
+        check_memory(num_envs, self.task)
         self.env_id = env_id
         self.control_mode = control_mode
         self.num_envs = num_envs
@@ -136,7 +163,8 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
 
         self._action_shape = (num_envs, self.mode.size)
         self._all = np.ones(num_envs, dtype=bool)
-        self._generators: list[np.random.Generator] = []
+        self._seeds = Seeds(num_envs)
+        self._spec: EnvSpec | None = None
         self._observation = np.zeros((num_envs, self.task.layout.size))
         self._steps = np.zeros(num_envs, dtype=np.int64)
         self._held = np.zeros(num_envs, dtype=np.int64)
@@ -146,6 +174,31 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         self._split = np.full(num_envs, self.task.split, dtype=object)
         self._goal: list[Goals | None] = [None] * num_envs
         self._started = False
+
+    # Gymnasium's attributes ----------------------------------------------------------------------------
+
+    @property
+    def spec(self) -> EnvSpec | None:  # type: ignore[override]
+        """How Gymnasium made the environment; `max_episode_steps` is the horizon."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = _with_limit(spec, self.task.horizon)
+
+    @property
+    def np_random(self) -> np.random.Generator:  # type: ignore[override]
+        """Generator of row 0; setting it derives those of the other rows from it."""
+        return self._seeds.generators[0]
+
+    @np_random.setter
+    def np_random(self, generator: np.random.Generator) -> None:
+        self._seeds = self._seeds.derived(generator)
+
+    @property
+    def np_random_seed(self) -> int:  # type: ignore[override]
+        """Seed of row 0, row i having it plus i unless it was given its own; -1 of a generator that was set."""
+        return self._seeds.numbers[0]
 
     # Reset ---------------------------------------------------------------------------------------------
 
@@ -170,8 +223,7 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         rows = rows_to_reset(self.task, options, self.num_envs)
         if not self._started and len(rows) < self.num_envs:
             raise ConfigurationError("the first reset must reset every row")
-        generators = seeded(self._generators, seed, rows, self.num_envs)
-        self._begin(rows, options, generators)
+        self._begin(rows, options, self._seeds.renewed(seed, rows))
         self._started = True
         if self.render_mode == "human":
             self.render()
@@ -183,15 +235,15 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         self,
         rows: NDArray[np.int64],
         options: dict[str, Any],
-        generators: list[np.random.Generator] | None = None,
+        seeds: Seeds | None = None,
     ) -> None:
         """Reset rows (k,) of the simulation and of the bookkeeping, and observe them.
 
-        The generators take the place of those there are once nothing can be refused any more.
+        The seeds take the place of those there are once nothing can be refused any more.
         """
-        generators = self._generators if generators is None else generators
-        start = choose_start(self.task, options, rows, generators)
-        self._generators = generators
+        seeds = self._seeds if seeds is None else seeds
+        start = choose_start(self.task, options, rows, seeds.generators)
+        self._seeds = seeds
         if not len(rows):
             return
         simulation = self.simulation
@@ -230,7 +282,7 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
             ActionError: for a wrong shape or type, NaN or infinity; nothing has moved then.
         """
         if not self._started:
-            raise ConfigurationError("call reset before step")
+            raise ResetNeededError("call reset before step")
         action = self._checked(actions)
         ended = self._outcome != _RUNNING if self._outcome.any() else None
         running = None if ended is None else np.flatnonzero(~ended)
@@ -250,12 +302,13 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         reward, terms, attitude = self._judge(observation, action, diverged, collided, ended)
         self._observation = observation
         terminated = (self._outcome == _CAPTURED) | (self._outcome >= _ATTITUDE_LOST)
-        truncated = self._outcome == _TIMEOUT
+        truncated = (self._outcome != _RUNNING) & (self._steps >= self.task.horizon)
         if ended is not None and self.autoreset_mode is AutoresetMode.NEXT_STEP:
             self._begin(np.flatnonzero(ended), {})
             terminated[ended] = truncated[ended] = False
             attitude = np.where(ended, 0.0, attitude)
-            info = self._step_info(terms, attitude) | self._reset_info(ended)
+            # Rows that were only reset have nothing to say of a step.
+            info = _masked(self._step_info(terms, attitude), ~ended) | self._reset_info(ended)
         else:
             info = self._step_info(terms, attitude)
         if self.autoreset_mode is AutoresetMode.SAME_STEP and (done := terminated | truncated).any():
@@ -383,6 +436,8 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
                 "render was called without a render_mode; give render_mode='rgb_array' to gym.make_vec"
             )
             return None
+        if not self._started:
+            raise ResetNeededError("call reset before render")
         renderer = self._renderer
         if renderer is None:
             from space_envs.rendering import Renderer  # pictures are rare, and OpenGL may be missing
@@ -405,10 +460,36 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
             self._renderer = None
 
 
+def _with_horizon(keywords: dict[str, Any], max_episode_steps: int | None) -> dict[str, Any]:
+    """Keywords of the task, in which Gymnasium's name of the horizon is the task's.
+
+    Raises:
+        ConfigurationError: where both are given and differ.
+    """
+    if max_episode_steps is None or isinstance(max_episode_steps, int) and max_episode_steps == -1:
+        return keywords
+    limit = positive_integer("max_episode_steps", max_episode_steps)
+    horizon = keywords.get("horizon", limit)
+    if positive_integer("horizon", horizon) != limit:
+        raise ConfigurationError(
+            f"horizon and max_episode_steps are the same and must agree, got {shown(horizon)} and {limit}; "
+            "give one of them"
+        )
+    return {**keywords, "horizon": limit}
+
+
+def _with_limit(spec: EnvSpec | None, horizon: int) -> EnvSpec | None:
+    """A copy of the spec that says after how many steps an episode is cut."""
+    spec = copy.copy(spec)
+    if spec is not None:
+        spec.max_episode_steps = horizon
+    return spec
+
+
 def _numbers(action: Any) -> NDArray:
     try:
         return np.asarray(action)
-    except ValueError as error:
+    except Exception as error:  # whatever a stranger's object raises
         raise ActionError(f"action must be an array of numbers: {error}") from None
 
 
@@ -436,28 +517,56 @@ class CaptureEnv(gym.Env[NDArray, NDArray]):
     def __init__(self, **keywords: Any) -> None:
         for name in ("num_envs", "autoreset_mode"):
             if name in keywords:
-                raise ConfigurationError(f"{name} is a keyword of gym.make_vec, not of gym.make")
+                raise UnknownKeywordError(
+                    f"got an unexpected keyword argument {name!r}: it is one of gym.make_vec, not of gym.make"
+                )
+        keywords.setdefault("max_episode_steps", asked_of_make())
         self.vector = CaptureVectorEnv(num_envs=1, autoreset_mode="disabled", **keywords)
         self.render_mode = self.vector.render_mode
         self.metadata = {**METADATA, "render_fps": self.vector.metadata["render_fps"]}
         self.observation_space = self.vector.single_observation_space
         self.action_space = self.vector.single_action_space
+        self._spec: EnvSpec | None = None
 
     @property
     def task(self) -> Any:
         """The task's configuration."""
         return self.vector.task
 
+    @property
+    def spec(self) -> EnvSpec | None:  # type: ignore[override]
+        """How Gymnasium made the environment; `max_episode_steps` is the horizon."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = _with_limit(spec, self.task.horizon)
+
+    # Gymnasium's own accessors and its checkers look at these two.
+
+    @property
+    def _np_random(self) -> np.random.Generator | None:  # type: ignore[override]
+        return self.vector.np_random
+
+    @_np_random.setter
+    def _np_random(self, generator: np.random.Generator) -> None:
+        self.vector.np_random = generator
+
+    @property
+    def _np_random_seed(self) -> int | None:  # type: ignore[override]
+        return self.vector.np_random_seed
+
+    @_np_random_seed.setter
+    def _np_random_seed(self, seed: int) -> None:
+        """Setting `np_random` sets it to -1, as the vector environment has already done."""
+
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array, dict[str, Any]]:
         """Start an episode; options as in `CaptureVectorEnv.reset`."""
-        if self._np_random is not None:
-            self.vector._generators = [self._np_random]
+        if isinstance(seed, list | tuple | np.ndarray):
+            raise ConfigurationError(f"seed must be an integer or None, got {shown(seed)}")
         observation, info = self.vector.reset(seed=seed, options=options)
-        self._np_random = self.vector._generators[0]
-        if seed is not None:
-            self._np_random_seed = int(seed)
         return observation[0], _first(info)
 
     def step(self, action: NDArray) -> tuple[Array, float, bool, bool, dict[str, Any]]:

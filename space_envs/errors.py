@@ -1,10 +1,20 @@
-"""Every exception that users of the suite see, and the hint that names the nearest valid name."""
+"""Every exception that users of the suite see, and the hint that names the nearest valid name.
+
+All of them are Gymnasium's `Error`; where Gymnasium or Python has a class for the case, they are that as well, so
+that clients which know nothing of this suite catch what they expect.
+"""
 
 import difflib
+import math
+import numbers
 from collections.abc import Iterable
 
+from gymnasium import error
 
-class SpaceEnvsError(Exception):
+_SHOWN = 100  # characters of a value in a message
+
+
+class SpaceEnvsError(error.Error):
     """Base of all errors raised on purpose by this suite."""
 
 
@@ -12,7 +22,19 @@ class ConfigurationError(SpaceEnvsError, ValueError):
     """A keyword, option, name or file content is not one that the suite knows or accepts."""
 
 
-class ActionError(SpaceEnvsError, ValueError):
+class UnknownKeywordError(ConfigurationError, TypeError):
+    """A keyword that the environment does not have."""
+
+
+class UnknownIdError(ConfigurationError, error.UnregisteredEnv):
+    """An environment id that is not registered."""
+
+
+class ResetNeededError(ConfigurationError, error.ResetNeeded):
+    """An environment was stepped or drawn before its first reset."""
+
+
+class ActionError(SpaceEnvsError, ValueError, error.InvalidAction):
     """An action has the wrong shape or type, or holds NaN or infinity."""
 
 
@@ -32,16 +54,30 @@ class PolicyError(SpaceEnvsError, RuntimeError):
     """A policy could not be loaded, or returned something that is not an action."""
 
 
-def positive(name: str, value: object) -> float:
-    """`value` as a float, if it is a finite positive number.
+def shown(value: object) -> str:
+    """A value as it stands in a message: its `repr`, cut where it is long, or its type if it has none."""
+    try:
+        text = repr(value)
+    except Exception:  # of a stranger's class, or an integer of thousands of digits
+        return f"a value of type {type(value).__name__}"
+    return text if len(text) <= _SHOWN else f"{text[: _SHOWN - 3]}..."
+
+
+def positive(name: str, value: object, largest: float | None = None) -> float:
+    """`value` as a float, if it is a finite positive number of at most `largest`.
 
     Raises:
         ConfigurationError: naming what was got.
     """
-    number = isinstance(value, int | float) or (hasattr(value, "dtype") and getattr(value, "ndim", 1) == 0)
-    if not number or isinstance(value, bool) or not 0 < float(value) < float("inf"):  # type: ignore[arg-type]
-        raise ConfigurationError(f"{name} must be a finite positive number, got {value!r}")
-    return float(value)  # type: ignore[arg-type]
+    number = _scalar(value)
+    try:
+        number = float(number) if isinstance(number, numbers.Real) else math.nan
+    except OverflowError:
+        number = math.inf
+    if not 0 < number < math.inf or largest is not None and number > largest:
+        limit = "" if largest is None else f" of at most {largest:g}"
+        raise ConfigurationError(f"{name} must be a finite positive number{limit}, got {shown(value)}")
+    return number
 
 
 def positive_integer(name: str, value: object, largest: int | None = None) -> int:
@@ -50,16 +86,37 @@ def positive_integer(name: str, value: object, largest: int | None = None) -> in
     Raises:
         ConfigurationError: naming what was got.
     """
-    whole = isinstance(value, int) or type(value).__module__ == "numpy" and hasattr(value, "__index__")
-    if isinstance(value, bool) or not whole or not 1 <= int(value) <= (largest or int(value)):  # type: ignore[arg-type, call-overload]
+    number = _scalar(value)
+    if not isinstance(number, numbers.Integral) or not 1 <= int(number) <= (largest or int(number)):
         limit = "" if largest is None else f" of at most {largest}"
-        raise ConfigurationError(f"{name} must be a positive integer{limit}, got {value!r}")
-    return int(value)  # type: ignore[arg-type, call-overload]
+        raise ConfigurationError(f"{name} must be a positive integer{limit}, got {shown(value)}")
+    return int(number)
+
+
+def _scalar(value: object) -> object:
+    """`value`, or what an array without axes holds; None for a boolean."""
+    if getattr(value, "ndim", None) == 0 and hasattr(value, "item"):
+        value = value.item()  # type: ignore[attr-defined]
+    return None if isinstance(value, bool) else value
 
 
 def unknown_name(kind: str, got: object, valid: Iterable[str]) -> ConfigurationError:
     """Build the error for an unknown name: what was got, what is valid, and the nearest valid name."""
+    return ConfigurationError(f"unknown {kind} {shown(got)}; {_hint(got, valid)}")
+
+
+def unknown_keyword(got: str, valid: Iterable[str]) -> UnknownKeywordError:
+    """Build the error for a keyword that there is not, in Python's words, with the nearest that there is."""
+    return UnknownKeywordError(f"got an unexpected keyword argument {shown(got)}; {_hint(got, valid)}")
+
+
+def unknown_id(got: object, valid: Iterable[str]) -> UnknownIdError:
+    """Build the error for an environment id that there is not."""
+    return UnknownIdError(f"unknown environment id {shown(got)}; {_hint(got, valid)}")
+
+
+def _hint(got: object, valid: Iterable[str]) -> str:
     names = list(valid)
-    close = difflib.get_close_matches(str(got), names, n=1, cutoff=0.5)
+    close = difflib.get_close_matches(got[:_SHOWN] if isinstance(got, str) else shown(got), names, n=1, cutoff=0.5)
     hint = f" Did you mean {close[0]!r}?" if close else ""
-    return ConfigurationError(f"unknown {kind} {got!r}; valid are {', '.join(map(repr, names))}.{hint}")
+    return f"valid are {', '.join(map(repr, names))}.{hint}"

@@ -27,6 +27,7 @@ renderer.update_scene(mujoco.MjData(model))
 renderer.render()
 """
 _TRIAL_SECONDS = 60
+_LOADED_BY: set[int] = set()  # processes: this one, or those that it was forked from
 _ADVICE = (
     "Everything but pictures works without. On Debian or Ubuntu, `apt-get install libegl1 libgl1-mesa-dri`"
     " draws without a screen (or `libosmesa6` with MUJOCO_GL=osmesa)."
@@ -99,12 +100,26 @@ def missing_gl() -> str | None:
     return None
 
 
+def check_process() -> None:
+    """Check that no parent of this process has loaded OpenGL: its state does not survive a fork.
+
+    Raises:
+        RenderingError: if one has.
+    """
+    if _LOADED_BY and os.getpid() not in _LOADED_BY:
+        raise RenderingError(
+            "this process was forked from one that had drawn, and cannot draw: OpenGL does not survive a fork. "
+            "Start it with multiprocessing's 'spawn' or 'forkserver', or draw for the first time in the child."
+        )
+
+
 def check_window() -> None:
     """Check that a window can be opened.
 
     Raises:
         RenderingError: if not; the message says why.
     """
+    check_process()
     advice = "Use render_mode='rgb_array', or run where there is a screen."
     if not has_screen():
         raise RenderingError(
@@ -130,5 +145,22 @@ def chosen_backend(backend: str) -> Iterator[None]:
 
 
 def create_context(backend: str, width: int, height: int) -> Any:
-    """A MuJoCo GLContext of a backend that `find_backend` has named."""
+    """A MuJoCo GLContext of a backend that `find_backend` has named.
+
+    Raises:
+        RenderingError: in a forked child of a process that had one.
+    """
+    check_process()
+    _LOADED_BY.add(os.getpid())
     return importlib.import_module(_MODULES[backend]).GLContext(width, height)
+
+
+def _leave_display() -> None:
+    """In a forked child, keep MuJoCo's exit handler from closing the parent's display: it would wait for ever."""
+    egl = sys.modules.get(_MODULES["egl"])
+    if egl is not None:
+        egl.EGL_DISPLAY = None  # type: ignore[attr-defined]
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_leave_display)

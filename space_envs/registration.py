@@ -1,12 +1,14 @@
 """The one table of ids: which task, with what defaults."""
 
+import inspect
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import gymnasium as gym
+from gymnasium.envs.registration import make
 
-from space_envs.errors import unknown_name
+from space_envs.errors import unknown_id, unknown_keyword
 from space_envs.tasks.base import CaptureTask
 from space_envs.tasks.dual_arm_planar import DualArmPlanarTask
 from space_envs.tasks.dual_arm_spatial import DualArmSpatialTask
@@ -52,22 +54,38 @@ def make_task(env_id: str, keywords: Mapping[str, Any]) -> CaptureTask:
     """Build the task of an id from the keywords of `gym.make`.
 
     Raises:
-        ConfigurationError: for an unknown id or keyword, or a value that is not valid.
+        UnknownIdError: for an unknown id. UnknownKeywordError: for an unknown keyword.
+        ConfigurationError: for a value that is not valid.
     """
-    if env_id not in ENTRIES:
-        raise unknown_name("environment id", env_id, ENTRIES)
+    if not isinstance(env_id, str) or env_id not in ENTRIES:
+        raise unknown_id(env_id, ENTRIES)
     task = ENTRIES[env_id].task
     names = [f.name for f in fields(task) if f.name != "envelope"]
     asked = {f.name for f in fields(task().envelope)}
     tolerances = [keyword for keyword, name in ENVELOPE_KEYWORDS.items() if name in asked]
-    own = {"control_mode", "render_mode", "width", "height", "camera", "threads"}
+    own = {"control_mode", "render_mode", "width", "height", "camera", "threads", "max_episode_steps"}
     for name in keywords:
         if name not in names and name not in tolerances:
-            raise unknown_name("keyword", name, [*names, *tolerances, *sorted(own)])
+            raise unknown_keyword(name, [*names, *tolerances, *sorted(own)])
     envelope = replace(
         task().envelope, **{ENVELOPE_KEYWORDS[k]: v for k, v in keywords.items() if k in tolerances}
     )
     return task(**{k: v for k, v in keywords.items() if k in names}, envelope=envelope)
+
+
+def asked_of_make() -> Any:
+    """`max_episode_steps` of the `gym.make` that is under way, argument or spec; None if nothing says it.
+
+    `gym.make` adds a TimeLimit of as many steps and keeps the number to itself. An environment that ends its
+    episodes on its own must know it, or there would be two limits; so it is read from the frame of the call.
+    """
+    frame = inspect.currentframe()
+    while frame is not None and frame.f_code is not make.__code__:
+        frame = frame.f_back
+    if frame is None:
+        return None
+    asked, spec = frame.f_locals["max_episode_steps"], frame.f_locals["env_spec"]
+    return spec.max_episode_steps if asked is None else asked
 
 
 def register_all() -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from space_envs.errors import ConfigurationError, RenderingError, unknown_name
+from space_envs.forking import never_end, tell_child
 from space_envs.opengl import check_window, chosen_backend, create_context, find_backend, missing_gl
 
 __all__ = ["Renderer", "missing_gl"]
@@ -27,7 +28,8 @@ class Renderer:
     """Draws states of one model: `render` makes pictures, `show` moves a window.
 
     OpenGL is looked for when the first picture is asked for and then kept, so making a Renderer never fails
-    for want of it. Belongs to one thread.
+    for want of it. Threads may draw in turn: each picture takes the OpenGL context and gives it back. A forked
+    child cannot go on with the context or window of its parent, and says so.
 
     Args:
         model: compiled with `ModelOptions(visual=True)`. It is copied.
@@ -69,7 +71,9 @@ class Renderer:
         self._context: mujoco.MjrContext | None = None
         self._window: Any = None
         self._window_threads: set[threading.Thread] = set()
+        self._lock = threading.RLock()
         self._shown: tuple[float, float] = (0.0, 0.0)  # simulated time and clock of the last state shown, s
+        tell_child(self)
 
     def render(
         self, state: ArrayLike, camera: str | None = None, trail: ArrayLike | None = None
@@ -92,16 +96,17 @@ class Renderer:
         view.type = int(mujoco.mjtCamera.mjCAMERA_FIXED)
         view.fixedcamid = self._camera if camera is None else self._camera_id(camera)
         points = _points(trail)
-        self._place(state)
-        scene, context = self._open()
         category = int(mujoco.mjtCatBit.mjCAT_ALL)
-        mujoco.mjv_updateScene(self._model, self._data, self._option, None, view, category, scene)
-        _draw_trail(scene, points)
-        self._gl.make_current()  # another renderer may have drawn since
-        mujoco.mjr_setBuffer(int(mujoco.mjtFramebuffer.mjFB_OFFSCREEN), context)
-        mujoco.mjr_render(self._view, scene, context)
         picture = np.empty((self._view.height, self._view.width, 3), dtype=np.uint8)
-        mujoco.mjr_readPixels(picture, None, self._view, context)
+        with self._lock:
+            self._place(state)
+            scene, context = self._open()
+            mujoco.mjv_updateScene(self._model, self._data, self._option, None, view, category, scene)
+            _draw_trail(scene, points)
+            with self._gl.as_current():
+                mujoco.mjr_setBuffer(int(mujoco.mjtFramebuffer.mjFB_OFFSCREEN), context)
+                mujoco.mjr_render(self._view, scene, context)
+                mujoco.mjr_readPixels(picture, None, self._view, context)
         return picture[::-1].copy()  # OpenGL's rows go from bottom to top
 
     def show(self, state: ArrayLike) -> bool:
@@ -173,15 +178,25 @@ class Renderer:
         mujoco.mj_comPos(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
 
+    def leave_to_parent(self) -> None:
+        """In a forked child, put the context and the window aside, which are those of the parent."""
+        for opened in (self._window, self._context, self._gl):
+            never_end(opened)
+        self._window = self._context = self._gl = self._scene = None
+        self._lock = threading.RLock()
+
     def _open(self) -> tuple[mujoco.MjvScene, mujoco.MjrContext]:
         if self._scene is None or self._context is None:
             backend = find_backend()
             try:
                 with chosen_backend(backend):
                     self._gl = create_context(backend, self._view.width, self._view.height)
-                    self._gl.make_current()
-                    self._context = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
-            except (ImportError, RuntimeError, mujoco.FatalError) as error:
+                    with self._gl.as_current():
+                        font = mujoco.mjtFontScale.mjFONTSCALE_100.value
+                        self._context = mujoco.MjrContext(self._model, font)
+            except RenderingError:
+                raise
+            except Exception as error:  # whatever a driver raises
                 self.close()
                 raise RenderingError(f"OpenGL ({backend}) could not be opened: {error}") from error
             scene = self._scene = mujoco.MjvScene(self._model, _MAX_GEOMS)

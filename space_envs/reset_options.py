@@ -1,7 +1,9 @@
 """What `reset(options=...)` may ask for, validated before anything moves."""
 
+import numbers
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -9,7 +11,7 @@ from gymnasium.utils import seeding
 from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array
-from space_envs.errors import ConfigurationError, unknown_name
+from space_envs.errors import ConfigurationError, GoalError, shown, unknown_name
 from space_envs.tasks.base import CaptureTask
 from space_envs.tasks.common import Goals
 
@@ -32,32 +34,72 @@ class Start:
     joint_velocity: Array | None
 
 
-def seeded(
-    generators: Sequence[np.random.Generator], seed: Any, rows: NDArray[np.int64], n: int
-) -> list[np.random.Generator]:
-    """Generators of n rows: those there are, with rows (k,) seeded anew as `seed` says.
+@dataclass(frozen=True, eq=False)
+class Seeds:
+    """Random generators of n rows, and the seeds that they come from.
 
-    Raises:
-        ConfigurationError: if the seed is neither None, nor a number, nor n of them.
+    Before anything was seeded, row i has a random seed plus i.
+
+    Attributes:
+        n: rows.
+        given: (generator, seed) of each row; seed -1 of a generator from elsewhere.
     """
-    if seed is None:
-        seeds: list[Any] = [None] * n
-    elif isinstance(seed, int | np.integer) and not isinstance(seed, bool):
-        seeds = [int(seed) + row for row in range(n)]
-    elif isinstance(seed, list | tuple | np.ndarray) and len(seed) == n:
-        seeds = [None if s is None else s for s in seed]
-    else:
-        raise ConfigurationError(f"seed must be an integer, a list of {n}, or None; got {seed!r}")
-    for s in seeds:
-        if s is not None and (isinstance(s, bool) or not isinstance(s, int | np.integer) or s < 0):
-            raise ConfigurationError(f"a seed must be an integer of at least 0, got {s!r}")
-    if not generators:
-        return [seeding.np_random(None if s is None else int(s))[0] for s in seeds]
-    chosen = list(generators)
-    for row in rows:
-        if seeds[row] is not None:
-            chosen[row] = seeding.np_random(int(seeds[row]))[0]
-    return chosen
+
+    n: int
+    given: tuple[tuple[np.random.Generator, int], ...] = ()
+
+    @cached_property
+    def _all(self) -> tuple[tuple[np.random.Generator, int], ...]:
+        first = 0 if self.given else int(seeding.np_random()[1])
+        return self.given or tuple(_from_seed(first + row) for row in range(self.n))
+
+    @property
+    def generators(self) -> list[np.random.Generator]:
+        """(n,)"""
+        return [generator for generator, _ in self._all]
+
+    @property
+    def numbers(self) -> list[int]:
+        """(n,) seeds."""
+        return [number for _, number in self._all]
+
+    def renewed(self, seed: Any, rows: NDArray[np.int64]) -> "Seeds":
+        """The same, with rows (k,) seeded anew: row i with seed + i, or with the i-th of n seeds.
+
+        Raises:
+            ConfigurationError: if the seed is neither None, nor a number, nor n of them.
+        """
+        if seed is None:
+            return self
+        if isinstance(seed, np.ndarray) and seed.ndim == 1:
+            seed = seed.tolist()
+        if _whole(seed):
+            seeds: list[Any] = [int(seed) + row for row in range(self.n)]
+        elif isinstance(seed, list | tuple) and len(seed) == self.n:
+            seeds = list(seed)
+        else:
+            raise ConfigurationError(f"seed must be an integer, a list of {self.n}, or None; got {shown(seed)}")
+        for number in seeds:
+            if number is not None and (not _whole(number) or number < 0):
+                raise ConfigurationError(f"a seed must be an integer of at least 0, got {shown(number)}")
+        every = list(self._all)
+        for row in rows:
+            if seeds[row] is not None:
+                every[row] = _from_seed(int(seeds[row]))
+        return Seeds(self.n, tuple(every))
+
+    def derived(self, generator: np.random.Generator) -> "Seeds":
+        """As many rows: the first with this generator, the others with seeds drawn from it."""
+        others = generator.integers(2**63, size=self.n - 1).tolist() if self.n > 1 else []
+        return Seeds(self.n, ((generator, -1), *(_from_seed(number) for number in others)))
+
+
+def _whole(value: object) -> bool:
+    return isinstance(value, numbers.Integral) and not isinstance(value, bool)
+
+
+def _from_seed(seed: int) -> tuple[np.random.Generator, int]:
+    return seeding.np_random(seed)[0], seed
 
 
 def rows_to_reset(task: CaptureTask, options: Mapping[str, Any], n: int) -> NDArray[np.int64]:
@@ -67,15 +109,16 @@ def rows_to_reset(task: CaptureTask, options: Mapping[str, Any], n: int) -> NDAr
         ConfigurationError: for an option that does not exist or a mask that is none.
     """
     if not isinstance(options, Mapping):
-        raise ConfigurationError(f"options must be a dictionary, got {options!r}")
+        raise ConfigurationError(f"options must be a dictionary, got {shown(options)}")
     valid = (*COMMON_OPTIONS, *task.goal_options)
     for name in options:
         if name not in valid:
             raise unknown_name("reset option", name, valid)
-    mask = np.asarray(options.get("reset_mask", np.ones(n, dtype=bool)))
-    if mask.shape != (n,) or mask.dtype != np.bool_:
-        raise ConfigurationError(f"reset_mask must be bool of shape ({n},), got {mask.dtype} {mask.shape}")
-    return np.flatnonzero(mask)
+    mask = options.get("reset_mask", np.ones(n, dtype=bool))
+    array = _array(mask)
+    if array is None or array.shape != (n,) or array.dtype != np.bool_:
+        raise ConfigurationError(f"reset_mask must be bool of shape ({n},), got {shown(mask)}")
+    return np.flatnonzero(array)
 
 
 def choose_start(
@@ -102,9 +145,10 @@ def choose_start(
         return Start(goals, _names("given", rows), index, velocity)
     split = options.get("split", task.split)
     if "index" in options:
-        index = np.asarray(options["index"])
-        if index.shape not in ((), (n,)):
-            raise ConfigurationError(f"index must be a number or {n} of them, got shape {index.shape}")
+        index = _array(options["index"])
+        if index is None or index.shape not in ((), (n,)):
+            got = shown(options["index"])
+            raise ConfigurationError(f"index must be an integer or {n} of them, got {got}")
         index = np.broadcast_to(index, (n,))[rows]
     else:
         size = task.split_size(split)
@@ -124,6 +168,9 @@ def _goal_values(
     for name, option in task.goal_options.items():
         if name in options:
             values[name] = _row_values(options, name, option.width, rows, n)
+            if (np.abs(values[name]) > option.largest).any():
+                largest = float(np.abs(values[name]).max())
+                raise GoalError(f"{name} must lie in -{option.largest:g} to {option.largest:g}, got {largest:g}")
         elif option.default is None:
             raise ConfigurationError(f"{' and '.join(needed)} must be given together; {name} is missing")
         else:
@@ -141,19 +188,41 @@ def _joint_option(
     value = _row_values(options, name, task.robot.n_joints, rows, n)
     rates = task.parameters.rate_limit * np.array([[-1.0, 1.0]])
     limits = task.robot.range if name == "joint_position" else rates
-    if (value < limits[:, 0]).any() or (value > limits[:, 1]).any():
-        raise ConfigurationError(f"{name} outside its limits: got {value.tolist()}, limits {limits.tolist()}")
+    outside = (value < limits[:, 0]) | (value > limits[:, 1])
+    if outside.any():
+        row, joint = np.argwhere(outside)[0]
+        low, high = np.broadcast_to(limits, (value.shape[1], 2))[joint]
+        raise ConfigurationError(
+            f"{name} outside its limits: joint {joint + 1} must lie in {low:g} to {high:g}, got "
+            f"{value[row, joint]:g}"
+        )
     return value
 
 
 def _row_values(options: Mapping[str, Any], name: str, width: int, rows: NDArray[np.int64], n: int) -> Array:
     """The option's numbers for rows (k,): (k, width), from (width,) for all or (n, width)."""
-    try:
-        value = np.asarray(options[name], dtype=np.float64)
-    except (TypeError, ValueError):
-        raise ConfigurationError(f"{name} must be numbers, got {options[name]!r}") from None
+    given = options[name]
+    value = _array(given)
+    if value is None or value.dtype.kind not in "fiu" or _holds_boolean(given):
+        raise ConfigurationError(f"{name} must be numbers, got {shown(given)}")
+    value = value.astype(np.float64)
     if value.shape not in ((width,), (n, width)):
         raise ConfigurationError(f"{name} must have shape ({width},) or ({n}, {width}), got {value.shape}")
     if not np.isfinite(value).all():
-        raise ConfigurationError(f"{name} must be finite, got {value.tolist()}")
+        raise ConfigurationError(f"{name} must be finite, got {shown(value.tolist())}")
     return np.broadcast_to(value, (n, width))[rows]
+
+
+def _array(value: object) -> NDArray | None:
+    """What a user gave as an array; None if it is none, such as a ragged list."""
+    try:
+        return np.asarray(value)
+    except Exception:  # whatever a stranger's object raises
+        return None
+
+
+def _holds_boolean(value: object) -> bool:
+    """Whether a list, however deep, holds a boolean, which numpy takes for a number beside numbers."""
+    if isinstance(value, list | tuple):
+        return any(map(_holds_boolean, value))
+    return isinstance(value, bool | np.bool_)

@@ -1,20 +1,28 @@
 """Named views of N simulations of one robot: a thin layer over `mujoco.batch.Batch`."""
 
 import os
+from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
-from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array
 from space_envs.dynamics.tree import base_kind
+from space_envs.forking import Pool, tell_child
 
 Rows = NDArray[np.int64]
 
 STAGE_VEL = mujoco.mjtStage.mjSTAGE_VEL
 STAGE_POS = mujoco.mjtStage.mjSTAGE_POS
 STAGE_NONE = mujoco.mjtStage.mjSTAGE_NONE
+# What is bound of a batch, by attribute of the simulation.
+_VIEWS = {
+    **{name: name for name in ("qpos", "qvel", "ctrl", "mocap_pos", "mocap_quat")},
+    "sensors": "sensordata",
+    "_mass": "M",
+    "_bias": "qfrc_bias",
+}
 _ONE_THREAD_UP_TO = 8  # simulations; below this, handing work to threads costs more than it saves
 
 
@@ -45,21 +53,48 @@ class Simulation:
         self.n_base = 3 if self.planar else 6
         self.angular = slice(2, 3) if self.planar else slice(3, 6)
         self._first = 3 if self.planar else 7  # joint angle in qpos
-        self.batch = Batch(model, n, threads)
-        for name in ("qpos", "qvel", "ctrl", "mocap_pos", "mocap_quat"):
-            setattr(self, name, self.batch.bind(name))
-        self.sensors = self.batch.bind("sensordata")
-        self._mass = self.batch.bind("M")
-        self._bias = self.batch.bind("qfrc_bias")
+        self._open(threads)
         self._mass_index, self._mass_present = _dense_index(model, self.n_base + self.n_joints)
         self._nominal = (model.body_mass.copy(), model.body_inertia.copy())
         self._warned = np.zeros(n, dtype=np.int64)
 
+    batch: Pool
     qpos: Array
     qvel: Array
     ctrl: Array
     mocap_pos: Array
     mocap_quat: Array
+    sensors: Array
+    _mass: Array
+    _bias: Array
+
+    def _open(self, threads: int) -> None:
+        """Make the batch, and bind what is looked at."""
+        self.batch = Pool(self.model, self.n, threads)
+        if self.batch.nthread > 1:
+            tell_child(self)
+        for attribute, name in _VIEWS.items():
+            setattr(self, attribute, self.batch.bind(name))
+
+    def leave_to_parent(self) -> None:
+        """In a forked child, put the batch aside, whose threads are those of the parent."""
+        if "batch" in self.__dict__:
+            self._inherited = self.batch
+            for name in ("batch", *_VIEWS):
+                del self.__dict__[name]
+
+    if not TYPE_CHECKING:  # a type checker shall find missing attributes
+
+        def __getattr__(self, name: str) -> Any:
+            """Go on with a batch of one's own from where the one that was put aside stood."""
+            inherited = self.__dict__.pop("_inherited", None)
+            if inherited is None:
+                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+            self.batch = inherited
+            snapshot = self.snapshot()
+            self._open(inherited.nthread)
+            self.restore(snapshot)
+            return getattr(self, name)
 
     @property
     def joint_position(self) -> Array:

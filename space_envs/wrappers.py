@@ -4,9 +4,12 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.utils import RecordConstructorArgs
 from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array, angle_between
+from space_envs.envs import CaptureEnv
+from space_envs.errors import ConfigurationError, shown
 
 # What an end-effector does, and where it shall be; a task has the position and at most one of the others.
 PAIRS = (
@@ -16,18 +19,24 @@ PAIRS = (
 )
 
 
-class GoalConditioned(gym.Wrapper[Any, NDArray, Any, NDArray]):
+class GoalConditioned(gym.Wrapper[Any, NDArray, Any, NDArray], RecordConstructorArgs):
     """A capture environment as Gymnasium-Robotics' goal environments and HER expect it.
 
     Observations are a dictionary of `observation` (all of it), `achieved_goal` and `desired_goal` (g,):
     positions of the end-effectors and of their grapples in the inertial frame, m, and then what the capture
     asks of their attitude, quaternions or approach axes, if anything. The reward is 0 if every end-effector
     is inside the capture envelope's position and angle, else -1, and can be recomputed for any goal.
+
+    Raises:
+        ConfigurationError: for an environment that is not one of a capture task.
     """
 
     def __init__(self, env: gym.Env[Any, NDArray]) -> None:
-        super().__init__(env)
-        self._task = env.unwrapped.task  # type: ignore[attr-defined]
+        if not isinstance(env, gym.Env) or not isinstance(env.unwrapped, CaptureEnv):
+            raise ConfigurationError(f"GoalConditioned wraps a single capture environment, got {shown(env)}")
+        RecordConstructorArgs.__init__(self)
+        gym.Wrapper.__init__(self, env)
+        self._task = env.unwrapped.task
         slices = self._task.layout.slices
         self._achieved, self._desired = zip(*(pair for pair in PAIRS if pair[0] in slices), strict=True)
         part = slices[self._achieved[0]]
@@ -52,7 +61,15 @@ class GoalConditioned(gym.Wrapper[Any, NDArray, Any, NDArray]):
         return split, float(reward), terminated, truncated, info
 
     def compute_reward(self, achieved_goal: Array, desired_goal: Array, info: Any) -> Array:
-        """Reward (...) of achieved goals (..., g) for desired goals (..., g)."""
+        """Reward (...) of achieved goals (..., g) for desired goals (..., g).
+
+        Raises:
+            ConfigurationError: for goals of another size.
+        """
+        size = self.observation_space["desired_goal"].shape[0]  # type: ignore[index]
+        for goal in (achieved_goal, desired_goal):
+            if np.shape(goal)[-1:] != (size,):
+                raise ConfigurationError(f"a goal must have shape (..., {size}), got {np.shape(goal)}")
         limits = self._task.envelope.limits
         achieved, desired = (
             self._each(goal[..., : self._positions]) for goal in (achieved_goal, desired_goal)

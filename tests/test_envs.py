@@ -350,7 +350,7 @@ def test_a_seed_leaves_rows_outside_the_mask_alone(env_id):
         ({"hold_time": float("nan")}, "finite positive"),
         ({"attitude_limit": 0}, "attitude_limit must be"),
         ({"num_envs": 3}, "gym.make_vec"),
-        ({"mount": [[0.5, 0.5], [-0.5, 0.5]]}, "unknown keyword 'mount'"),
+        ({"mount": [[0.5, 0.5], [-0.5, 0.5]]}, "unexpected keyword argument 'mount'"),
     ],
 )
 @every_id
@@ -373,7 +373,7 @@ def test_bad_keywords_name_the_nearest_valid_one(keywords, message, env_id):
 )
 def test_keywords_of_one_id_are_refused_by_the_others(env_id, keyword, value, bad, owner):
     if owner not in env_id:
-        with pytest.raises(ConfigurationError, match=f"unknown keyword '{keyword}'"):
+        with pytest.raises(ConfigurationError, match=f"unexpected keyword argument '{keyword}'"):
             gym.make(env_id, **{keyword: value})
         return
     gym.make(env_id, **{keyword: value})

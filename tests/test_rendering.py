@@ -5,6 +5,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from types import SimpleNamespace
 from typing import Any
@@ -254,3 +255,23 @@ def test_a_long_trail_keeps_its_end(renderer: Renderer) -> None:
     np.testing.assert_allclose(scene.geoms[0].pos, [0, 0, 20.5], atol=1e-5)
     rendering._draw_trail(scene, points)  # a full scene takes no more
     assert scene.ngeom == 10
+
+
+def test_threads_draw_in_turn(renderer: Renderer) -> None:
+    if missing_gl() is not None:
+        with pytest.raises(RenderingError):
+            renderer.render(home_state())
+        return
+    states = [home_state(angle) for angle in (0.0, 0.5)]
+    expected = [renderer.render(state) for state in states]
+    with ThreadPoolExecutor(1) as one, ThreadPoolExecutor(1) as other:
+        for thread in (one, other, one):
+            np.testing.assert_array_equal(thread.submit(renderer.render, states[1]).result(), expected[1])
+        np.testing.assert_array_equal(renderer.render(states[0]), expected[0])
+        # Whoever is late waits.
+        drawn = [thread.submit(renderer.render, state) for state in states for thread in (one, other)]
+        for place, picture in enumerate(drawn):
+            np.testing.assert_array_equal(picture.result(), expected[place // 2 % 2])
+        other.submit(renderer.close).result()
+        np.testing.assert_array_equal(one.submit(renderer.render, states[0]).result(), expected[0])
+    np.testing.assert_array_equal(renderer.render(states[0]), expected[0])

@@ -14,6 +14,8 @@ from space_envs.errors import positive, unknown_name
 SPLITS = ("train", "validation", "test", "ood")
 DIFFICULTIES = ("easy", "medium", "hard")
 REWARDS = ("dense", "sparse")
+LARGEST_TOLERANCE = 1e4  # of a capture, in any of its units: it asks for nothing any more
+UNIT = 1.000001  # bound on the components of unit vectors and quaternions, with room for rounding
 
 
 class Field(NamedTuple):
@@ -80,8 +82,9 @@ class CaptureEnvelope:
     hold: float = 1.0  # s
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            positive(f"capture envelope: {name}", value)
+        for name, value in tuple(vars(self).items()):
+            number = positive(f"capture envelope: {name}", value, LARGEST_TOLERANCE)
+            object.__setattr__(self, name, number)
 
     @property
     def limits(self) -> Array:
@@ -112,6 +115,7 @@ class GoalOption:
 
     width: int
     default: tuple[float, ...] | None = None  # None: it must be given
+    largest: float = 10.0  # absolute value of each number; an observation of it stays in its bound
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,358 @@
+"""What clients of Gymnasium rely on: errors, time limits, seeds, infos, specs and copies."""
+
+import copy
+import pickle
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.envs.registration import EnvSpec
+from gymnasium.utils.env_checker import check_env
+from gymnasium.wrappers import TimeAwareObservation
+
+import space_envs  # noqa: F401  (registers the ids)
+from space_envs.envs import CaptureEnv, CaptureVectorEnv
+from space_envs.errors import ConfigurationError, SpaceEnvsError
+from space_envs.registration import ENTRIES
+from space_envs.wrappers import GoalConditioned
+
+IDS = sorted(ENTRIES)
+SINGLE = "SpaceCapture/SingleArm-v0"
+every_id = pytest.mark.parametrize("env_id", IDS)
+every_autoreset = pytest.mark.parametrize("mode", list(gym.vector.AutoresetMode))
+
+
+# Errors ------------------------------------------------------------------------------------------------
+
+
+@every_id
+@pytest.mark.parametrize("make", [gym.make, gym.make_vec, CaptureVectorEnv])
+def test_an_unknown_keyword_is_a_type_error_with_pythons_words(make, env_id):
+    with pytest.raises(TypeError, match="unexpected keyword argument 'frameskip'") as caught:
+        make(env_id, frameskip=1)
+    assert isinstance(caught.value, ConfigurationError)
+    with pytest.raises(TypeError, match="argument 'horizn'.*Did you mean 'horizon'"):
+        make(env_id, horizn=3)
+
+
+def test_keywords_of_the_vector_environment_are_unknown_to_the_single_one():
+    for name in ("num_envs", "autoreset_mode"):
+        with pytest.raises(TypeError, match=f"unexpected keyword argument '{name}'.*gym.make_vec"):
+            gym.make(SINGLE, **{name: 2})
+
+
+@pytest.mark.parametrize(
+    ("call", "classes"),
+    [
+        (lambda: gym.make_vec(SINGLE).step(np.zeros((1, 7))), (gym.error.ResetNeeded, ConfigurationError)),
+        (lambda: CaptureEnv().step(np.zeros(7)), (gym.error.ResetNeeded,)),
+        (lambda: CaptureEnv(render_mode="rgb_array").render(), (gym.error.ResetNeeded,)),
+        (lambda: CaptureVectorEnv("SpaceCapture/None-v0"), (gym.error.UnregisteredEnv, ValueError)),
+        (lambda: CaptureVectorEnv(split="tset"), (ValueError, gym.error.Error)),
+        (lambda: gym.make_vec(SINGLE).reset(seed=-1), (ValueError, gym.error.Error)),
+        (lambda: started().step(np.zeros(3)), (gym.error.InvalidAction, ValueError)),
+        (lambda: started().step(np.full(7, np.nan)), (gym.error.InvalidAction, ValueError)),
+    ],
+)
+def test_errors_are_those_that_clients_catch(call, classes):
+    with pytest.raises(SpaceEnvsError) as caught:
+        call()
+    for each in classes:
+        assert isinstance(caught.value, each)
+    assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
+
+
+def started(**keywords):
+    env = gym.make(SINGLE, **keywords)
+    env.reset(seed=0)
+    return env
+
+
+# Time limits -------------------------------------------------------------------------------------------
+
+
+def length(env, action=0.0):
+    """Steps of an episode, and what was said of its end."""
+    env.reset(seed=0)
+    for step in range(1, 1000):
+        *_, terminated, truncated, info = env.step(np.full(env.action_space.shape, action))
+        if np.all(terminated) or np.all(truncated):
+            return step, bool(np.all(truncated)), np.ravel(info["outcome"])[0]
+    raise AssertionError("the episode has no end")
+
+
+@every_id
+def test_the_spec_says_the_horizon_in_effect(env_id):
+    default = ENTRIES[env_id].task().horizon
+    for make in (gym.make, gym.make_vec):
+        assert make(env_id).spec.max_episode_steps == default
+        assert make(env_id, horizon=7).spec.max_episode_steps == 7
+        assert make(env_id, max_episode_steps=default + 9).spec.max_episode_steps == default + 9
+        assert make(env_id, max_episode_steps=-1).spec.max_episode_steps == default
+    assert gym.spec(env_id).max_episode_steps is None  # the registry's is not that of an environment
+
+
+LIMITED = {
+    "make": lambda **keywords: gym.make(SINGLE, **keywords),
+    "goals": lambda **keywords: GoalConditioned(gym.make(SINGLE, **keywords)),
+    "native": lambda **keywords: gym.make_vec(SINGLE, num_envs=2, autoreset_mode="disabled", **keywords),
+    "sync": lambda **keywords: gym.make_vec(SINGLE, num_envs=2, vectorization_mode="sync", **keywords),
+    "class": lambda **keywords: CaptureEnv(**keywords),
+}
+
+
+@pytest.mark.parametrize("kind", LIMITED)
+@pytest.mark.parametrize("keyword", ["horizon", "max_episode_steps"])
+def test_both_names_of_the_horizon_end_an_episode_as_a_timeout(kind, keyword):
+    for steps in (4, 230):  # less and more than the default
+        assert length(LIMITED[kind](**{keyword: steps})) == (steps, True, "timeout")
+
+
+@pytest.mark.parametrize("make", [gym.make, gym.make_vec, CaptureEnv, CaptureVectorEnv])
+def test_two_horizons_must_agree(make):
+    ids = () if make is CaptureEnv else (SINGLE,)
+    assert make(*ids, horizon=5, max_episode_steps=5) is not None
+    with pytest.raises(ConfigurationError, match="must agree, got 5 and 4"):
+        make(*ids, horizon=5, max_episode_steps=4)
+    for bad in (0, -2, 2.5, True, "4", 10**400):
+        with pytest.raises(SpaceEnvsError, match="max_episode_steps must be|horizon must be"):
+            make(*ids, max_episode_steps=bad)
+
+
+@pytest.mark.parametrize("keywords", [{"horizon": 6}, {"max_episode_steps": 6}, {"max_episode_steps": 300}])
+def test_what_a_spec_makes_ends_where_the_original_does(keywords):
+    env = gym.make(SINGLE, **keywords)
+    expected = length(env)
+    specs = [env.spec, EnvSpec.from_json(env.spec.to_json()), pickle.loads(pickle.dumps(env)).spec]
+    for spec in specs:
+        again = gym.make(spec)
+        assert length(again) == expected
+        assert again.spec.max_episode_steps == expected[0]
+        assert gym.make(again.spec).spec == again.spec
+    vector = gym.make_vec(SINGLE, num_envs=3, **keywords)
+    again = gym.make_vec(vector.spec)
+    assert again.num_envs == 3
+    assert again.spec.max_episode_steps == expected[0] == pickle.loads(pickle.dumps(vector)).spec.max_episode_steps
+    with pytest.raises(ConfigurationError, match="must agree"):
+        gym.make(env.spec, horizon=9)
+
+
+def test_a_registered_limit_is_the_horizon():
+    gym.register(
+        "SpaceCaptureTest/Short-v0",
+        entry_point="space_envs.envs:CaptureEnv",
+        vector_entry_point="space_envs.envs:CaptureVectorEnv",
+        max_episode_steps=5,
+        kwargs={"env_id": SINGLE},
+    )
+    try:
+        assert length(gym.make("SpaceCaptureTest/Short-v0")) == (5, True, "timeout")
+        assert length(gym.make("SpaceCaptureTest/Short-v0", max_episode_steps=8)) == (8, True, "timeout")
+        vector = gym.make_vec("SpaceCaptureTest/Short-v0", autoreset_mode="disabled")
+        assert length(vector) == (5, True, "timeout")
+    finally:
+        del gym.registry["SpaceCaptureTest/Short-v0"]
+
+
+def test_an_end_at_the_last_step_is_the_same_with_gymnasiums_limit():
+    """Captured there, an episode is terminated, and it is truncated as well, as by Gymnasium's TimeLimit."""
+    env = gym.make(SINGLE, horizon=10)
+    goal = env.unwrapped.task.robot.end_effector_pose(env.unwrapped.task.robot.home)
+    from space_envs.dynamics.rotations import from_matrix
+
+    options = {"goal_position": goal[0], "goal_quaternion": from_matrix(goal[1])}
+    for made in (env, gym.make(env.spec)):
+        made.reset(options=options)
+        ends = [made.step(np.zeros(7)) for _ in range(10)]
+        assert [end[2:4] for end in ends] == [(False, False)] * 9 + [(True, True)]
+        assert ends[-1][4]["outcome"] == "captured"
+
+
+@every_id
+def test_wrappers_that_need_a_time_limit(env_id):
+    env = TimeAwareObservation(gym.make(env_id, horizon=4))
+    assert env.reset(seed=0)[0][-1] == 0
+    assert env.max_timesteps == 4
+
+
+# Seeds -------------------------------------------------------------------------------------------------
+
+
+def makers():
+    """Every way to make two rows, and how the seeds of a row are told."""
+    yield lambda: gym.make_vec(SINGLE, num_envs=2)
+    for mode in ("sync", "async"):
+        yield lambda mode=mode: gym.make_vec(SINGLE, num_envs=2, vectorization_mode=mode)
+
+
+def test_np_random_of_the_single_environment():
+    env = gym.make(SINGLE)
+    before = env.unwrapped.np_random_seed  # there is one before the first reset
+    first = env.reset()[0]
+    assert env.unwrapped.np_random_seed == before
+    np.testing.assert_array_equal(gym.make(SINGLE).reset(seed=before)[0], first)
+    env.reset(seed=3)
+    assert env.np_random_seed == 3
+    state = env.np_random.bit_generator.state
+    expected = env.reset()[0]
+    assert env.np_random_seed == 3
+    assert env.np_random.bit_generator.state != state  # it is what goals are drawn from
+    env.reset(seed=3)
+    np.testing.assert_array_equal(env.reset()[0], expected)
+    env.np_random = np.random.default_rng(8)
+    assert env.np_random_seed == -1
+    drawn = env.reset()[0]
+    env.np_random = np.random.default_rng(8)
+    np.testing.assert_array_equal(env.reset()[0], drawn)
+    assert env.unwrapped._np_random is env.np_random
+
+
+def test_np_random_of_the_native_vector_environment():
+    env = gym.make_vec(SINGLE, num_envs=3)
+    before = env.np_random_seed
+    first = env.reset()[0]
+    assert env.np_random_seed == before
+    np.testing.assert_array_equal(gym.make_vec(SINGLE, num_envs=3).reset(seed=before)[0], first)
+    env.reset(seed=3)
+    assert env.np_random_seed == 3
+    single = gym.make(SINGLE)
+    single.reset(seed=3)
+    assert env.np_random.bit_generator.state == single.np_random.bit_generator.state
+    env.reset()
+    assert env.np_random_seed == 3
+    env.reset(seed=[8, 5, 9])
+    assert env.np_random_seed == 8
+    env.reset(seed=[None, 5, 9])
+    assert env.np_random_seed == 8
+    drawn = []
+    for _ in range(2):
+        env.np_random = np.random.default_rng(2)
+        assert env.np_random_seed == -1
+        drawn.append(env.reset()[0])
+    np.testing.assert_array_equal(drawn[0], drawn[1])
+    assert len(np.unique(drawn[0], axis=0)) == 3
+    with pytest.raises(ConfigurationError):
+        env.reset(seed=4, options={"split": "no"})
+    assert env.np_random_seed == -1
+
+
+def test_gymnasiums_own_vectorizers_give_the_same_rows():
+    rows = []
+    for make in makers():
+        env = make()
+        observations = [env.reset(seed=5)[0], env.reset()[0], env.reset(seed=[7, None])[0]]
+        observations.append(env.step(np.full((2, 7), 0.3))[0])
+        rows.append(np.stack(observations))
+        env.close()
+    np.testing.assert_array_equal(rows[0], rows[1])
+    np.testing.assert_array_equal(rows[0], rows[2])
+
+
+def test_unseeded_resets_differ():
+    seen = [env.reset()[0] for make in makers() for env in [make()] * 2]
+    assert len(np.unique(np.concatenate(seen), axis=0)) == 2 * len(seen)
+
+
+# Infos -------------------------------------------------------------------------------------------------
+
+
+def present(info, rows):
+    """What a vector info says of each row: nested values by name, as its masks tell."""
+    said = [{} for _ in range(rows)]
+    for name, value in info.items():
+        if name.startswith("_"):
+            continue
+        for row in np.flatnonzero(info["_" + name]):
+            said[row][name] = present(value, rows)[row] if isinstance(value, dict) else value[row]
+    return said
+
+
+@every_id
+@every_autoreset
+def test_infos_say_what_those_of_gymnasiums_vector_environment_say(env_id, mode):
+    keywords = {"horizon": 4, "attitude_limit": 0.2}
+    native = gym.make_vec(env_id, num_envs=4, autoreset_mode=mode, **keywords)
+    sync = gym.vector.SyncVectorEnv([lambda: gym.make(env_id, **keywords)] * 4, autoreset_mode=mode)
+    results = [env.reset(seed=3) for env in (native, sync)]
+    rng, ends = np.random.default_rng(0), 0
+    for _ in range(12):
+        (_, info), (_, expected) = (result[0::4] if len(result) == 5 else result for result in results)
+        np.testing.assert_array_equal(results[0][0], results[1][0])
+        for got, wanted in zip(present(info, 4), present(expected, 4), strict=True):
+            np.testing.assert_equal(got, wanted)
+            assert {name: type(value) for name, value in got.items()} == {
+                name: type(value) for name, value in wanted.items()
+            }
+        for name in expected:
+            if not name.startswith("_") and not isinstance(expected[name], dict):
+                assert info[name].dtype == expected[name].dtype
+        for one, other in zip(results[0][1:-1], results[1][1:-1], strict=True):
+            np.testing.assert_array_equal(one, other)
+        if mode is gym.vector.AutoresetMode.DISABLED and len(results[0]) == 5:
+            done = results[0][2] | results[0][3]
+            if done.any():
+                ends += 1
+                results = [env.reset(options={"reset_mask": done.copy()}) for env in (native, sync)]
+                continue
+        actions = rng.uniform(-1, 1, native.action_space.shape) * [[1.0], [0.0], [0.5], [0.01]]
+        results = [env.step(actions) for env in (native, sync)]
+        ends += int((results[0][2] | results[0][3]).any())
+    assert ends >= 2
+
+
+# Copies, wrappers --------------------------------------------------------------------------------------
+
+
+@every_id
+def test_copies_keep_gymnasiums_attributes(env_id):
+    for env in (gym.make_vec(env_id, num_envs=2), gym.make(env_id, horizon=9)):
+        env.reset(seed=3)
+        for other in (pickle.loads(pickle.dumps(env)), copy.deepcopy(env)):
+            assert other.spec == env.spec is not None
+            assert other.np_random_seed == 3
+            np.testing.assert_array_equal(other.reset()[0], copy.deepcopy(env).reset()[0])
+        env.close()
+        env.close()
+    vector = gym.make_vec(env_id)
+    vector.close()
+    assert vector.closed
+    assert pickle.loads(pickle.dumps(vector)).closed
+
+
+@every_id
+def test_goal_conditioned_keeps_gymnasiums_contracts(env_id):
+    env = GoalConditioned(gym.make(env_id, horizon=5))
+    check_env(env, skip_render_check=True)
+    assert env.spec.additional_wrappers[-1].name == "GoalConditioned"
+    assert env.spec.max_episode_steps == 5
+    expected = env.reset(seed=4)[0]
+    action = np.full(env.action_space.shape, 0.2)
+    stepped = env.step(action)
+    copies = [
+        pickle.loads(pickle.dumps(env)),
+        copy.deepcopy(env),
+        gym.make(env.spec),
+        gym.make(EnvSpec.from_json(env.spec.to_json())),
+    ]
+    for other in copies:
+        assert isinstance(other, GoalConditioned)
+        assert other.spec.max_episode_steps == 5
+        for name, value in other.reset(seed=4)[0].items():
+            np.testing.assert_array_equal(value, expected[name])
+        assert other.step(action)[1:] == stepped[1:]
+        assert other.np_random_seed == 4
+        assert all(other.observation_space[name] == env.observation_space[name] for name in expected)
+    made = gym.make_vec(env.spec, num_envs=2, vectorization_mode="sync")
+    np.testing.assert_array_equal(made.reset(seed=4)[0]["desired_goal"][0], expected["desired_goal"])
+
+
+@pytest.mark.parametrize("wrong", [gym.make("CartPole-v1"), gym.make_vec(SINGLE), "CartPole-v1", None])
+def test_goal_conditioned_refuses_what_it_cannot_wrap(wrong):
+    with pytest.raises(ConfigurationError, match="capture environment"):
+        GoalConditioned(wrong)
+
+
+def test_goal_conditioned_refuses_goals_of_another_size():
+    env = GoalConditioned(gym.make(SINGLE))
+    with pytest.raises(ConfigurationError, match=r"\(\.\.\., 7\)"):
+        env.compute_reward(np.zeros(6), np.zeros(6), {})
