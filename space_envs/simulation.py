@@ -1,6 +1,7 @@
 """Named views of N simulations of one robot: a thin layer over `mujoco.batch.Batch`."""
 
 import os
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import mujoco
@@ -40,6 +41,7 @@ class Simulation:
         qpos (N, nq), qvel (N, nv), ctrl (N, n): live and writable.
         mocap_pos (N, k, 3), mocap_quat (N, k, 4): likewise, of the k mocap bodies.
         sensors (N, ns): live, current after `step` and `refresh`.
+        watch: called after every single step of the simulation, where somebody wants to see them all.
     """
 
     def __init__(self, model: mujoco.MjModel, n: int, threads: int | None = None) -> None:
@@ -57,6 +59,7 @@ class Simulation:
         self._mass_index, self._mass_present = _dense_index(model, self.n_base + self.n_joints)
         self._nominal = (model.body_mass.copy(), model.body_inertia.copy())
         self._warned = np.zeros(n, dtype=np.int64)
+        self.watch: Callable[[], None] | None = None
 
     batch: Pool
     qpos: Array
@@ -135,8 +138,14 @@ class Simulation:
 
     def step(self, substeps: int, rows: Rows | None = None) -> None:
         """Advance all simulations, or rows (k,), and make their sensors, mass matrix and bias current."""
-        if rows is None or len(rows):
+        if rows is not None and not len(rows):
+            return
+        if self.watch is None:
             self.batch.step(ids=rows, nstep=substeps, stage=STAGE_VEL)
+            return
+        for _ in range(substeps):  # the same bits
+            self.batch.step(ids=rows, nstep=1, stage=STAGE_VEL)
+            self.watch()
 
     def refresh(self, rows: Rows | None = None) -> None:
         """Make derived quantities agree with a state that was written."""

@@ -2,15 +2,15 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from hashlib import sha256
 from typing import Any
 
 import numpy as np
 
-from space_envs.dynamics.bodies import body_motion, momentum_drifts
 from space_envs.dynamics.rotations import Array, logarithm
 from space_envs.dynamics.trajectories import attitude_cost
+from space_envs.evaluation.integrals import Totals
 from space_envs.evaluation.records import SCHEMA_VERSION, UNTIMED, Entrant, EpisodeRecord, Timing
 from space_envs.evaluation.rollout import Rollout
 from space_envs.evaluation.traces import Traces
@@ -37,37 +37,18 @@ def configuration(env_id: str, control_mode: str, task: CaptureTask) -> dict[str
 
 
 def episode_metrics(rollout: Rollout, task: CaptureTask) -> dict[str, Array]:
-    """Metrics (K,) of recorded episodes.
+    """Metrics (K,) of recorded episodes: what they add up to (`Totals`), how they end, and attitude_cost.
 
-    attitude_cost: eq. 20 times dt, from the base twist after each step, m^2/s.
-    base_angular_impulse: total variation of the satellite's angular momentum about its own centre of mass,
-        which is the time integral of the reaction torque's magnitude, N m s.
-    kinetic_energy_integral: integral of twice the kinetic energy (trapezoid rule), shah2013's C, J s.
-    mechanical_work: sum over joints and steps of |torque times angle turned|, exact for held torques, J.
-    peak_power: largest sum over joints of |torque times rate|, at either end of a control period, W.
-    linear_momentum_drift, angular_momentum_drift: largest change of the robot's total momentum since the
-        start, N s and N m s.
+    attitude_cost: eq. 20 times dt, from the base twist after each control period, as in the reward, m^2/s;
+        docs/physics.md says how near the time integral that is.
     """
-    dt = task.control_period
-    motion = body_motion(task.robot, rollout.qpos, rollout.qvel, rollout.goals.mass_scale[:, None])
     alive = np.arange(rollout.torque.shape[1]) < rollout.length[:, None]  # (K, T) steps before the end
     twist = rollout.qvel[:, 1:, :6] * alive[..., None]  # rotation of the axes does not change eq. 20
-    spin = np.linalg.norm(np.diff(motion.base_spin, axis=1), axis=-1)
-    doubled = 2.0 * motion.kinetic_energy
-    rate, turned = rollout.qvel[..., 6:], np.diff(rollout.qpos[..., 7:], axis=1)
-    linear, angular = momentum_drifts(motion)
-    ends = [np.abs(rollout.torque * r).sum(axis=-1) for r in (rate[:, :-1], rate[:, 1:])]
     return {
-        "attitude_cost": attitude_cost(twist, dt, task.c),
-        "base_angular_impulse": spin.sum(axis=1),
-        "kinetic_energy_integral": dt * (0.5 * (doubled[:, :-1] + doubled[:, 1:]) * alive).sum(axis=1),
-        "mechanical_work": np.abs(rollout.torque * turned).sum(axis=(1, 2)),
-        "peak_power": np.maximum(*ends).max(axis=1),
-        "linear_momentum_drift": linear,
-        "angular_momentum_drift": angular,
+        **{item.name: getattr(rollout, item.name) for item in fields(Totals)},
+        "attitude_cost": attitude_cost(twist, task.control_period, task.c),
         "position_error": rollout.position_error[:, -1],
         "orientation_error": rollout.orientation_error[:, -1],
-        "peak_attitude": rollout.attitude.max(axis=1),
         "final_attitude": rollout.attitude[:, -1],
     }
 

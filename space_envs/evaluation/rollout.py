@@ -16,6 +16,7 @@ from space_envs.dynamics.rotations import Array
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError, PolicyError
 from space_envs.evaluation.causes import cause_of, missing_plans
+from space_envs.evaluation.integrals import Integrals, Totals
 from space_envs.evaluation.policy import Policy, PolicyContext
 from space_envs.evaluation.policy_process import PolicyProcess, TimeLimits
 from space_envs.tasks.common import Goals
@@ -26,8 +27,10 @@ PolicyFactory = Callable[[PolicyContext], Policy]
 
 
 @dataclass(frozen=True)
-class Rollout:
+class Rollout(Totals):
     """K recorded episodes of at most T steps; after its end an episode repeats its last values.
+
+    What they add up to at every step of the simulation is in the fields of `Totals`.
 
     Attributes:
         index: (K,) goal in the split. length: (K,) steps until the end.
@@ -139,6 +142,9 @@ def _played(
     reason: list[str | None] = [None] * n
     length = np.zeros(n, dtype=np.int64)
     total, clipped = np.zeros(n), np.zeros(n, dtype=np.int64)
+    goals = task.goals(split, indices)
+    integrals = Integrals(task, simulation, goals.mass_scale)
+    simulation.watch = integrals.see
     state: Any = None
     running = np.ones(n, dtype=bool)
     for step in range(horizon):
@@ -169,7 +175,9 @@ def _played(
         clipped = np.where(running, info["clipped_actions"], clipped)
         for row in np.flatnonzero(bad):
             outcome[row], reason[row] = "policy_error", f"the action held NaN or infinity at step {step}"
-        for row in np.flatnonzero(running & (outcome == "diverged")):
+        diverged = outcome == "diverged"
+        integrals.add(running & ~diverged)
+        for row in np.flatnonzero(running & diverged):
             # The simulation has started over by itself: the state before is the last true one.
             for record in (qpos, qvel, scene):
                 record[row, step + 1] = record[row, step]
@@ -193,7 +201,7 @@ def _played(
         qvel=qvel,
         scene=scene,
         torque=torque,
-        goals=task.goals(split, indices),
+        goals=goals,
         position_error=norms[..., 0],
         orientation_error=np.rad2deg(norms[..., 1]),
         attitude=np.rad2deg(task.attitude(flat)).reshape(n, -1),
@@ -202,6 +210,7 @@ def _played(
         reason=reason,
         episode_return=total,
         clipped=clipped,
+        **vars(integrals.totals),
     )
 
 

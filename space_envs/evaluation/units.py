@@ -9,7 +9,7 @@ import io
 import json
 import sys
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
@@ -30,9 +30,7 @@ from space_envs.registration import make_task
 from space_envs.threads import on_one_thread
 
 CHUNK = 25  # episodes of a unit
-_ARRAYS = (
-    "index length qpos qvel scene torque position_error orientation_error attitude episode_return clipped"
-).split()
+_ARRAYS = [f.name for f in fields(Rollout) if f.name not in ("goals", "outcome", "reason")]
 
 
 class Player(Protocol):
