@@ -128,7 +128,7 @@ class RewardWeights:
     precision: float = 1.0  # exp(-worst ratio of error to envelope), per s
     effort: float = 0.02  # -mean squared action, per s
     capture: float = 10.0  # once, on capture
-    failure: float = 20.0  # minus, once, on a failure: attitude lost, obstacle touched, simulation diverged
+    failure: float = 20.0  # minus, once, on a failure: attitude lost, collision, simulation diverged
 
 
 SPARSE = RewardWeights(1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0)
