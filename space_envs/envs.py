@@ -287,7 +287,7 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         return inside
 
     def _collided(self, before: Array, running: NDArray[np.int64] | None) -> NDArray[np.int64]:
-        """Codes (N,) of what was touched in this step, by sensors before it; only in rows that are running."""
+        """Codes (N,) of what was touched in this step, by sensors before it; in running rows (k,) only."""
         sensors = self.simulation.sensors
         if running is None:
             return self.task.collided(before, sensors)

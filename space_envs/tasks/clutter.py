@@ -239,8 +239,8 @@ def way_around(
 ) -> tuple[Array, NDArray[np.bool_]]:
     """End configurations (K, n) with which the detours via (K, n) meet the goals, rad.
 
-    Also (K,) bool, whether they do, with rates, accelerations and gaps within their bounds all along and clear
-    of the satellite.
+    Also (K,) bool, whether they do, with rates, accelerations and gaps within their bounds all along and
+    clear of the satellite.
 
     Args:
         end: (K, n) rad, about where the motions end. via: (K, n) rad, as in `detour`.

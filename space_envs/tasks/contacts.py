@@ -18,7 +18,7 @@ from space_envs.dynamics.rotations import Array
 from space_envs.errors import GoalError
 from space_envs.models.capsules import ArmShape, point_names
 
-SHARES = np.linspace(0.0, 1.0, 9)[1:]  # of a control period, at which links are seen
+SHARES = np.linspace(0.0, 1.0, 9)  # of a control period, at which links are seen
 _ROOT_3 = 3.0**0.5  # largest length of a vector whose components are at most 1
 
 
@@ -146,7 +146,7 @@ class Contacts:
         """Codes (N,) of what was touched first in a control period, 0 for nothing.
 
         Between the ends of the period the points of the arms are taken to move straight, and are looked at
-        eight times: what is missed is less deep than a sixteenth of their way in a period.
+        nine times: what is missed is less deep than a sixteenth of their way in a period.
 
         Args:
             before, sensors: (N, s) of the model at the beginning and at the end of the period.
@@ -239,20 +239,17 @@ class Contacts:
         """Half sides (N, 3) of the target's box, m."""
         return np.abs(sensors[:, self.columns["half_width"]]).max(axis=1, keepdims=True) * self.shape.body
 
-    def refuse(self, gaps: Array, other: str) -> None:
-        """Refuse starts in which a capsule touches another body.
-
-        Args:
-            gaps: (K, A, S) m between capsules and the other body, of which `other` is the name.
+    def refuse(self, gaps: Array) -> None:
+        """Refuse starts (K) with which something is touched, from gaps (K, M) of `all_gaps`.
 
         Raises:
-            GoalError: naming the link and the gap.
+            GoalError: naming what touches what, and the gap.
         """
         if (gaps <= 0.0).any():
-            row, arm, place = np.unravel_index(gaps.argmin(), gaps.shape)
+            row, pair = np.unravel_index(gaps.argmin(), gaps.shape)
             raise GoalError(
-                f"the episode would begin with a collision: the gap of {self._link_name(arm, place)} to the "
-                f"{other} is {gaps[row, arm, place]:.3f} m"
+                f"the episode would begin with a collision: between {self._pairs[pair]} there is a gap of "
+                f"{gaps[row, pair]:.3f} m"
             )
 
     # For joint angles ------------------------------------------------------------------------------------
@@ -263,14 +260,28 @@ class Contacts:
         turned = (k.rotation[..., self.carrier, :, :] @ self.place[..., None])[..., 0]
         return k.position[..., self.carrier, :] + turned
 
+    def all_gaps(
+        self, points: Array, in_target: Array | None = None, half: Array | None = None, **how: bool
+    ) -> Array:
+        """All gaps (K, M) there are, m, in the order in which pairs are looked at.
+
+        Args:
+            points, in_target: (K, A, P, 3) m, in the satellite's and in the target's frame.
+            half, how: as in `target_gaps`.
+        """
+        found = [] if self.shape.half is None else [self.satellite_gaps(points)]
+        if in_target is not None and half is not None:
+            found.append(self.target_gaps(in_target, half, **how))
+        if self.arms == 2:
+            found.append(self.arm_gaps(points))
+        return np.concatenate([gap.reshape(len(points), -1) for gap in found], axis=1)
+
     def satellite_gaps(self, points: Array) -> Array:
         """Gaps (..., A, S) between capsules and the satellite, m, negative where they overlap.
 
         Args:
             points: (..., A, P, 3) m, in the satellite's frame.
         """
-        if self.shape.half is None:
-            return np.full((*points.shape[:-2], points.shape[-2] - 1), np.inf)
         half = np.full(3, self.shape.half)
         return box_distance(points[..., :-1, :], points[..., 1:, :], half) - np.array(self.shape.satellite)
 

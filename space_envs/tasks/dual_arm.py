@@ -131,33 +131,21 @@ class DualArmTask(CaptureTask):
 
     def gaps(
         self, robot: FloatingRobot, q: Array, goals: TargetGoals, attitude: Array, gripper: bool = True
-    ) -> tuple[Array, Array, Array]:
-        """Gaps (K, 2, S) of the arms to the satellite and to the target, and (K, S, S) to each other, m.
+    ) -> Array:
+        """Gaps (K, M) of the arms to the satellite, to the target and to each other, m.
 
         Args:
             q: (K, n) rad, of a robot whose satellite is where it starts. attitude: (K, 4) of the target.
             gripper: whether the gripper may be at the target, so that only its centre line counts.
         """
-        contacts = self.contacts
-        points = contacts.points(robot, q)
-        half = goals.half_width[:, None] * np.array(contacts.shape.body)
+        points = self.contacts.points(robot, q)
+        half = goals.half_width[:, None] * np.array(self.contacts.shape.body)
         local = rotate(conjugate(attitude)[:, None, None], points - goals.position[:, None, None])
-        return (
-            contacts.satellite_gaps(points),
-            contacts.target_gaps(local, half, gripper),
-            contacts.arm_gaps(points),
-        )
+        return self.contacts.all_gaps(points, local, half, gripper=gripper)
 
     def check_start(self, goals: TargetGoals) -> None:
-        """Refuse targets and joint angles (K, n) with which arms touch something; errors as in the base
-        class."""
-        satellite, target, arms = self.gaps(self.robot, goals.joint_position, goals, goals.quaternion)
-        self.contacts.refuse(satellite, "satellite")
-        self.contacts.refuse(target, "target")
-        if (arms <= 0.0).any():
-            raise GoalError(
-                f"the episode would begin with a collision: the gap between the arms is {arms.min():.3f} m"
-            )
+        """Refuse goals with which arms touch something at the start; errors as in the base class."""
+        self.contacts.refuse(self.gaps(self.robot, goals.joint_position, goals, goals.quaternion))
 
     def grapples(self, half_width: Array) -> Array:
         """Grapple points (K, 2, 3) in the target's frame, m, for half widths (K,)."""
@@ -402,5 +390,4 @@ def _clear(
 
     The base has hardly moved at the start, and by centimetres at the end; the margin covers that.
     """
-    gaps = task.gaps(robot, q, goals, attitude, gripper)
-    return np.concatenate([gap.reshape(len(q), -1) for gap in gaps], axis=1).min(axis=1) > CLEARANCE
+    return task.gaps(robot, q, goals, attitude, gripper).min(axis=1) > CLEARANCE

@@ -163,11 +163,8 @@ class SingleArmTask(CaptureTask):
         return self.contacts.touched(before, sensors)
 
     def check_start(self, goals: Goals) -> None:
-        """Refuse joint angles (K, n) with which a link is in the satellite; errors as in the base class."""
-        contacts = self.contacts
-        contacts.refuse(
-            contacts.satellite_gaps(contacts.points(self.robot, goals.joint_position)), "satellite"
-        )
+        """Refuse joint angles with which a link is in the satellite; errors as in the base class."""
+        self.contacts.refuse(self.contacts.all_gaps(self.contacts.points(self.robot, goals.joint_position)))
 
     def goal_block(self, split: str, block: int) -> PoseGoals:
         """Goals of a block."""
