@@ -65,6 +65,7 @@ def run(robot: Robot, mode: str, timestep: float, episodes: int, seed: int) -> R
         timestep=timestep,
         attitude_limit=179.9,
         hold_time=1e3,
+        collisions=False,
         **robot.keywords,
     )
     env.reset(seed=seed)

@@ -40,7 +40,7 @@ OUTCOME_TEXT = {
         "`terminated`",
         "The simulation left the finite numbers; the observation is the last sound one.",
     ),
-    "collision": ("`terminated`", "A link of the arm touched a keep-out sphere."),
+    "collision": ("`terminated`", "A link touched what it must not; `info` says which link and what."),
 }
 INFO_TEXT = {
     "split": "`reset`: the split that the goal is from, or `given` where the options set the goal",
@@ -49,6 +49,7 @@ INFO_TEXT = {
     "attitude": "`step`: angle of the satellite from its attitude at the start, deg",
     "is_success": "`step`: whether the episode ended in a capture",
     "outcome": "`step`: one of the outcomes above",
+    "collision": "`step`: what touched what, as in `link 4 and the satellite`; empty if nothing did",
     "clipped_actions": "`step`: steps of the episode so far whose action lay outside [-1, 1]",
 }
 OPTION_TEXT = {

@@ -41,6 +41,7 @@ _COPIED = (
     "_held",
     "_clipped",
     "_outcome",
+    "_touched",
     "_index",
     "_split",
     "_goal",
@@ -70,7 +71,7 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         width, height: of pictures, pixels. camera: name of a camera of the model.
         max_episode_steps: the horizon, as Gymnasium calls it; None and -1 leave it to the task.
         **keywords: of the task (difficulty, split, reward, variant, horizon, timestep, control_period,
-            attitude_limit, c; docs/environments has those of each id) and of its capture envelope
+            attitude_limit, c, collisions; docs/environments has those of each id) and of its capture envelope
             (position_tolerance m, linear_velocity_tolerance m/s, hold_time s, ...).
 
     Raises:
@@ -170,6 +171,10 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         self._held = np.zeros(num_envs, dtype=np.int64)
         self._clipped = np.zeros(num_envs, dtype=np.int64)
         self._outcome = np.zeros(num_envs, dtype=np.int64)
+        self._touched = np.zeros(num_envs, dtype=np.int64)
+        self._watched = self.task.collides and self.task.collisions
+        names = self.task.contact_names if self._watched else ("",)
+        self._contact_names = np.array(names, dtype=object)
         self._index = np.full(num_envs, -1, dtype=np.int64)
         self._split = np.full(num_envs, self.task.split, dtype=object)
         self._goal: list[Goals | None] = [None] * num_envs
@@ -259,7 +264,7 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         self._index[rows], self._split[rows] = start.index, start.split
         for place, row in enumerate(rows):
             self._goal[row] = start.goals.take(np.array([place]))
-        for counter in (self._steps, self._held, self._clipped, self._outcome):
+        for counter in (self._steps, self._held, self._clipped, self._outcome, self._touched):
             counter[rows] = 0
         self._observation[rows] = self.task.observe(simulation.sensors, self._time())[rows]
         self._held[rows] = self.task.in_envelope(self.task.norms(self._observation))[rows]
@@ -288,7 +293,7 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         running = None if ended is None else np.flatnonzero(~ended)
         self.drive.begin()
         self.simulation.ctrl[:] = self.mode.torques(action)
-        before = self.simulation.sensors.copy() if self.task.collides else None
+        before = self.simulation.sensors.copy() if self._watched else None
         self.simulation.step(self.task.substeps, running)
         self._steps += 1 if ended is None else ~ended
         previous, observation = self._observation, self.task.observe(self.simulation.sensors, self._time())
@@ -298,8 +303,8 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         if self.simulation.warned() or not np.isfinite(observation).all():
             diverged = self.simulation.diverged() | ~np.isfinite(observation).all(axis=1)
             observation[diverged] = previous[diverged]
-        collided = None if before is None else self.task.collided(before, self.simulation.sensors)
-        reward, terms, attitude = self._judge(observation, action, diverged, collided, ended)
+        touched = None if before is None else self._collided(before, running)
+        reward, terms, attitude = self._judge(observation, action, diverged, touched, ended)
         self._observation = observation
         terminated = (self._outcome == _CAPTURED) | (self._outcome >= _ATTITUDE_LOST)
         truncated = (self._outcome != _RUNNING) & (self._steps >= self.task.horizon)
@@ -334,12 +339,22 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
             self._clipped += changed.any(axis=1) & (self._outcome == _RUNNING)
         return inside
 
+    def _collided(self, before: Array, running: NDArray[np.int64] | None) -> NDArray[np.int64]:
+        """Codes (N,) of what was touched in this step, by sensors before it; in running rows (k,) only."""
+        sensors = self.simulation.sensors
+        if running is None:
+            return self.task.collided(before, sensors)
+        touched = np.zeros(self.num_envs, dtype=np.int64)
+        if len(running):
+            touched[running] = self.task.collided(before[running], sensors[running])
+        return touched
+
     def _judge(
         self,
         observation: Array,
         action: Array,
         diverged: NDArray[np.bool_] | None,
-        collided: NDArray[np.bool_] | None,
+        touched: NDArray[np.int64] | None,
         ended: NDArray[np.bool_] | None,
     ) -> tuple[Array, Array, Array]:
         """Update outcomes; return rewards (N,), reward terms (N, k) and attitude (N,) rad."""
@@ -349,7 +364,9 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         captured = self._held > task.hold_steps
         lost = attitude > task.attitude_limit_rad
         over = self._steps >= task.horizon
-        if collided is not None:
+        collided = None
+        if touched is not None and touched.any():
+            collided = touched > 0
             lost = lost | collided
         if (captured | lost | over).any() or diverged is not None:
             if diverged is not None:
@@ -359,10 +376,12 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
             self._outcome[over & running] = _TIMEOUT
             self._outcome[captured] = _CAPTURED
             self._outcome[lost] = _ATTITUDE_LOST
-            if collided is not None:
+            if touched is not None and collided is not None:
                 self._outcome[lost & collided] = _COLLISION
+                self._touched[lost & collided] = touched[lost & collided]
             if diverged is not None:
                 self._outcome[lost & diverged] = _DIVERGED
+                self._touched[lost & diverged] = 0
         terms = task.reward_terms(norms, attitude, action, captured, lost)
         if ended is not None:
             terms[ended] = 0.0
@@ -397,6 +416,8 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
             "_is_success": present,
             "outcome": _OUTCOME_NAMES[self._outcome],
             "_outcome": present,
+            "collision": self._contact_names[self._touched],
+            "_collision": present,
             "clipped_actions": self._clipped.copy(),
             "_clipped_actions": present,
         }

@@ -141,6 +141,8 @@ def choose_start(
         if "split" in options or "index" in options:
             raise ConfigurationError("give either a goal or a split and index, not both")
         goals = task.given_goals(_goal_values(task, options, rows, n), joints)
+        if task.collisions:
+            task.check_start(goals)
         index = np.full(len(rows), -1, dtype=np.int64)
         return Start(goals, _names("given", rows), index, velocity)
     split = options.get("split", task.split)
@@ -156,6 +158,8 @@ def choose_start(
     goals = task.goals(split, index)
     if joints is not None:
         goals = replace(goals, joint_position=joints)
+        if task.collisions:
+            task.check_start(goals)
     return Start(goals, _names(split, rows), index, velocity)
 
 

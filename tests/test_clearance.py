@@ -6,17 +6,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from agents.reactionless.clearance import (
-    Links,
-    Surroundings,
-    box_distance,
-    gaps,
-    point_segment,
-    segment_distance,
-    turning_target,
-)
+from agents.reactionless.clearance import Links, Surroundings, gaps, turning_target
 from agents.reactionless.free_clearance import POSE, Nearness, parameters
 from space_envs.dynamics import FloatingRobot
+from space_envs.dynamics.capsules import box_distance, point_segment, segment_distance
 from space_envs.dynamics.reactionless import com
 from space_envs.dynamics.rigid_body import tumble
 from space_envs.dynamics.rotations import Array, exponential

@@ -81,12 +81,12 @@ def test_sensors_see_spheres_and_links_where_they_are():
     )
     gap = sphere_gaps(ends, np.concatenate([position, radius[..., None]], axis=-1), RADIUS).min(axis=(1, 2))
     sensors = env.simulation.sensors.copy()
-    np.testing.assert_array_equal(env.task.collided(sensors, sensors), gap <= 0)
+    np.testing.assert_array_equal(env.task.collided(sensors, sensors) > 0, gap <= 0)
     # Spheres grown until they touch, and not quite.
     for more, touched in ((1e-9, True), (-1e-9, False)):
         grown = sensors.copy()
         grown[:, 56:65:3] += (gap + more)[:, None]
-        assert (env.task.collided(grown, grown) == touched).all()
+        assert ((env.task.collided(grown, grown) > 0) == touched).all()
 
 
 def test_nothing_is_jumped_over_between_control_steps():
@@ -105,7 +105,7 @@ def test_nothing_is_jumped_over_between_control_steps():
     centre = middle + rng.normal(0, 0.09, (300, 3))
     before[:, 47:50] = after[:, 47:50] = centre
     before[:, 56:65:3] = after[:, 56:65:3] = 0.02
-    found = env.task.collided(before, after)
+    found = env.task.collided(before, after) > 0
     columns = [65, 71, 74, 77, 80, 83, tip.start]
     points = [np.stack([s[:, c : c + 3] for c in columns], axis=1) for s in (before, after)]
     spheres = np.concatenate([before[:, 47:56].reshape(300, 3, 3), np.full((300, 3, 1), 0.02)], axis=-1)
@@ -113,7 +113,7 @@ def test_nothing_is_jumped_over_between_control_steps():
     for share in np.linspace(0, 1, 401):
         gap = sphere_gaps((1 - share) * points[0] + share * points[1], spheres, RADIUS).min(axis=(1, 2))
         least = np.minimum(least, gap)
-    at_ends = env.task.collided(before, before) | env.task.collided(after, after)
+    at_ends = (env.task.collided(before, before) + env.task.collided(after, after)) > 0
     assert (found & ~at_ends).sum() > 5  # some are seen in between only
     assert not (found & (least > 0)).any()
     assert not (~found & (least < -8e-3)).any()
@@ -137,6 +137,7 @@ def test_the_straight_way_ends_in_a_collision_which_is_reported():
         ends[new] = step
         if new.any():
             assert (info["outcome"][new] == "collision").all()
+            assert all(" and obstacle " in told for told in info["collision"][new])
             assert not info["is_success"][new].any() and not truncated[new].any()
             np.testing.assert_array_equal(info["reward_terms"]["failure"][new], -env.task.weights.failure)
         frozen = before != 0

@@ -46,6 +46,7 @@ def endless(name, n=16, **keywords):
         autoreset_mode="disabled",
         attitude_limit=179.9,
         hold_time=1e3,
+        collisions=False,
         **ROBOTS[name],
         **keywords,
     )

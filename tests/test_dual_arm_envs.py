@@ -43,7 +43,7 @@ def vectors(values: Array, width: int) -> Array:
     ("hold", "full", "largest"), [(1, False, 0.003), (1, True, 0.005), (20, True, 0.03), (60, True, 0.05)]
 )
 def test_no_action_turns_the_satellite_in_mode_reactionless(env_id, hold, full, largest):
-    env = make(env_id, 8, control_mode="reactionless", hold_time=1e3)
+    env = make(env_id, 8, control_mode="reactionless", hold_time=1e3, collisions=False)
     env.reset(seed=4)
     start, steps = env.simulation.joint_position.copy(), env.task.horizon
     drawn = np.random.default_rng(hold).uniform(-1, 1, (-(-steps // hold), *env.action_space.shape))
@@ -63,7 +63,7 @@ def test_no_action_turns_the_satellite_in_mode_reactionless(env_id, hold, full, 
 
 @every_id
 def test_reactionless_mode_with_a_mass_that_it_does_not_know(env_id):
-    env = make(env_id, 16, control_mode="reactionless", hold_time=1e3)
+    env = make(env_id, 16, control_mode="reactionless", hold_time=1e3, collisions=False)
     env.reset(seed=0, options={"split": "ood", "index": np.arange(16)})
     rng, peak = np.random.default_rng(0), 0.0
     for _ in range(env.task.horizon):
@@ -100,7 +100,7 @@ def test_tumbling_is_that_of_eulers_equations():
 
 @every_id
 def test_the_target_tumbles_freely_whatever_the_arms_do(env_id):
-    env = make(env_id, 3, difficulty="hard", hold_time=1e3)
+    env = make(env_id, 3, difficulty="hard", hold_time=1e3, collisions=False)
     observation, _ = env.reset(seed=1)
     task, read = env.task, env.task.layout.read
     planar, inertia = task.kind == "planar", np.array(task.target.inertia)
@@ -213,16 +213,18 @@ def test_both_at_their_grapple_points_for_the_hold_time_is_a_capture(env_id):
 def test_one_end_effector_off_is_no_capture(env_id):
     task = gym.make(env_id).unwrapped.task
     direction = along(task, docked(task))
+    through = {"collisions": False}  # a target that is moved so far, or is so large, touches a link in space
     for off, captured in ((0.0245, True), (0.0255, False)):
         for sign in (1.0, -1.0):
             # One grapple point moves by twice as much, the other stays where its end-effector is.
-            over, norms = ends(env_id, target_position=sign * off * direction, target_half_width=[off])
+            moved = {"target_position": sign * off * direction, "target_half_width": [off]}
+            over, norms = ends(env_id, 12, through, **moved)
             assert norms[0] == pytest.approx(2 * off, abs=1e-9)
             assert any(over) == captured
             assert any(ends(env_id, 12, {"position_tolerance": 0.03}, target_position=off * direction)[0])
-    tight = {"position_tolerance": 0.03}
+    tight, wide = ({"position_tolerance": at, **through} for at in (0.03, 0.07))
     assert not any(ends(env_id, 12, tight, target_position=0.031 * direction)[0])
-    assert any(ends(env_id, 12, {"position_tolerance": 0.07}, target_position=0.069 * direction)[0])
+    assert any(ends(env_id, 12, wide, target_position=0.069 * direction)[0])
 
 
 @every_id

@@ -175,7 +175,7 @@ def test_options_set_the_target_and_the_joints(env_id):
     planar, n = task.kind == "planar", task.robot.n_joints
     joints = task.robot.home + 0.1
     rates = np.linspace(-0.1, 0.1, n)
-    centre = np.array([[2.0, 1.1], [2.1, 1.0], [1.9, 0.9]]) if planar else np.array([0.0, 1.6, 0.1])
+    centre = np.array([[2.4, 1.3], [2.5, 1.2], [2.4, 1.1]]) if planar else np.array([0.0, 1.6, 0.1])
     attitude = {"target_angle": [0.3]} if planar else {"target_quaternion": [-0.8, 0.0, 0.6, 0.0]}
     spin = [-0.04] if planar else [0.02, 0.03, -0.01]
     options = {

@@ -13,13 +13,13 @@ from scipy.interpolate import CubicHermiteSpline
 
 from space_envs.checks import count, finite_array, flag, non_negative
 from space_envs.dynamics import FloatingRobot
+from space_envs.dynamics.capsules import box_distance, segment_distance
 from space_envs.dynamics.reactionless import com
 from space_envs.dynamics.rigid_body import tumble
 from space_envs.dynamics.rotations import Array, conjugate, multiply, rotate
 from space_envs.errors import ConfigurationError, positive
 
 Motion = Callable[[Array], tuple[Array, Array]]
-_BISECTIONS = 26  # to 1e-8 of a segment's length
 _GRID = 0.5  # s, of the attitudes of a turning target between which others are interpolated
 _SHORT = 1e-6  # m; links below it are joints without a body of their own
 
@@ -38,9 +38,10 @@ class Surroundings:
         target: (3,) m, half sides of the target's box; None leaves it out.
         motion: times (K,) s from the start of the plan -> centre (K, 3) m and quaternion (K, 4) of the
             target, inertial frame, the satellite's centre of mass being at the origin at time 0.
-        gripper: m, outer part of the last link that does not count against the target when it grapples.
-        contact: s before the end, when the gripper begins to open: the part that does not count grows evenly
-            from nothing to `gripper` at half of that.
+        gripper: m, outer part of the last link of which only the centre line counts against the target when
+            it grapples.
+        contact: s before the end, when the gripper begins to open: that part grows evenly from nothing to
+            `gripper` at half of that.
     """
 
     radius: float = 0.05
@@ -72,7 +73,8 @@ class Surroundings:
             raise ConfigurationError(f"motion must be a function of times, got {self.motion!r}")
 
     def counted(self, length: Array, time: Array, duration: float) -> Array:
-        """Share (K, S) of last links of `length` (S,) m that counts against the target at times (K,) s."""
+        """Share (K, S) of last links of `length` (S,) m that counts in full against the target at times (K,)
+        s."""
         if self.contact == 0.0:
             return np.ones((len(time), len(length)))
         open_part = np.clip(2.0 * ((time - duration) / self.contact + 1.0), 0.0, 1.0)
@@ -223,58 +225,10 @@ def gaps(
         share = np.where(links.last, counted, 1.0)
         outer = begin + share[..., None] * (end - begin)
         back = conjugate(quaternion)[:, None]
-        local = [rotate(back, point + (base - position)[:, None]) for point in (begin, outer)]
-        apart = box_distance(local[0], local[1], around.target)
-        result["target"] = apart.min(axis=1) - around.radius
+        points = (point + (base - position)[:, None] for point in (begin, outer, end))
+        root, outer, tip = (rotate(back, point) for point in points)
+        apart = box_distance(root, outer, around.target).min(axis=1) - around.radius
+        # What is open counts by its centre line.
+        line = box_distance(outer[:, links.last], tip[:, links.last], around.target).min(axis=1)
+        result["target"] = np.minimum(apart, line)
     return Gaps(**result)
-
-
-def segment_distance(a: Array, b: Array, c: Array, d: Array) -> Array:
-    """Least distance (...) of the segments from a to b and from c to d, each (..., 3), m.
-
-    The least over both segments is at a pair of inner points, which are at right angles to both, or at an end
-    of one of them.
-    """
-    ends = [point_segment(x, c, d) for x in (a, b)] + [point_segment(x, a, b) for x in (c, d)]
-    least = np.minimum(np.minimum(ends[0], ends[1]), np.minimum(ends[2], ends[3]))
-    u, v, w = b - a, d - c, a - c
-    uu, uv, vv = (u * u).sum(-1), (u * v).sum(-1), (v * v).sum(-1)
-    uw, vw = (u * w).sum(-1), (v * w).sum(-1)
-    square = uu * vv - uv * uv
-    skewed = square > 1e-12 * uu * vv
-    safe = np.where(skewed, square, 1.0)
-    s, t = (uv * vw - vv * uw) / safe, (uu * vw - uv * uw) / safe
-    inside = skewed & (s >= 0.0) & (s <= 1.0) & (t >= 0.0) & (t <= 1.0)
-    gap = w + s[..., None] * u - t[..., None] * v
-    return np.where(inside, np.sqrt((gap * gap).sum(-1)), least)
-
-
-def point_segment(point: Array, a: Array, b: Array) -> Array:
-    """Distance (...) of a point from the segment from a to b, each (..., 3), m."""
-    way = b - a
-    share = ((point - a) * way).sum(-1) / np.maximum((way * way).sum(-1), 1e-300)
-    gap = point - a - np.clip(share, 0.0, 1.0)[..., None] * way
-    return np.sqrt((gap * gap).sum(-1))
-
-
-def box_distance(a: Array, b: Array, half: Array) -> Array:
-    """Signed distance (...) of the segment from a to b, each (..., 3), from a box, in the box's frame, m.
-
-    Negative in the box, where it is the depth of the segment's deepest point. The signed distance from a
-    convex body is a convex function along a segment; bisection of its slope finds the least.
-    """
-    way = b - a
-    low, high = np.zeros(a.shape[:-1]), np.ones(a.shape[:-1])
-    for _ in range(_BISECTIONS):
-        share = 0.5 * (low + high)
-        point = a + share[..., None] * way
-        beyond = np.abs(point) - half
-        # To the box's surface: along what is outside, or, within, along the coordinate nearest to a face.
-        weight = np.maximum(beyond, 0.0)
-        within = (beyond <= 0.0).all(axis=-1, keepdims=True)
-        weight = np.where(within, beyond == beyond.max(axis=-1, keepdims=True), weight)
-        rising = (weight * np.sign(point) * way).sum(axis=-1) > 0.0
-        low, high = np.where(rising, low, share), np.where(rising, share, high)
-    beyond = np.abs(a + (0.5 * (low + high))[..., None] * way) - half
-    outside = np.maximum(beyond, 0.0)
-    return np.sqrt((outside * outside).sum(axis=-1)) + np.minimum(beyond.max(axis=-1), 0.0)

@@ -21,13 +21,14 @@ _BISECTIONS = 12  # of a link's length, for its point nearest to a box
 _SOFT = 1e-6  # m, keeps distances differentiable where they vanish
 _FAR = 1e3  # m, where bodies are that do not count
 POSE = 3 + 9 + 1  # numbers at each time: centre from the system's centre of mass, rotation, counted share
-SHARED = 3 + 3 + 3 + 1  # half sides: target, satellite; wanted distances: arms, satellite, target; standing
+# Half sides: target, satellite; wanted distances: arms, satellite, target; standing; wanted of open grippers.
+SHARED = 3 + 3 + 3 + 1 + 1
 EACH = POSE + SHARED + 1  # with the weight of what is missing
 
 
 @dataclass(frozen=True, eq=False)
 class Nearness:
-    """Functions of q (n), pose (13) and shared (10), compiled.
+    """Functions of q (n), pose (13) and shared (11), compiled.
 
     Attributes:
         missing: -> (P,) m, what is missing to the wanted distance of each pair, 0 where nothing is.
@@ -66,6 +67,8 @@ class Nearness:
         for s in range(len(links.link)):
             a, b = (turn.T @ (point - away) for point in (begin[s], end[s]))
             boxes = [(a, a + (pose[12] if links.last[s] else 1.0) * (b - a), shared[:3], shared[8])]
+            if links.last[s]:  # what is open counts by its centre line
+                boxes.append((a + pose[12] * (b - a), b, shared[:3], shared[10]))
             if not planar:
                 counts = shared[9] <= float(links.order[s])
                 boxes.append((begin[s], end[s], shared[3:6], ca.if_else(counts, shared[7], -_FAR)))
@@ -116,7 +119,7 @@ def parameters(
     extra: float,
     weight: Array | float,
 ) -> Array:
-    """[pose; shared; weight] (K, 24) of `Nearness.added_to` at times (K,) s of a plan.
+    """[pose; shared; weight] (K, 25) of `Nearness.added_to` at times (K,) s of a plan.
 
     Args:
         poses: centre (K, 3) m and quaternion (K, 4) of the target then. extra: m, of gap beyond the margin.
@@ -137,7 +140,8 @@ def parameters(
     if around.bus is not None:
         bus = around.bus
     arms = wanted + around.radius if around.arms else -_FAR
-    p[:, POSE:-1] = [*target, *bus, arms, wanted, wanted, around.standing]
+    line = wanted - around.radius
+    p[:, POSE:-1] = [*target, *bus, arms, wanted, wanted, around.standing, line]
     p[:, -1] = weight
     return p
 

@@ -173,6 +173,8 @@ def _played(
         seen[:, step + 1] = observation
         outcome = np.where(running, info["outcome"], outcome)
         clipped = np.where(running, info["clipped_actions"], clipped)
+        for row in np.flatnonzero(running & (outcome == "collision")):
+            reason[row] = f"{info['collision'][row]} touched"
         for row in np.flatnonzero(bad):
             outcome[row], reason[row] = "policy_error", f"the action held NaN or infinity at step {step}"
         diverged = outcome == "diverged"

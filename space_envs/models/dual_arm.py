@@ -1,5 +1,6 @@
 """The free-floating dual-arm robots as MjSpecs and compiled MjModels: planar (shah2013) and spatial."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from math import pi
@@ -9,6 +10,7 @@ import numpy as np
 
 from space_envs.checks import flag
 from space_envs.errors import ConfigurationError, positive, unknown_name
+from space_envs.models.capsules import PLANAR_SHAPE, SPATIAL_SHAPE, add_point_sensors
 from space_envs.models.dual_appearance import draw_planar, draw_spatial
 from space_envs.models.parameters import (
     DUAL_ARM_PLANAR,
@@ -25,6 +27,7 @@ KINDS = ("planar", "spatial")
 ARMS = (1, 2)
 END_EFFECTORS = ("end_effector1", "end_effector2")
 GRAPPLES = ("grapple1", "grapple2")
+SHAPES = {"planar": PLANAR_SHAPE, "spatial": SPATIAL_SHAPE}
 PLANE = ("x", "y", "turn")  # joints of a body that moves in the plane: two slides and a hinge
 
 
@@ -88,6 +91,11 @@ def dual_arm_spec(options: DualArmOptions = DualArmOptions()) -> mujoco.MjSpec:
         if options.visual:
             draw_spatial(spec, DUAL_ARM_SPATIAL)
     _add_sensors(spec, options.kind)
+    shape = SHAPES[options.kind]
+    if shape.half is not None:
+        add_point_sensors(spec, shape, ARMS, SATELLITE)
+    add_point_sensors(spec, shape, ARMS, TARGET)
+    _add_half_width_sensor(spec)
     return spec
 
 
@@ -115,6 +123,7 @@ def _build_planar(
             _add_joint(spec, body, f"arm{arm}_joint{number}", reach, parameters.torque_limit)
             parent, position = body, [link.length, 0.0, 0.0]
         parent.add_site(name=f"end_effector{arm}", pos=position, size=[0.01, 0.01, 0.01], group=4)
+        _add_gripper(parent, arm, position, parameters.target.gripper)
 
     target = _target(spec, parameters.target)
     _move_in_plane(target, TARGET)
@@ -150,6 +159,7 @@ def _build_spatial(spec: mujoco.MjSpec, parameters: DualArmSpatialParameters) ->
         parent.add_site(
             name=f"end_effector{arm}", pos=position, quat=orientation, size=[0.01, 0.01, 0.01], group=4
         )
+        _add_gripper(parent, arm, position, parameters.target.gripper)
 
     target = _target(spec, parameters.target)
     target.add_freejoint(name=TARGET)
@@ -175,6 +185,12 @@ def _target(spec: mujoco.MjSpec, parameters: TargetParameters) -> mujoco.MjsBody
     target.mass, target.ipos, target.inertia = parameters.mass, [0.0, 0.0, 0.0], parameters.inertia
     target.add_site(name=TARGET, size=[0.01, 0.01, 0.01], group=4)
     return target
+
+
+def _add_gripper(link: mujoco.MjsBody, arm: int, end: Sequence[float], length: float) -> None:
+    """Mark where the gripper begins on the last link, `length` m before its end."""
+    place = np.array(end) * (1.0 - length / np.linalg.norm(end))
+    link.add_site(name=f"gripper{arm}", pos=place, size=[0.01, 0.01, 0.01], group=4)
 
 
 def _move_in_plane(body: mujoco.MjsBody, name: str) -> None:
@@ -229,3 +245,15 @@ def _add_sensors(spec: mujoco.MjSpec, kind: str) -> None:
         else:
             add(f"{site}_axis", sensor.mjSENS_FRAMEZAXIS, obj.mjOBJ_SITE, site)
         add(f"{site}_linear_velocity", sensor.mjSENS_FRAMELINVEL, obj.mjOBJ_SITE, site)
+
+
+def _add_half_width_sensor(spec: mujoco.MjSpec) -> None:
+    """Add a sensor of a grapple point in the target's frame, from which its size is known."""
+    spec.add_sensor(
+        name="half_width",
+        type=mujoco.mjtSensor.mjSENS_FRAMEPOS,
+        objtype=mujoco.mjtObj.mjOBJ_SITE,
+        objname=GRAPPLES[0],
+        reftype=mujoco.mjtObj.mjOBJ_XBODY,
+        refname=TARGET,
+    )

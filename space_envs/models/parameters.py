@@ -98,6 +98,7 @@ class TargetParameters:
     inertia: tuple[float, float, float]  # kg m^2, principal, at the nominal size; scales with its square
     half_width: float  # m, nominal distance of the grapple points from the centre
     body: tuple[float, float, float]  # m, half sides of the box between the grapple points, nominal
+    gripper: float = 0.15  # m, outer part of an arm that may be at it
 
 
 @dataclass(frozen=True)

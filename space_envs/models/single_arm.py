@@ -9,6 +9,7 @@ import numpy as np
 from space_envs.checks import count, flag
 from space_envs.errors import ConfigurationError, positive, unknown_name
 from space_envs.models.appearance import draw_environment, draw_keep_out, draw_robot, draw_target
+from space_envs.models.capsules import SINGLE_ARM_SHAPE, add_point_sensors
 from space_envs.models.parameters import (
     SINGLE_ARM,
     VARIANTS,
@@ -22,6 +23,7 @@ SATELLITE = "satellite"
 TARGET = "target"
 END_EFFECTOR = "end_effector"
 GRAPPLE = "grapple"
+ROOT = "root"
 OBSTACLE = "obstacle"
 OBSTACLE_RADIUS = 0.25  # m, as compiled; every episode has its own
 
@@ -127,6 +129,9 @@ def single_arm_spec(
         ).set_to_motor()
         parent, position, orientation = body, [link.a, 0.0, link.d], quaternion_x(link.alpha)
     parent.add_site(name=END_EFFECTOR, pos=position, quat=orientation, size=[0.01, 0.01, 0.01], group=4)
+    # Where the upper arm leaves the deck that it turns on.
+    foot = [parameters.link_radius, 0.0, 0.0]
+    spec.body("link3").add_site(name=ROOT, pos=foot, size=[0.01, 0.01, 0.01], group=4)
 
     target = spec.worldbody.add_body(name=TARGET, mocap=True, pos=[0.0, 3.0, 2.0])
     target.add_site(name=GRAPPLE, size=[0.01, 0.01, 0.01], group=4)
@@ -134,6 +139,7 @@ def single_arm_spec(
     _add_sensors(spec, len(parameters.links))
     if options.obstacles:
         _add_obstacles(spec, options.obstacles, len(parameters.links))
+    add_point_sensors(spec, SINGLE_ARM_SHAPE, (1,), SATELLITE)
     spec.add_key(name="home", qpos=[0, 0, 0, 1, 0, 0, 0, *parameters.home])
     if options.visual:
         draw_robot(spec, parameters)

@@ -52,6 +52,7 @@ class CaptureTask:
         horizon: steps after which an episode is cut.
         envelope: of a capture. attitude_limit: deg from the initial attitude at which it counts as lost.
         c: angular to linear conversion of eq. 20, m/rad.
+        collisions: whether an episode ends where a link touches something; otherwise links pass through it.
     """
 
     difficulty: str = "medium"
@@ -63,6 +64,7 @@ class CaptureTask:
     envelope: CaptureEnvelope = field(default_factory=CaptureEnvelope)
     attitude_limit: float = 45.0
     c: float = 1.0
+    collisions: bool = True
 
     # What a subclass states about itself.
     version: ClassVar[int] = 2  # of the task in records, raised with every change that moves a score
@@ -70,7 +72,7 @@ class CaptureTask:
     parameters: ClassVar[DriveLimits]
     split_sizes: ClassVar[Mapping[str, int]]
     goal_options: ClassVar[Mapping[str, GoalOption]]  # of `reset`, all that make up a goal
-    collides: ClassVar[bool] = False  # whether touching something ends an episode
+    collides: ClassVar[bool] = False  # whether there is something to touch
     rewarded: ClassVar[tuple[str, ...]] = tuple(f.name for f in fields(RewardWeights))  # terms that it has
 
     def __post_init__(self) -> None:
@@ -86,6 +88,8 @@ class CaptureTask:
         for name in ("control_period", "attitude_limit", "c"):
             positive(name, getattr(self, name))
         positive_integer("horizon", self.horizon)
+        if not isinstance(self.collisions, bool | np.bool_):
+            raise ConfigurationError(f"collisions must be True or False, got {self.collisions!r}")
         substeps = self.control_period / self.step_size
         if not substeps > 0.5 or abs(substeps - round(substeps)) > 1e-9 * substeps:
             raise ConfigurationError(
@@ -152,13 +156,27 @@ class CaptureTask:
         """Angle (N,) of the satellite from its initial attitude, rad."""
         raise NotImplementedError
 
-    def collided(self, before: Array, sensors: Array) -> NDArray[np.bool_]:
-        """(N,) bool, whether the robot touched what it must not in a control period; asked if `collides`.
+    @property
+    def contact_names(self) -> tuple[str, ...]:
+        """What may touch what, by the codes of `collided`; the first is empty. Asked if `collides`."""
+        raise NotImplementedError
+
+    def collided(self, before: Array, sensors: Array) -> NDArray[np.int64]:
+        """Codes (N,) of what the robot touched that it must not in a control period; 0 is nothing.
+
+        Asked if `collides`.
 
         Args:
             before, sensors: (N, s) sensors of the model at the beginning and at the end of the period.
         """
         raise NotImplementedError
+
+    def check_start(self, goals: Goals) -> None:
+        """Refuse a user's goals or joint angles with which an episode would begin with a collision.
+
+        Raises:
+            GoalError: naming what touches what, and the gap.
+        """
 
     # What follows from it --------------------------------------------------------------------------------
 

@@ -8,6 +8,7 @@ spheres, within the limits of rate and acceleration.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +17,13 @@ from space_envs.dynamics import FloatingRobot, minimum_jerk, roll_out_base
 from space_envs.dynamics.rotations import Array, conjugate, from_matrix, logarithm, multiply, rotate
 from space_envs.dynamics.spheres import link_ends, sphere_gaps
 from space_envs.errors import GoalError
+from space_envs.models.capsules import SINGLE_ARM_SHAPE
 from space_envs.models.parameters import SINGLE_ARM
+from space_envs.models.single_arm import single_arm_model
 from space_envs.tasks.base import BLOCK
 from space_envs.tasks.common import DIFFICULTIES
-from space_envs.tasks.single_arm import CLEARANCE, NODES, OOD_MASS, OOD_RADIUS, PoseGoals
+from space_envs.tasks.contacts import Contacts
+from space_envs.tasks.single_arm import CLEARANCE, NODES, OOD_MASS, OOD_RADIUS, ROOM, PoseGoals
 
 COUNT = 3  # spheres
 CLUTTERED_SPLIT_SEED = {"train": 20_231, "validation": 20_232, "test": 20_233, "ood": 20_234}
@@ -59,6 +63,16 @@ class ClutteredGoals(PoseGoals):
     def spheres(self) -> Array:
         """(K, 3, 4) centres and radii, as `space_envs.dynamics.spheres` takes them, m."""
         return np.concatenate([self.obstacle_position, self.obstacle_radius[..., None]], axis=-1)
+
+
+@lru_cache(maxsize=1)
+def _contacts() -> Contacts:
+    return Contacts.of(single_arm_model(), SINGLE_ARM_SHAPE)
+
+
+def _satellite_gaps(robot: FloatingRobot, q: Array) -> Array:
+    """Gaps (...) in m of the arm at q (..., n) rad and the satellite that it stands on."""
+    return _contacts().satellite_gaps(_contacts().points(robot, q)).min(axis=(-1, -2))
 
 
 def bus_gaps(centre: Array, radius: Array) -> Array:
@@ -170,6 +184,7 @@ def choose_spheres(robot: FloatingRobot, scenes: Scenes) -> tuple[NDArray[np.int
     goal = (np.abs(tip).max(axis=-1) > 0.5 * SINGLE_ARM.satellite_side + CLEARANCE) & (
         np.linalg.norm(tip - start, axis=-1) > FAR_ENOUGH
     )
+    goal &= _satellite_gaps(robot, scenes.end) > ROOM
     at_ends = sphere_gaps(scenes.links[:, [0, -1]], spheres[:, None], SINGLE_ARM.link_radius).min(axis=2)
     free = (at_ends > [[START_CLEARANCE], [GOAL_CLEARANCE]]).all(axis=1)
     free &= bus_gaps(spheres[..., :3], spheres[..., 3]) > BUS_CLEARANCE
@@ -224,7 +239,8 @@ def way_around(
 ) -> tuple[Array, NDArray[np.bool_]]:
     """End configurations (K, n) with which the detours via (K, n) meet the goals, rad.
 
-    Also (K,) bool, whether they do, with rates, accelerations and gaps within their bounds all along.
+    Also (K,) bool, whether they do, with rates, accelerations and gaps within their bounds all along and
+    clear of the satellite.
 
     Args:
         end: (K, n) rad, about where the motions end. via: (K, n) rad, as in `detour`.
@@ -246,6 +262,8 @@ def way_around(
         & (np.abs(qdot).max(axis=(1, 2)) < LIMIT_SHARE * SINGLE_ARM.rate_limit)
         & (np.abs(acceleration).max(axis=(1, 2)) < LIMIT_SHARE * SINGLE_ARM.acceleration_limit)
         & (gap > WAY_CLEARANCE)
+        & (_satellite_gaps(robot, q).min(axis=-1) > 0.0)
+        & (_satellite_gaps(robot, end) > ROOM)
     )
 
 
@@ -294,6 +312,7 @@ def _search(
     position, quaternion = roll_out_base(robot, q, qdot, dt)
     links = link_ends(robot, q, position, quaternion)
     gap = sphere_gaps(links, goals.spheres[:, None, None], SINGLE_ARM.link_radius).min(axis=(2, 3, 4))
+    gap[_satellite_gaps(robot, q).min(axis=-1) <= 0.0] = -1.0
     gap[np.abs(qdot).max(axis=(2, 3)) > LIMIT_SHARE * SINGLE_ARM.rate_limit] = -1.0
     number = gap.argmax(axis=1)
     best = vias[np.arange(len(vias)), number]

@@ -133,7 +133,7 @@ class RewardWeights:
     precision: float = 1.0  # exp(-worst ratio of error to envelope), per s
     effort: float = 0.02  # -mean squared action, per s
     capture: float = 10.0  # once, on capture
-    failure: float = 20.0  # minus, once, on a failure: attitude lost, obstacle touched, simulation diverged
+    failure: float = 20.0  # minus, once, on a failure: attitude lost, collision, simulation diverged
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():

@@ -8,7 +8,7 @@ resting robot reaches it: every goal can be captured without turning the satelli
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from importlib.resources import files
 from typing import ClassVar
 
@@ -17,17 +17,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from space_envs.dynamics import FloatingRobot
-from space_envs.dynamics.floating import Kinematics
 from space_envs.dynamics.reactionless import com, reach
 from space_envs.dynamics.rigid_body import tumble
 from space_envs.dynamics.rotations import Array, canonical, conjugate, rotate
 from space_envs.errors import GoalError
 from space_envs.models.dual_appearance import scale_target
-from space_envs.models.dual_arm import END_EFFECTORS, GRAPPLES, DualArmOptions, dual_arm_model
-from space_envs.models.parameters import DUAL_ARM_SPATIAL, TargetParameters
+from space_envs.models.dual_arm import END_EFFECTORS, GRAPPLES, SHAPES, DualArmOptions, dual_arm_model
+from space_envs.models.parameters import TargetParameters
 from space_envs.simulation import Simulation
 from space_envs.tasks.base import BLOCK, CaptureTask
 from space_envs.tasks.common import DIFFICULTIES, Goals, ObservationLayout
+from space_envs.tasks.contacts import Contacts
 
 # Largest steps of docs/momentum.md whose drift stays well inside the bound, s.
 DEFAULT_TIMESTEP = {"planar": 0.02, "spatial": 0.01}
@@ -37,7 +37,6 @@ ATTEMPTS = 2000  # to draw a goal that can be reached
 REACHED = (1e-3, np.deg2rad(0.2))  # m and rad left at the end of the motion that proves a goal reachable
 LIMIT_MARGIN = 0.25  # rad, of that motion's end from the joint limits
 CLEARANCE = 0.04  # m, of links from what they must not touch, at the start and at the end of that motion
-GRIPPER = 0.15  # m, outer part of an arm that may be at the target
 OOD_FACTOR = (1.0, 1.5)  # of the difficulty's largest spin and displacement
 OOD_MASS = (0.8, 1.2)  # factor on the satellite's mass and inertia
 
@@ -85,10 +84,10 @@ class DualArmTask(CaptureTask):
     draws: ClassVar[Draws]
     way_in: ClassVar[Array | None]  # (2, 3) approach axes in the target's frame; None where any will do
     measured: ClassVar[tuple[tuple[str, slice], ...]]  # sensors, in the order of the layout
-    link_radius: ClassVar[float]  # m
     outward: ClassVar[Array]  # (2, 3) unit vectors from the target's centre to its grapple points
     seeds: ClassVar[Mapping[str, int]]
     split_sizes = SPLIT_SIZE
+    collides = True
 
     @property
     def default_timestep(self) -> float:
@@ -115,6 +114,38 @@ class DualArmTask(CaptureTask):
     def robot(self) -> FloatingRobot:
         """The robot's momentum-level mathematics, read from the model."""
         return _robot(self.kind, self.options.mounts)
+
+    @cached_property
+    def contacts(self) -> Contacts:
+        """Which links may not touch the satellite, the target and each other."""
+        return Contacts.of(self.model, SHAPES[self.kind], arms=2)
+
+    @property
+    def contact_names(self) -> tuple[str, ...]:
+        """What may touch what, by the codes of `collided`."""
+        return self.contacts.names
+
+    def collided(self, before: Array, sensors: Array) -> NDArray[np.int64]:
+        """Codes (N,) of what touched what in a control period."""
+        return self.contacts.touched(before, sensors)
+
+    def gaps(
+        self, robot: FloatingRobot, q: Array, goals: TargetGoals, attitude: Array, gripper: bool = True
+    ) -> Array:
+        """Gaps (K, M) of the arms to the satellite, to the target and to each other, m.
+
+        Args:
+            q: (K, n) rad, of a robot whose satellite is where it starts. attitude: (K, 4) of the target.
+            gripper: whether the gripper may be at the target, so that only its centre line counts.
+        """
+        points = self.contacts.points(robot, q)
+        half = goals.half_width[:, None] * np.array(self.contacts.shape.body)
+        local = rotate(conjugate(attitude)[:, None, None], points - goals.position[:, None, None])
+        return self.contacts.all_gaps(points, local, half, gripper=gripper)
+
+    def check_start(self, goals: TargetGoals) -> None:
+        """Refuse goals with which arms touch something at the start; errors as in the base class."""
+        self.contacts.refuse(self.gaps(self.robot, goals.joint_position, goals, goals.quaternion))
 
     def grapples(self, half_width: Array) -> Array:
         """Grapple points (K, 2, 3) in the target's frame, m, for half widths (K,)."""
@@ -340,7 +371,7 @@ def _reachable(task: DualArmTask, robot: FloatingRobot, goals: TargetGoals) -> N
     before, _ = tumble(
         goals.quaternion, goals.angular_velocity, np.array(task.target.inertia), np.array([-MEETING])
     )
-    ok = _clear(task, robot, goals.joint_position, goals, before[:, 0], 0.0)
+    ok = _clear(task, robot, goals.joint_position, goals, before[:, 0], False)
     rows = np.flatnonzero(ok)
     goals = goals.take(rows)
     points = goals.position[:, None] + rotate(goals.quaternion[:, None], task.grapples(goals.half_width))
@@ -348,53 +379,15 @@ def _reachable(task: DualArmTask, robot: FloatingRobot, goals: TargetGoals) -> N
     found = reach(robot, goals.joint_position, points, axes)
     inside = (found.q > robot.range[:, 0] + LIMIT_MARGIN) & (found.q < robot.range[:, 1] - LIMIT_MARGIN)
     ok[rows] = (found.distance < REACHED[0]) & (found.angle < REACHED[1]) & inside.all(axis=1)
-    ok[rows] &= _clear(task, robot, found.q, goals, goals.quaternion, GRIPPER)
+    ok[rows] &= _clear(task, robot, found.q, goals, goals.quaternion, True)
     return ok
 
 
 def _clear(
-    task: DualArmTask, robot: FloatingRobot, q: Array, goals: TargetGoals, attitude: Array, gripper: float
+    task: DualArmTask, robot: FloatingRobot, q: Array, goals: TargetGoals, attitude: Array, gripper: bool
 ) -> NDArray[np.bool_]:
-    """Whether points along the arms at q (K, n) keep away from each other, the target and the bus; the outer
-    `gripper` metres may be at the target."""
-    kinematics = robot.kinematics(q)
-    points, outer = _link_points(robot, kinematics, gripper)  # (K, 2, P, 3), base frame
-    away = task.link_radius + CLEARANCE
-    gap = np.linalg.norm(points[:, 0, :, None] - points[:, 1, None, :], axis=-1).min(axis=(1, 2))
-    clear = gap > away + task.link_radius
-    # The base has hardly moved at the start, and by centimetres at the end; the margin covers that.
-    body = np.array(task.target.body) * (goals.half_width / task.target.half_width)[:, None]
-    local = rotate(conjugate(attitude)[:, None, None], points[:, :, ~outer] - goals.position[:, None, None])
-    axes = slice(0, 2 if task.kind == "planar" else 3)
-    outside = (np.abs(local) > body[:, None, None] + away)[..., axes].any(axis=-1)
-    clear &= outside.reshape(len(q), -1).all(axis=1)
-    if task.kind == "spatial":
-        count = points.shape[2] // (robot.n_joints // 2)
-        free = points[:, :, 2 * count :]  # the first two links stand on the bus
-        side = 0.5 * DUAL_ARM_SPATIAL.satellite_side
-        clear &= (np.abs(free) > side + away).any(axis=-1).reshape(len(q), -1).all(axis=1)
-    return clear
+    """Whether the arms at q (K, n) keep away from each other, the target and the satellite.
 
-
-_ALONG = np.linspace(0.0, 1.0, 13)  # where on a link points lie
-
-
-def _link_points(
-    robot: FloatingRobot, kinematics: Kinematics, gripper: float
-) -> tuple[Array, NDArray[np.bool_]]:
-    """Points (K, 2, P, 3) along the links of both arms, base frame; (P,) which are the gripper's."""
-    n = robot.n_joints // 2
-    arms = []
-    outer = np.zeros(0, dtype=bool)
-    for arm in range(2):
-        joints = kinematics.position[:, arm * n : (arm + 1) * n]
-        link = int(robot.tip_link[arm]) - 1
-        tip = kinematics.position[:, link] + kinematics.rotation[:, link] @ robot.tip_offset[arm]
-        ends = np.concatenate([joints[:, 1:], tip[:, None]], axis=1)
-        points = joints[:, :, None] + _ALONG[:, None] * (ends - joints)[:, :, None]
-        arms.append(points.reshape(len(points), -1, 3))
-        length = float(np.linalg.norm(robot.tip_offset[arm]))
-        outer = np.concatenate(
-            [np.zeros((n - 1) * len(_ALONG), dtype=bool), (1.0 - _ALONG) * length < gripper]
-        )
-    return np.stack(arms, axis=1), outer
+    The base has hardly moved at the start, and by centimetres at the end; the margin covers that.
+    """
+    return task.gaps(robot, q, goals, attitude, gripper).min(axis=1) > CLEARANCE

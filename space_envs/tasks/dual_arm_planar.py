@@ -90,7 +90,6 @@ class DualArmPlanarTask(DualArmTask):
     )
     way_in = None
     measured = _MEASURED
-    link_radius = DUAL_ARM_PLANAR.link_radius
     outward = np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]])
     seeds = {"train": 20_301, "validation": 20_302, "test": 20_303, "ood": 20_304}
 

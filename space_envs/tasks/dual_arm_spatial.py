@@ -108,7 +108,6 @@ class DualArmSpatialTask(DualArmTask):
     )
     way_in = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     measured = _MEASURED
-    link_radius = DUAL_ARM_SPATIAL.link_radius
     outward = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])
     seeds = {"train": 20_401, "validation": 20_402, "test": 20_403, "ood": 20_404}
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from space_envs.dynamics import FloatingRobot, minimum_jerk, roll_out_base
 from space_envs.dynamics.rotations import Array, from_matrix, multiply, rotate
 from space_envs.errors import GoalError, unknown_name
+from space_envs.models.capsules import SINGLE_ARM_SHAPE
 from space_envs.models.parameters import SINGLE_ARM, VARIANTS
 from space_envs.models.single_arm import ModelOptions, single_arm_model
 from space_envs.simulation import Simulation
@@ -28,6 +29,7 @@ from space_envs.tasks.common import (
     Goals,
     ObservationLayout,
 )
+from space_envs.tasks.contacts import Contacts
 
 LAYOUT = ObservationLayout(
     (
@@ -72,9 +74,10 @@ SPLIT_SIZE = {"train": 4096, "validation": 256, "test": 512, "ood": 512}
 SPLIT_SEED = {"train": 20_201, "validation": 20_202, "test": 20_203, "ood": 20_204}
 OOD_RADIUS = (1.0, 1.3)  # of the difficulty's: the largest joint displacement lies in this range
 OOD_MASS = (0.8, 1.2)  # factor on the satellite's mass and inertia
-NODES = 41  # of the minimum-jerk motion whose end defines a goal
+NODES, DURATION = 41, 10.0  # and s, of the minimum-jerk motion whose end defines a goal
 CLEARANCE = 0.25  # m, of a goal from the bus
 NEAREST = 0.15  # m, least distance of a goal from the end-effector's start
+ROOM = 0.005  # m, of links from the satellite in the configuration that a goal is drawn from
 
 
 @dataclass(frozen=True)
@@ -123,6 +126,7 @@ class SingleArmTask(CaptureTask):
     parameters = SINGLE_ARM
     split_sizes = SPLIT_SIZE
     goal_options = {"goal_position": GoalOption(3), "goal_quaternion": GoalOption(4)}
+    collides = True
 
     @property
     def default_timestep(self) -> float:
@@ -143,6 +147,24 @@ class SingleArmTask(CaptureTask):
     def robot(self) -> FloatingRobot:
         """The robot's momentum-level mathematics, read from the model."""
         return _robot(self.variant)
+
+    @cached_property
+    def contacts(self) -> Contacts:
+        """Which links may not touch the satellite."""
+        return Contacts.of(self.model, SINGLE_ARM_SHAPE)
+
+    @property
+    def contact_names(self) -> tuple[str, ...]:
+        """What may touch what, by the codes of `collided`."""
+        return self.contacts.names
+
+    def collided(self, before: Array, sensors: Array) -> NDArray[np.int64]:
+        """Codes (N,) of what touched what in a control period."""
+        return self.contacts.touched(before, sensors)
+
+    def check_start(self, goals: Goals) -> None:
+        """Refuse joint angles with which a link is in the satellite; errors as in the base class."""
+        self.contacts.refuse(self.contacts.all_gaps(self.contacts.points(self.robot, goals.joint_position)))
 
     def goal_block(self, split: str, block: int) -> PoseGoals:
         """Goals of a block."""
@@ -259,13 +281,14 @@ def _robot(variant: str) -> FloatingRobot:
 
 
 @lru_cache(maxsize=512)
-def _goal_block(variant: str, difficulty: str, split: str, block: int) -> PoseGoals:
-    """Goals block * BLOCK ... of a split, from seeds alone.
+def goal_configurations(variant: str, difficulty: str, split: str, block: int) -> tuple[Array, Array]:
+    """Joint angles (BLOCK, n) in rad that goals block * BLOCK ... of a split are drawn from, and factors
+    (BLOCK,) on the satellite's mass, from seeds alone.
 
-    A goal is where the end-effector of the resting robot is after a minimum-jerk joint motion from home to a
-    drawn configuration with the base floating freely, so that every goal can be reached.
+    They are drawn around home until the end-effector is away from the satellite and from its start, and the
+    minimum-jerk joint motion from home is clear of the satellite.
     """
-    robot = _robot(variant)
+    robot, contacts = _robot(variant), SingleArmTask(variant=variant).contacts
     draws = 16
     displacement = np.empty((BLOCK, draws, robot.n_joints))
     mass_scale = np.ones(BLOCK)
@@ -282,10 +305,30 @@ def _goal_block(variant: str, difficulty: str, split: str, block: int) -> PoseGo
     # The test is on poses in the base frame: the base moves little, and the margin is ample.
     clear = np.abs(tip).max(axis=-1) > SINGLE_ARM.satellite_side / 2 + CLEARANCE
     usable = clear & (np.linalg.norm(tip - start, axis=-1) > NEAREST)
-    if not usable.any(axis=1).all():
-        raise GoalError("a goal could not be drawn: every candidate lies in the satellite or at the start")
-    chosen = q[np.arange(BLOCK), usable.argmax(axis=1)]
-    path, rate, dt = minimum_jerk(robot.home, chosen, 10.0, NODES)
+    usable &= contacts.satellite_gaps(contacts.points(robot, q)).min(axis=(-1, -2)) > ROOM
+    while True:
+        if not usable.any(axis=1).all():
+            raise GoalError(
+                "a goal could not be drawn: every candidate lies in the satellite or at the start"
+            )
+        row, candidate = np.arange(BLOCK), usable.argmax(axis=1)
+        path, _, _ = minimum_jerk(robot.home, q[row, candidate], DURATION, NODES)
+        blocked = contacts.satellite_gaps(contacts.points(robot, path)).min(axis=(1, 2, 3)) <= 0.0
+        if not blocked.any():
+            return q[row, candidate], mass_scale
+        usable[row[blocked], candidate[blocked]] = False
+
+
+@lru_cache(maxsize=512)
+def _goal_block(variant: str, difficulty: str, split: str, block: int) -> PoseGoals:
+    """Goals block * BLOCK ... of a split.
+
+    A goal is where the end-effector of the resting robot is after a minimum-jerk joint motion from home to a
+    drawn configuration with the base floating freely, so that every goal can be reached.
+    """
+    robot = _robot(variant)
+    chosen, mass_scale = goal_configurations(variant, difficulty, split, block)
+    path, rate, dt = minimum_jerk(robot.home, chosen, DURATION, NODES)
     position, quaternion = roll_out_base(robot, path, rate, dt)
     local_position, local_rotation = robot.end_effector_pose(chosen)
     goal_quaternion = multiply(quaternion[:, -1], from_matrix(local_rotation))

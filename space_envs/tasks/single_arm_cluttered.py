@@ -1,15 +1,16 @@
 """SpaceCapture/SingleArmCluttered: the static grapple pose of the single arm, beyond keep-out spheres.
 
 Three spheres rest in the inertial frame. A link that touches one, which is a capsule of the drawn radius,
-ends the episode as a failure. The satellite itself is not looked at: spheres are 0.3 m from it or
-more at the start, and only on some hard goals it drifts that far. A goal is drawn as that of
-SpaceCapture/SingleArm, the end of a minimum-jerk joint motion; it is kept if that motion runs into a sphere
-and a detour in joint space, within the limits of rate and acceleration, ends at the goal clear of all.
+ends the episode as a failure, as one that touches the satellite does. The satellite itself may drift into
+spheres: they are 0.3 m from it or more at the start, and only on some hard goals it moves that far. A goal
+is drawn as that of SpaceCapture/SingleArm, the end of a minimum-jerk joint motion; it is kept if that motion
+runs into a sphere and a detour in joint space, within the limits of rate and acceleration, ends at the goal
+clear of all.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from importlib.resources import files
 
 import mujoco
@@ -26,6 +27,7 @@ from space_envs.simulation import Simulation
 from space_envs.tasks.base import BLOCK
 from space_envs.tasks.clutter import COUNT, ClutteredGoals, bus_gaps, draw_scenes
 from space_envs.tasks.common import Field, GoalOption, ObservationLayout
+from space_envs.tasks.contacts import SHARES
 from space_envs.tasks.single_arm import LAYOUT, MEASURED, SingleArmTask
 
 CLUTTERED_LAYOUT = ObservationLayout(
@@ -36,7 +38,6 @@ CLUTTERED_LAYOUT = ObservationLayout(
     )
 )
 CLUTTERED_SPLIT_SIZE = {"train": 1024, "validation": 128, "test": 512, "ood": 256}
-_PERIOD_SHARES = np.linspace(0.0, 1.0, 9)[1:]  # of a control period before its end, where links are seen
 _ROOT_3 = 3.0**0.5  # largest length of a vector whose components are at most 1
 _FILE = "single_arm_cluttered_draws.npz"
 
@@ -52,7 +53,6 @@ class SingleArmClutteredTask(SingleArmTask):
         "obstacle_position": GoalOption(3 * COUNT),
         "obstacle_radius": GoalOption(COUNT),
     }
-    collides = True
 
     @property
     def model(self) -> mujoco.MjModel:
@@ -126,12 +126,23 @@ class SingleArmClutteredTask(SingleArmTask):
         observation[:, _RADIUS] = sensors[:, _RADII]
         return observation
 
-    def collided(self, before: Array, sensors: Array) -> NDArray[np.bool_]:
-        """(N,) bool, whether a link touched a sphere in a control period.
+    @cached_property
+    def contact_names(self) -> tuple[str, ...]:
+        """What may touch what, by the codes of `collided`."""
+        spheres = [f"link {link} and obstacle {sphere + 1}" for link in _LINKS for sphere in range(COUNT)]
+        return (*self.contacts.names, *spheres)
+
+    def collided(self, before: Array, sensors: Array) -> NDArray[np.int64]:
+        """Codes (N,) of what a link touched in a control period, the satellite or a sphere.
 
         Between the two ends of the period, those of the links are taken to move straight: that is off by
         about a millimetre at the limits of rate and acceleration.
         """
+        code = super().collided(before, sensors)
+        sphere = self._spheres_touched(before, sensors)
+        return np.where(code > 0, code, sphere)
+
+    def _spheres_touched(self, before: Array, sensors: Array) -> NDArray[np.int64]:
         # Runs at every step, also for N = 1: what counts here is the number of numpy calls.
         n = len(sensors)
         ends = sensors[:, _ENDS].reshape(n, -1, 3)
@@ -139,16 +150,18 @@ class SingleArmClutteredTask(SingleArmTask):
         spheres[..., :3] = sensors[:, _CENTRES].reshape(n, COUNT, 3)
         spheres[..., 3] = sensors[:, _RADII]
         gap = sphere_gaps(ends, spheres, SINGLE_ARM.link_radius).reshape(n, -1).min(axis=1)
-        touched = gap <= 0.0
         # No gap shrinks by more than the ends of the links have moved.
         step = ends - before[:, _ENDS].reshape(n, -1, 3)
         near = gap <= _ROOT_3 * np.abs(step).max(axis=(1, 2))
+        code = np.zeros(n, dtype=np.int64)
         if near.any():
-            rows = np.flatnonzero(near & ~touched)
-            way = ends[rows, None] - _PERIOD_SHARES[:, None, None] * step[rows, None]
-            between = sphere_gaps(way, spheres[rows, None], SINGLE_ARM.link_radius)
-            touched[rows] = (between <= 0.0).any(axis=(1, 2, 3))
-        return touched
+            rows = np.flatnonzero(near)
+            way = ends[rows, None] - (1.0 - SHARES)[:, None, None] * step[rows, None]
+            between = sphere_gaps(way, spheres[rows, None], SINGLE_ARM.link_radius).reshape(len(rows), -1)
+            first = (between <= 0.0).argmax(axis=1) % (len(_LINKS) * COUNT)
+            touched = (between <= 0.0).any(axis=1)
+            code[rows[touched]] = len(self.contacts.names) + first[touched]
+        return code
 
 
 _SURFACES = tuple(f"obstacle{number}_surface" for number in range(1, COUNT + 1))
@@ -157,10 +170,10 @@ _CENTRES = slice(MEASURED, MEASURED + 3 * COUNT)
 _RADII = slice(_CENTRES.stop, _CENTRES.stop + 3 * COUNT, 3)  # along x of what is measured
 _FIRST_LINK = _RADII.stop
 _TIP = LAYOUT.slices["end_effector_position"]
-# Ends of links 1 and 3 to 7: link 2 of Table I has no length.
+_LINKS = (1, 3, 4, 5, 6, 7)  # link 2 of Table I has no length
 _ENDS = np.concatenate(
     [
-        *(np.arange(3) + _FIRST_LINK + 3 * link for link in (0, 2, 3, 4, 5, 6)),
+        *(np.arange(3) + _FIRST_LINK + 3 * (link - 1) for link in _LINKS),
         np.arange(_TIP.start, _TIP.stop),
     ]
 )
