@@ -30,7 +30,8 @@ from space_envs.registration import make_task
 from space_envs.threads import on_one_thread
 
 CHUNK = 25  # episodes of a unit
-_ARRAYS = [f.name for f in fields(Rollout) if f.name not in ("goals", "outcome", "reason")]
+_ENDS = ("outcome", "cause", "reason")
+_ARRAYS = [f.name for f in fields(Rollout) if f.name not in ("goals", *_ENDS)]
 
 
 class Player(Protocol):
@@ -123,9 +124,7 @@ class Part:
         arrays = {name: getattr(self.rollout, name) for name in _ARRAYS}
         told = {
             "records": [record.to_json() for record in self.records],
-            "outcome": self.rollout.outcome,
-            "cause": self.rollout.cause,
-            "reason": self.rollout.reason,
+            **{name: getattr(self.rollout, name) for name in _ENDS},
             "seconds": self.seconds,
         }
         with atomic_write(path) as temporary, temporary.open("wb") as file:
@@ -147,7 +146,7 @@ class Part:
         if tuple(arrays["index"].tolist()) != unit.indices:
             raise ConfigurationError(f"{path} holds other episodes")
         goals = make_task(unit.task.env_id, unit.keywords).goals(unit.task.split, arrays["index"])
-        ends = {name: told[name] for name in ("outcome", "cause", "reason")}
+        ends = {name: told[name] for name in _ENDS}
         rollout = Rollout(goals=goals, **ends, **arrays)
         return cls(tuple(map(EpisodeRecord.from_json, told["records"])), rollout, told["seconds"])
 
