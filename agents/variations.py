@@ -67,11 +67,11 @@ class DemonstratorConfig:
             raise unknown_name("space of elastic bands", self.bands, BANDS)
         for name, value in vars(self).items():
             numbers = value if isinstance(value, tuple) else (value,)
-            for one in () if name in ("difficulty", "variant") else numbers:
+            for one in () if name in ("difficulty", "variant", "bands") else numbers:
                 non_negative(f"demonstrations: {name}", one)
         positive("dt", self.dt)
         positive_integer("per_goal", self.per_goal, 1000)
-        for name in ("ramp", "radius"):
+        for name in ("ramp", "radius", "sphere_radius"):
             value = getattr(self, name)
             if not isinstance(value, tuple) or len(value) != 2 or value[0] > value[1]:
                 raise ConfigurationError(f"{name} must be a least and a largest value, got {value!r}")

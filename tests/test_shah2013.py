@@ -238,7 +238,7 @@ def test_a_small_run_for_real(tmp_path, capsys, monkeypatch):
     for figure_file in (out / "figures").iterdir():
         ElementTree.parse(figure_file)
     written = (docs / "shah2013.md").read_text(encoding="utf-8")
-    assert "comes with a later version" in written and "as vectors, every 1 s" in written
+    assert "comes with a later version" in written and "as vectors, every 2 s" in written
     for link in re.findall(r"\]\((images/\S+)\)", written):
         assert (docs / link).exists()
     assert not list(tmp_path.rglob(".*"))

@@ -22,8 +22,8 @@ from space_envs.models.parameters import DUAL_ARM_PLANAR
 POINTS = 161  # drawn of a curve
 FLOOR = 1e-18  # rad/s; what is less, zero included, is drawn there
 FRAMES = 61  # of the animation
-ARROWS = 21  # velocity vectors drawn along each path
-ARROW_SECONDS = 3.0  # s of motion that an arrow is long
+ARROWS = 11  # velocity vectors drawn along each path
+ARROW_SECONDS = 1.5  # of motion that an arrow is long
 LOOP = 10.0  # s that the motion takes in it
 ARM_COLOURS = (BLUE, VERMILION)
 DASHES = ("-", (0, (4, 1.6)))

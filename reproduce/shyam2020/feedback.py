@@ -167,7 +167,7 @@ def feedback_figure(found: Feedback) -> Figure:
     ratio = spread_ratio(found)
     return figure(
         "feedback",
-        "Control from the learned distribution",
+        "Joint motions under the law",
         "Policy promp_feedback on the page's own goal, torques of the suite's drives on a floating base in "
         "MuJoCo. Its gains and its noise are those under which motions are distributed as the ProMP that is "
         "conditioned on start and goal. Right: standard deviation, root mean square over the joints.",
