@@ -20,10 +20,11 @@ TEXTURE_SIDE = 1024  # pixels, of the side that is seen
 PAINTED = 1.15  # rad, angle from the point below the origin to the texture's edge: beyond the horizon
 RINGS, SIDES = 96, 144  # of the planet's mesh
 GLOW = 0.045  # of the horizon's radius, height of the glow above it
+_REFLECTED = 0.01  # share of the light, by the planet's materials
 _GLOW_PIXELS = (32, 256)  # of the glow's texture: outward, around
-_OCEAN = np.array([0.03, 0.13, 0.34])
-_SHALLOWS = np.array([0.06, 0.29, 0.52])
-_CLOUD = np.array([0.80, 0.85, 0.92])
+_OCEAN = np.array([0.02, 0.10, 0.28])
+_SHALLOWS = np.array([0.05, 0.23, 0.43])
+_CLOUD = np.array([0.72, 0.77, 0.84])
 _HAZE = np.array([0.42, 0.68, 1.0])
 
 Texture = NDArray[np.uint8]
@@ -42,9 +43,10 @@ def add_planet(spec: mujoco.MjSpec, pos: Vector, radius: float, sun: Vector) -> 
     distance = float(np.linalg.norm(pos))
     horizon = float(np.arccos(radius / distance))
     turn = rotation_to([-part for part in pos])
-    _add_textured(spec, PLANET, _planet_pixels(round(horizon, 6)), lit=0.74, glow=0.0)
+    light = _turned_back(sun, turn)
+    _add_textured(spec, PLANET, _planet_pixels(round(horizon, 6), light))
     _add_sphere(spec, radius)
-    _add_textured(spec, ATMOSPHERE, _glow_pixels(_across(sun, turn)), lit=0.02, glow=0.98)
+    _add_textured(spec, ATMOSPHERE, _glow_pixels(light))
     _add_ring(spec, radius * np.sin(horizon))
     height = radius * np.cos(horizon)  # of the horizon's circle above the centre
     above = (np.asarray(pos) * (1 - height / distance)).tolist()
@@ -71,28 +73,30 @@ def make_plain(spec: mujoco.MjSpec) -> None:
         texture.builtin = mujoco.mjtBuiltin.mjBUILTIN_FLAT
         texture.width = texture.height = 8
         texture.rgb1 = texture.rgb2 = colour
+        spec.material(name).emission, spec.material(name).rgba = 0.0, [1.0, 1.0, 1.0, 1.0]
 
 
-def _across(sun: Vector, turn: Vector) -> tuple[float, float]:
-    """The part of the sunlight's direction across the line of sight, in the axes of the planet's mesh."""
+def _turned_back(sun: Vector, turn: Vector) -> tuple[float, float, float]:
+    """Unit vector of the sunlight's direction in the axes of the planet's mesh."""
     inverse, seen = np.zeros(4), np.zeros(3)
     mujoco.mju_negQuat(inverse, np.asarray(turn, dtype=float))
-    direction = np.asarray(sun, dtype=float) / np.linalg.norm(sun)
-    mujoco.mju_rotVecQuat(seen, direction, inverse)
-    return round(float(seen[0]), 6), round(float(seen[1]), 6)
+    mujoco.mju_rotVecQuat(seen, np.asarray(sun, dtype=float) / np.linalg.norm(sun), inverse)
+    x, y, z = seen.round(6).tolist()
+    return x, y, z
 
 
-def _add_textured(spec: mujoco.MjSpec, name: str, pixels: Texture, lit: float, glow: float) -> None:
-    """Add a texture and its material, which reflects `lit` of the light and glows by itself.
+def _add_textured(spec: mujoco.MjSpec, name: str, pixels: Texture) -> None:
+    """Add a texture and a material that shows it as it is: day and night are painted.
 
-    With all light together a material should stay below 1, where OpenGL clips.
+    It reflects next to nothing, so that the robot throws no shadow onto a planet that far away.
     """
     height, width, channels = pixels.shape
     flat = mujoco.mjtTexture.mjTEXTURE_2D
     texture = spec.add_texture(name=name, type=flat, width=width, height=height, nchannel=channels)
     texture.data = pixels.tobytes()
-    material = spec.add_material(name=name, emission=glow / lit, specular=0.0, shininess=0.0)
-    material.rgba = [lit, lit, lit, 1.0]
+    material = spec.add_material(name=name, specular=0.0, shininess=0.0)
+    material.rgba = [_REFLECTED, _REFLECTED, _REFLECTED, 1.0]
+    material.emission = 1.0 / _REFLECTED  # OpenGL multiplies it by the colour
     material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
 
 
@@ -142,8 +146,13 @@ def _grid_faces(rows: int, columns: int, closed: bool) -> NDArray[np.int32]:
 
 
 @lru_cache(maxsize=4)
-def _planet_pixels(horizon: float) -> Texture:
-    """(TEXTURE_SIDE, TEXTURE_SIDE, 3) colours of ocean, cloud and haze, the horizon at this angle in rad."""
+def _planet_pixels(horizon: float, light: tuple[float, float, float]) -> Texture:
+    """(TEXTURE_SIDE, TEXTURE_SIDE, 3) colours of ocean, cloud and haze by day and night.
+
+    Args:
+        horizon: rad, angle from the point below the origin to where the planet's edge is seen.
+        light: unit vector in which sunlight travels, axes of the planet's mesh.
+    """
     generator = np.random.default_rng(7)  # a picture must not depend on a seed
     side = TEXTURE_SIDE
     across, along = _noise(generator, side, decay=2.6, first=4)
@@ -155,18 +164,22 @@ def _planet_pixels(horizon: float) -> Texture:
     ground = _OCEAN + _smoothstep(across, 0.2, 1.8)[..., None] * (_SHALLOWS - _OCEAN)
     colour = ground + cloud * (_CLOUD - ground)
     middle = (side - 1) / 2
-    angle = PAINTED * np.hypot(rows - middle, columns - middle) / middle
+    u, v = (columns - middle) / middle, (rows - middle) / middle
+    angle = PAINTED * np.hypot(u, v)
+    outward = np.sin(angle) / np.maximum(np.hypot(u, v), 1e-9)
+    facing = -(light[0] * outward * u + light[1] * outward * v + light[2] * np.cos(angle))
+    day = (0.08 + 0.92 * _smoothstep(facing, -0.1, 0.9))[..., None]
     height = np.sin(np.minimum(angle, horizon)) / np.sin(horizon)  # across the line of sight
     haze = 0.85 * height[..., None] ** 14
-    return _bytes(colour + haze * (_HAZE - colour))
+    return _bytes(day * (colour + haze * (_HAZE - colour)))
 
 
 @lru_cache(maxsize=4)
-def _glow_pixels(across: tuple[float, float]) -> Texture:
+def _glow_pixels(light: tuple[float, float, float]) -> Texture:
     """Colours (outward, around, 3) of the atmosphere above the horizon, bright where the sun shines."""
     outward, around = _GLOW_PIXELS
     angle = 2 * np.pi * (np.arange(around) + 0.5) / around
-    day = 0.25 + 0.75 * _smoothstep(-across[0] * np.cos(angle) - across[1] * np.sin(angle), -0.6, 0.5)
+    day = 0.25 + 0.75 * _smoothstep(-light[0] * np.cos(angle) - light[1] * np.sin(angle), -0.6, 0.5)
     radius = np.linspace(0.97, 1.0 + GLOW, outward)
     above = np.clip((radius - 1.0) / GLOW, 0.0, 1.0)
     fade = np.exp(-4.5 * above) * (1.0 - above)
