@@ -10,13 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-import space_envs  # noqa: F401  (registers the ids)
 from agents.resolve import resolve_policy
+from space_envs.envs import CaptureEnv
 from space_envs.errors import SpaceEnvsError
 from space_envs.evaluation.policy import PolicyContext
 from space_envs.files import atomic_write
@@ -58,19 +57,18 @@ def draw(shot: Shot, width: int = WIDTH, height: int = HEIGHT) -> NDArray[np.uin
         SpaceEnvsError: if the policy fails, or nothing can be drawn here.
     """
     resolved = resolve_policy(shot.policy)
-    env = gym.make(
-        shot.env_id,
+    env = CaptureEnv(
+        env_id=shot.env_id,
         render_mode="rgb_array",
         width=width,
         height=height,
         camera=shot.camera,
         control_mode=resolved.control_mode,
     )
-    inner = env.unwrapped
-    policy = resolved.build(PolicyContext.from_env(inner), 0)
+    policy = resolved.build(PolicyContext.from_env(env), 0)
     observation, _ = env.reset(options={"split": "test", "index": shot.index})
     state, start = None, np.array([True])
-    for _ in range(round(shot.seconds / inner.task.control_period)):
+    for _ in range(round(shot.seconds / env.task.control_period)):
         action, state = policy.predict(observation[None], state, start)
         observation, _, terminated, truncated, _ = env.step(action[0])
         start = np.array([False])
@@ -78,7 +76,7 @@ def draw(shot: Shot, width: int = WIDTH, height: int = HEIGHT) -> NDArray[np.uin
             break
     picture = env.render()
     env.close()
-    return picture
+    return np.asarray(picture, dtype=np.uint8)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from matplotlib.axes import Axes
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from agents.demonstrations import COUNT, fit_prior
 from agents.demonstrator import Demonstrations, demonstrate
@@ -75,7 +75,7 @@ def cover(seed: int, count: int = COUNT) -> Covered:
 
 def distance_to_demonstrated(found: Covered) -> Array:
     """Distances (K,) m of test goals from the nearest end of a demonstration with the paper's variations."""
-    return cKDTree(found.tip[PAPER][:, -1]).query(found.goals)[0]
+    return KDTree(found.tip[PAPER][:, -1]).query(found.goals)[0]
 
 
 def workspace(found: Covered) -> Figure:

@@ -36,7 +36,7 @@ def vectors() -> Figure:
     def sketch(view: Callable[[Array], Array], name: str, labels: tuple[str, str]) -> Sketch:
         def arrow(axes: Axes, start: Array, end: Array, colour: str, style: str) -> None:
             look = {"arrowstyle": "-|>", "color": colour, "lw": 1.4, "ls": style, "shrinkA": 0, "shrinkB": 0}
-            axes.annotate("", view(end), view(start), arrowprops=look)
+            axes.annotate("", _place(view(end)), _place(view(start)), arrowprops=look)
 
         def draw(axes: Axes) -> None:
             still = np.array([1.0, 0.0, 0.0, 0.0])
@@ -47,7 +47,7 @@ def vectors() -> Figure:
             axes.plot(0.0, 0.0, "+", color=INK, ms=11, mew=1.6)
             for number, centre in enumerate(centres):
                 arrow(axes, np.zeros(3), centre, SKY, "--")
-                axes.annotate(f"r{_low(number)}", view(centre), fontsize=8, xytext=(4, 3), textcoords=NEAR)
+                axes.annotate(f"r{_low(number)}", _place(view(centre)), (4, 3), textcoords=NEAR, fontsize=8)
             for centre, inward in zip(centres[1:], found.inward, strict=True):
                 arrow(axes, centre - inward, centre, BLUE, "-")
             for centre, outward in zip(centres, found.outward, strict=True):
@@ -322,6 +322,11 @@ def _plain(axes: Axes, which: str) -> None:
     axis.set_minor_formatter(
         FuncFormatter(lambda value, _: f"{value:g}" if value in (0.5, 2.0, 3.0, 5.0) else "")
     )
+
+
+def _place(point: Array) -> tuple[float, float]:
+    """A point of a drawing."""
+    return float(point[0]), float(point[1])
 
 
 def _low(number: int) -> str:

@@ -196,8 +196,8 @@ def _noise(generator: np.random.Generator, side: int, decay: float, first: int) 
     cycles = np.fft.fftfreq(side, 1.0 / side).astype(np.float32)
     amplitude = np.maximum(np.hypot(cycles[:, None], cycles), first) ** -decay
     amplitude[0, 0] = 0.0
-    wave = ifft2((random[0] + 1j * random[1]) * amplitude)
-    fields = np.stack([wave.real, wave.imag])
+    wave = np.asarray(ifft2((random[0] + 1j * random[1]) * amplitude))
+    fields = np.stack([np.real(wave), np.imag(wave)])
     return fields / fields.std(axis=(1, 2), keepdims=True)
 
 
