@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from dynamics_models import robot_and_model
 
-from agents.elastic_bands import Obstacles, detour, relax
+from agents.elastic_bands import Obstacles, joint_detour, relax, straight_path, task_detour
 from agents.inverse_kinematics import JointMotion, floating_inverse_kinematics, inverse_kinematics, pose_error
 from agents.linear_quadratic import closed_loop, receding_gains, riccati_step, terminal_weight
 from agents.optimal.functions import ArmFunctions
@@ -23,7 +23,6 @@ from agents.optimal.task_space import PoseTarget
 from agents.optimal.weight_space import WeightSpace
 from agents.planning import JointPath
 from agents.reactionless.checks import null_velocities
-from agents.reactionless.clearance import box_distance, point_segment, segment_distance
 from agents.reactionless.free_check import held_dynamics
 from agents.reactionless.paths import PolynomialPath
 from agents.registry import POLICIES, make_policy, policies_for
@@ -42,6 +41,7 @@ from space_envs.dynamics import (
     trajectory_cost,
 )
 from space_envs.dynamics.bodies import body_motion, momentum_drift
+from space_envs.dynamics.capsules import box_distance, point_segment, segment_distance
 from space_envs.dynamics.rotations import Array
 from space_envs.envs import CaptureVectorEnv
 from space_envs.evaluation.policy import PolicyContext
@@ -134,6 +134,10 @@ def states(n: int) -> tuple[Array, Array]:
     return place, numbers(n, 4, 13)
 
 
+def balls(n: int) -> Obstacles:
+    return Obstacles(numbers(n, 3), 0.1 * np.ones(n))
+
+
 def bands(n: int) -> tuple[Array, Array, Obstacles]:
     return numbers(n, 7), 1.0 + numbers(n, 7), Obstacles(0.5 * numbers(n, 7), 0.1 * np.ones(n))
 
@@ -187,8 +191,11 @@ CASES: dict[str, Callable[[int], Any]] = {
     "floating_inverse_kinematics": lambda n: straight_ends(n, floating_inverse_kinematics),
     "pose_error": lambda n: pose_error(arm(), numbers(n, 7), numbers(n, 3), quaternions(n)),
     "linear_quadratic": linear_quadratic,
-    "elastic bands": lambda n: relax(*bands(n)),
-    "detour": lambda n: detour(*bands(n), np.linspace(0.0, 1.0, 9), 0.1),
+    "elastic bands": lambda n: relax(straight_path(*bands(n)[:2]), bands(n)[2]),
+    "joint detour": lambda n: joint_detour(*bands(n), np.linspace(0.0, 1.0, 9), 0.1),
+    "task detour": lambda n: task_detour(
+        arm(), *bands(n)[:2], balls(n), np.linspace(0.0, 1.0, 9), 0.1
+    ),
     "WeightSpace.values": lambda n: space().values(numbers(n, 7, space().free)),
     "WeightSpace.disturbance": lambda n: space().disturbance(numbers(n, 7, space().free)),
     "WeightSpace.poses": lambda n: space().poses(numbers(n, 7, space().free)),
