@@ -132,7 +132,11 @@ def test_what_a_spec_makes_ends_where_the_original_does(keywords):
     vector = gym.make_vec(SINGLE, num_envs=3, **keywords)
     again = gym.make_vec(vector.spec)
     assert again.num_envs == 3
-    assert again.spec.max_episode_steps == expected[0] == pickle.loads(pickle.dumps(vector)).spec.max_episode_steps
+    assert (
+        again.spec.max_episode_steps
+        == expected[0]
+        == pickle.loads(pickle.dumps(vector)).spec.max_episode_steps
+    )
     with pytest.raises(ConfigurationError, match="must agree"):
         gym.make(env.spec, horizon=9)
 
