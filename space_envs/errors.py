@@ -1,7 +1,7 @@
 """Every exception that users of the suite see, and the hint that names the nearest valid name.
 
-All of them are Gymnasium's `Error`; where Gymnasium or Python has a class for the case, they are that as well,
-so that clients which know nothing of this suite catch what they expect.
+All of them are Gymnasium's `Error`, and where Gymnasium or Python has a class for the case, they are of that
+class too, so that clients which know nothing of this suite catch what they expect.
 """
 
 import difflib
