@@ -320,9 +320,7 @@ def find_attempts(
     while len(left) and attempts.max() < ATTEMPTS:
         if mounts is not None and attempts[left].min() >= TRIED and BLOCK - len(left) < FEW:
             raise GoalError(
-                f"with mounts {mounts} m the goals of split {split!r} cannot be drawn: "
-                f"{BLOCK - len(left)} of {TRIED * BLOCK} candidates can be reached without turning the "
-                "satellite. Give a goal to reset, or mounts nearer to the usual ones"
+                f"hardly any goal of {split!r} can be reached with mounts {mounts}: give one to reset"
             )
         # Several attempts at a time where few goals are left: small batches take as long as large ones.
         ahead = np.arange(max(BLOCK // len(left), 1))
