@@ -319,9 +319,7 @@ def find_attempts(
     attempts, left = np.zeros(BLOCK, dtype=np.int64), np.arange(BLOCK)
     while len(left) and attempts.max() < ATTEMPTS:
         if mounts is not None and attempts[left].min() >= TRIED and BLOCK - len(left) < FEW:
-            raise GoalError(
-                f"hardly any goal of {split!r} can be reached with mounts {mounts}: give one to reset"
-            )
+            raise GoalError(f"hardly a goal of {split!r} is in reach with mounts {mounts}: give one to reset")
         # Several attempts at a time where few goals are left: small batches take as long as large ones.
         ahead = np.arange(max(BLOCK // len(left), 1))
         index, attempt = np.repeat(left, len(ahead)), (attempts[left][:, None] + ahead).ravel()
