@@ -318,6 +318,7 @@ def _reset(env: CaptureVectorEnv) -> str:
     rows = [(f"`{name}`", widths.get(name, ""), OPTION_TEXT[name]) for name in COMMON_OPTIONS]
     for name, option in env.task.goal_options.items():
         default = "" if option.default is None else f"; {number(option.default)} if left out"
+        default += f"; each at most {number(option.largest)} in absolute value"
         rows.append((f"`{name}`", f"({option.width},)", f"goal: {OPTION_TEXT[name]}{default}"))
     return "\n\n".join(
         [

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from space_envs.errors import ConfigurationError
+from space_envs.errors import ConfigurationError, shown
 
 
 def number(name: str, value: object) -> float:
@@ -15,13 +15,13 @@ def number(name: str, value: object) -> float:
         ConfigurationError: naming what was got.
     """
     if not isinstance(value, int | float | np.integer | np.floating) or isinstance(value, bool):
-        raise ConfigurationError(f"{name} must be a finite number, got {value!r}")
+        raise ConfigurationError(f"{name} must be a finite number, got {shown(value)}")
     try:
         result = float(value)
     except OverflowError:
         result = np.inf
     if not np.isfinite(result):
-        raise ConfigurationError(f"{name} must be a finite number, got {value!r}")
+        raise ConfigurationError(f"{name} must be a finite number, got {shown(value)}")
     return result
 
 
@@ -29,7 +29,7 @@ def non_negative(name: str, value: object) -> float:
     """`value` as a float, if it is a finite number of at least 0; errors as in `number`."""
     result = number(name, value)
     if result < 0.0:
-        raise ConfigurationError(f"{name} must be at least 0, got {value!r}")
+        raise ConfigurationError(f"{name} must be at least 0, got {shown(value)}")
     return result
 
 
@@ -41,7 +41,7 @@ def count(name: str, value: object, largest: int) -> int:
     """
     whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not whole or not 0 <= int(value) <= largest:
-        raise ConfigurationError(f"{name} must be an integer from 0 to {largest}, got {value!r}")
+        raise ConfigurationError(f"{name} must be an integer from 0 to {largest}, got {shown(value)}")
     return int(value)
 
 
@@ -52,8 +52,31 @@ def flag(name: str, value: object) -> bool:
         ConfigurationError: naming what was got.
     """
     if not isinstance(value, bool | np.bool_):
-        raise ConfigurationError(f"{name} must be True or False, got {value!r}")
+        raise ConfigurationError(f"{name} must be True or False, got {shown(value)}")
     return bool(value)
+
+
+def array(value: Any) -> NDArray | None:
+    """`value` as an array; None if it is none, such as a ragged list."""
+    try:
+        return np.asarray(value)
+    except Exception:  # whatever a stranger's object raises
+        return None
+
+
+def numbers(value: Any) -> NDArray[np.float64] | None:
+    """`value` as a new array of real numbers; None if it is none. Neither text nor booleans are numbers."""
+    found = array(value)
+    if found is None or found.dtype.kind not in "fiu" or _holds_boolean(value):
+        return None
+    return found.astype(np.float64)
+
+
+def _holds_boolean(value: Any) -> bool:
+    """Whether a list, however deep, holds a boolean, which numpy takes for a number beside numbers."""
+    if isinstance(value, list | tuple):
+        return any(map(_holds_boolean, value))
+    return isinstance(value, bool | np.bool_)
 
 
 def real_array(name: str, value: Any, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
@@ -63,24 +86,20 @@ def real_array(name: str, value: Any, shape: tuple[int | None, ...]) -> NDArray[
         ConfigurationError: for text, complex numbers, NaN, ragged lists or another shape.
     """
     wanted = f"({', '.join('any' if length is None else str(length) for length in shape)})"
-    try:
-        raw = np.asarray(value)
-        if raw.dtype.kind not in "iuf":
-            raise TypeError
-        array = np.array(raw, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        raise ConfigurationError(f"{name} must be an array of numbers, {wanted}, got {value!r}") from None
-    fits = array.ndim == len(shape) and all(
-        length in (None, got) for length, got in zip(shape, array.shape, strict=True)
+    found = numbers(value)
+    if found is None:
+        raise ConfigurationError(f"{name} must be an array of numbers, {wanted}, got {shown(value)}")
+    fits = found.ndim == len(shape) and all(
+        length in (None, got) for length, got in zip(shape, found.shape, strict=True)
     )
-    if not fits or np.isnan(array).any():
-        raise ConfigurationError(f"{name} must be of shape {wanted} without NaN, got {value!r}")
-    return array
+    if not fits or np.isnan(found).any():
+        raise ConfigurationError(f"{name} must be of shape {wanted} without NaN, got {shown(value)}")
+    return found
 
 
 def finite_array(name: str, value: Any, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
     """The same without infinity."""
     array = real_array(name, value, shape)
     if not np.isfinite(array).all():
-        raise ConfigurationError(f"{name} must be finite, got {value!r}")
+        raise ConfigurationError(f"{name} must be finite, got {shown(value)}")
     return array

@@ -126,10 +126,11 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         if not isinstance(autoreset_mode, AutoresetMode):
             raise unknown_name("autoreset mode", autoreset_mode, _AUTORESET)
         width, height = (
-            positive_integer(name, side, largest=4096) for name, side in (("width", width), ("height", height))
+            positive_integer(name, side, largest=4096)
+            for name, side in (("width", width), ("height", height))
         )
         self.task = make_task(env_id, _with_horizon(keywords, max_episode_steps))
-        if camera != _CAMERA:  # which every model has
+        if not isinstance(camera, str) or camera != _CAMERA:  # which every model has
             model = self.task.render_model
             cameras = [model.cam(index).name for index in range(model.ncam)]
             if not isinstance(camera, str) or camera not in cameras:
@@ -202,7 +203,7 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
 
     @property
     def np_random_seed(self) -> int:  # type: ignore[override]
-        """Seed of row 0, row i having it plus i unless it was given its own; -1 of a generator that was set."""
+        """Seed of row 0; row i has it plus i, unless it was given its own. -1 after `np_random` was set."""
         return self._seeds.numbers[0]
 
     # Reset ---------------------------------------------------------------------------------------------

@@ -1,7 +1,7 @@
 """Every exception that users of the suite see, and the hint that names the nearest valid name.
 
-All of them are Gymnasium's `Error`; where Gymnasium or Python has a class for the case, they are that as well, so
-that clients which know nothing of this suite catch what they expect.
+All of them are Gymnasium's `Error`, and where Gymnasium or Python has a class for the case, they are of that
+class too, so that clients which know nothing of this suite catch what they expect.
 """
 
 import difflib
@@ -117,6 +117,8 @@ def unknown_id(got: object, valid: Iterable[str]) -> UnknownIdError:
 
 def _hint(got: object, valid: Iterable[str]) -> str:
     names = list(valid)
-    close = difflib.get_close_matches(got[:_SHOWN] if isinstance(got, str) else shown(got), names, n=1, cutoff=0.5)
+    close = difflib.get_close_matches(
+        got[:_SHOWN] if isinstance(got, str) else shown(got), names, n=1, cutoff=0.5
+    )
     hint = f" Did you mean {close[0]!r}?" if close else ""
     return f"valid are {', '.join(map(repr, names))}.{hint}"

@@ -26,6 +26,6 @@ def check_memory(num_envs: int, task: CaptureTask) -> None:
     there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     if needed(num_envs, task) > there:
         raise ConfigurationError(
-            f"num_envs={num_envs} would take about {needed(num_envs, task) / 1e9:.0f} GB, and this machine has "
-            f"{there / 1e9:.0f} GB: at most {there // needed(1, task)} fit"
+            f"num_envs={num_envs} would take about {needed(num_envs, task) / 1e9:.0f} GB, and this machine "
+            f"has {there / 1e9:.0f} GB: at most {there // needed(1, task)} fit"
         )

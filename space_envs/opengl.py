@@ -108,8 +108,8 @@ def check_process() -> None:
     """
     if _LOADED_BY and os.getpid() not in _LOADED_BY:
         raise RenderingError(
-            "this process was forked from one that had drawn, and cannot draw: OpenGL does not survive a fork. "
-            "Start it with multiprocessing's 'spawn' or 'forkserver', or draw for the first time in the child."
+            "this process was forked from one that had drawn, and cannot draw: OpenGL survives no fork."
+            " Start it with multiprocessing's 'spawn' or 'forkserver', or do not draw before the fork."
         )
 
 
@@ -156,7 +156,7 @@ def create_context(backend: str, width: int, height: int) -> Any:
 
 
 def _leave_display() -> None:
-    """In a forked child, keep MuJoCo's exit handler from closing the parent's display: it would wait for ever."""
+    """In a forked child, keep MuJoCo's exit handler from the parent's display: it would wait for ever."""
     egl = sys.modules.get(_MODULES["egl"])
     if egl is not None:
         egl.EGL_DISPLAY = None  # type: ignore[attr-defined]

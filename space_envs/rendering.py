@@ -28,8 +28,8 @@ class Renderer:
     """Draws states of one model: `render` makes pictures, `show` moves a window.
 
     OpenGL is looked for when the first picture is asked for and then kept, so making a Renderer never fails
-    for want of it. Threads may draw in turn: each picture takes the OpenGL context and gives it back. A forked
-    child cannot go on with the context or window of its parent, and says so.
+    for want of it. Threads may draw in turn: each picture takes the OpenGL context and gives it back. A
+    forked child cannot go on with the context or window of its parent, and says so.
 
     Args:
         model: compiled with `ModelOptions(visual=True)`. It is copied.

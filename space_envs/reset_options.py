@@ -1,15 +1,16 @@
 """What `reset(options=...)` may ask for, validated before anything moves."""
 
-import numbers
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from numbers import Integral
 from typing import Any
 
 import numpy as np
 from gymnasium.utils import seeding
 from numpy.typing import NDArray
 
+from space_envs.checks import array, numbers
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError, GoalError, shown, unknown_name
 from space_envs.tasks.base import CaptureTask
@@ -78,7 +79,9 @@ class Seeds:
         elif isinstance(seed, list | tuple) and len(seed) == self.n:
             seeds = list(seed)
         else:
-            raise ConfigurationError(f"seed must be an integer, a list of {self.n}, or None; got {shown(seed)}")
+            raise ConfigurationError(
+                f"seed must be an integer, a list of {self.n}, or None; got {shown(seed)}"
+            )
         for number in seeds:
             if number is not None and (not _whole(number) or number < 0):
                 raise ConfigurationError(f"a seed must be an integer of at least 0, got {shown(number)}")
@@ -95,7 +98,7 @@ class Seeds:
 
 
 def _whole(value: object) -> bool:
-    return isinstance(value, numbers.Integral) and not isinstance(value, bool)
+    return isinstance(value, Integral) and not isinstance(value, bool)
 
 
 def _from_seed(seed: int) -> tuple[np.random.Generator, int]:
@@ -115,10 +118,10 @@ def rows_to_reset(task: CaptureTask, options: Mapping[str, Any], n: int) -> NDAr
         if name not in valid:
             raise unknown_name("reset option", name, valid)
     mask = options.get("reset_mask", np.ones(n, dtype=bool))
-    array = _array(mask)
-    if array is None or array.shape != (n,) or array.dtype != np.bool_:
+    rows = array(mask)
+    if rows is None or rows.shape != (n,) or rows.dtype != np.bool_:
         raise ConfigurationError(f"reset_mask must be bool of shape ({n},), got {shown(mask)}")
-    return np.flatnonzero(array)
+    return np.flatnonzero(rows)
 
 
 def choose_start(
@@ -147,7 +150,7 @@ def choose_start(
         return Start(goals, _names("given", rows), index, velocity)
     split = options.get("split", task.split)
     if "index" in options:
-        index = _array(options["index"])
+        index = array(options["index"])
         if index is None or index.shape not in ((), (n,)):
             got = shown(options["index"])
             raise ConfigurationError(f"index must be an integer or {n} of them, got {got}")
@@ -174,7 +177,9 @@ def _goal_values(
             values[name] = _row_values(options, name, option.width, rows, n)
             if (np.abs(values[name]) > option.largest).any():
                 largest = float(np.abs(values[name]).max())
-                raise GoalError(f"{name} must lie in -{option.largest:g} to {option.largest:g}, got {largest:g}")
+                raise GoalError(
+                    f"{name} must lie in -{option.largest:g} to {option.largest:g}, got {largest:g}"
+                )
         elif option.default is None:
             raise ConfigurationError(f"{' and '.join(needed)} must be given together; {name} is missing")
         else:
@@ -206,27 +211,11 @@ def _joint_option(
 def _row_values(options: Mapping[str, Any], name: str, width: int, rows: NDArray[np.int64], n: int) -> Array:
     """The option's numbers for rows (k,): (k, width), from (width,) for all or (n, width)."""
     given = options[name]
-    value = _array(given)
-    if value is None or value.dtype.kind not in "fiu" or _holds_boolean(given):
+    value = numbers(given)
+    if value is None:
         raise ConfigurationError(f"{name} must be numbers, got {shown(given)}")
-    value = value.astype(np.float64)
     if value.shape not in ((width,), (n, width)):
         raise ConfigurationError(f"{name} must have shape ({width},) or ({n}, {width}), got {value.shape}")
     if not np.isfinite(value).all():
         raise ConfigurationError(f"{name} must be finite, got {shown(value.tolist())}")
     return np.broadcast_to(value, (n, width))[rows]
-
-
-def _array(value: object) -> NDArray | None:
-    """What a user gave as an array; None if it is none, such as a ragged list."""
-    try:
-        return np.asarray(value)
-    except Exception:  # whatever a stranger's object raises
-        return None
-
-
-def _holds_boolean(value: object) -> bool:
-    """Whether a list, however deep, holds a boolean, which numpy takes for a number beside numbers."""
-    if isinstance(value, list | tuple):
-        return any(map(_holds_boolean, value))
-    return isinstance(value, bool | np.bool_)

@@ -202,7 +202,10 @@ def test_evaluation_of_a_dual_arm_id(env_id: str, tmp_path: Any, capsys: pytest.
         (["--env", IDS[0], "--policy", "gjm"], "policy 'gjm' is made for SpaceCapture/SingleArm-v0"),
         (["--env", IDS[1], "--policy", "hold", "reactionless_ocp"], "made for SpaceCapture/DualArmPlanar-v0"),
         (["--policy", "reactionless_rate"], "not for SpaceCapture/SingleArm-v0; there are random, hold"),
-        (["--env", IDS[0], "--policy", "hold", "--variant", "paper"], "unexpected keyword argument 'variant'"),
+        (
+            ["--env", IDS[0], "--policy", "hold", "--variant", "paper"],
+            "unexpected keyword argument 'variant'",
+        ),
         (
             ["--env", IDS[0], "--policy", "reactionless_rate", "--control-mode", "joint_torque"],
             "joint_torque",

@@ -132,7 +132,11 @@ def test_what_a_spec_makes_ends_where_the_original_does(keywords):
     vector = gym.make_vec(SINGLE, num_envs=3, **keywords)
     again = gym.make_vec(vector.spec)
     assert again.num_envs == 3
-    assert again.spec.max_episode_steps == expected[0] == pickle.loads(pickle.dumps(vector)).spec.max_episode_steps
+    assert (
+        again.spec.max_episode_steps
+        == expected[0]
+        == pickle.loads(pickle.dumps(vector)).spec.max_episode_steps
+    )
     with pytest.raises(ConfigurationError, match="must agree"):
         gym.make(env.spec, horizon=9)
 
@@ -356,3 +360,20 @@ def test_goal_conditioned_refuses_goals_of_another_size():
     env = GoalConditioned(gym.make(SINGLE))
     with pytest.raises(ConfigurationError, match=r"\(\.\.\., 7\)"):
         env.compute_reward(np.zeros(6), np.zeros(6), {})
+
+
+def test_the_extra_for_videos_is_named_and_kept_apart():
+    """MoviePy holds Pillow below the version that constraints.txt names."""
+    import tomllib
+    from pathlib import Path
+
+    root = Path(__file__).resolve().parent.parent
+    extras = tomllib.loads((root / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    assert extras["video"][0].startswith("moviepy")
+    assert not any("moviepy" in need or "video" in need for need in extras["test"])
+    pins = dict(
+        line.split("==") for line in (root / "constraints.txt").read_text().splitlines() if "==" in line
+    )
+    assert int(pins["pillow"].split(".")[0]) >= 12
+    readme = " ".join((root / "README.md").read_text().split())
+    assert "`RecordVideo` needs MoviePy" in readme

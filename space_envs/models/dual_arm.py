@@ -8,8 +8,8 @@ from math import pi
 import mujoco
 import numpy as np
 
-from space_envs.checks import flag
-from space_envs.errors import ConfigurationError, positive, unknown_name
+from space_envs.checks import flag, numbers
+from space_envs.errors import ConfigurationError, positive, shown, unknown_name
 from space_envs.models.capsules import PLANAR_SHAPE, SPATIAL_SHAPE, add_point_sensors
 from space_envs.models.dual_appearance import draw_planar, draw_spatial
 from space_envs.models.parameters import (
@@ -56,13 +56,10 @@ class DualArmOptions:
         if self.mounts is not None:
             if self.kind != "planar":
                 raise ConfigurationError("mounts can be chosen for the planar robot only")
-            try:
-                points = np.asarray(self.mounts, dtype=np.float64)
-            except (TypeError, ValueError):
-                points = np.zeros((0, 0))
-            if points.shape != (2, 2) or not np.isfinite(points).all() or (np.abs(points) > 5.0).any():
+            points = numbers(self.mounts)
+            if points is None or points.shape != (2, 2) or not (np.abs(points) <= 5.0).all():
                 raise ConfigurationError(
-                    f"mounts must be two points (x, y) within 5 m of the satellite, got {self.mounts!r}"
+                    f"mounts must be two points (x, y) within 5 m of the satellite, got {shown(self.mounts)}"
                 )
             object.__setattr__(self, "mounts", tuple((float(x), float(y)) for x, y in points))
 

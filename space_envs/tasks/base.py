@@ -10,9 +10,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from space_envs.checks import flag
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
-from space_envs.errors import ConfigurationError, positive, positive_integer, unknown_name
+from space_envs.errors import ConfigurationError, positive, positive_integer, shown, unknown_name
 from space_envs.simulation import Simulation
 from space_envs.tasks.common import (
     DIFFICULTIES,
@@ -26,6 +27,9 @@ from space_envs.tasks.common import (
     RewardWeights,
 )
 
+# Of keywords: deg, beyond which an attitude that counts turns would leave its bound, and m/rad.
+LARGEST = {"attitude_limit": 3600.0, "c": 1e6}
+MOST_STEPS = 10**6  # of an episode
 BLOCK = 64  # goals are computed in whole blocks, so that a goal has the same bits whoever asks for it
 
 
@@ -86,15 +90,20 @@ class CaptureTask:
         if self.timestep is not None:
             positive("timestep", self.timestep)
         for name in ("control_period", "attitude_limit", "c"):
-            positive(name, getattr(self, name))
-        positive_integer("horizon", self.horizon)
-        if not isinstance(self.collisions, bool | np.bool_):
-            raise ConfigurationError(f"collisions must be True or False, got {self.collisions!r}")
+            object.__setattr__(self, name, positive(name, getattr(self, name), LARGEST.get(name)))
+        object.__setattr__(self, "horizon", positive_integer("horizon", self.horizon, MOST_STEPS))
+        flag("collisions", self.collisions)
         substeps = self.control_period / self.step_size
         if not substeps > 0.5 or abs(substeps - round(substeps)) > 1e-9 * substeps:
             raise ConfigurationError(
                 f"control_period must be a multiple of timestep, got {self.control_period!r} and "
                 f"{self.step_size!r} s"
+            )
+        longest = next(field.bound for field in self.layout.fields if field.name == "time")
+        if self.horizon * self.control_period > longest:
+            raise ConfigurationError(
+                f"an episode lasts {longest:g} s at most, got horizon {self.horizon} of "
+                f"{self.control_period:g} s"
             )
 
     # What a subclass answers -----------------------------------------------------------------------------
@@ -223,9 +232,12 @@ class CaptureTask:
         """
         size = self.split_size(split)
         indices = np.asarray(indices)
-        if indices.dtype.kind not in "iu" or (indices < 0).any() or (indices >= size).any():
+        whole = indices.dtype.kind in "iu"
+        outside = (indices < 0) | (indices >= size) if whole else np.ones(indices.shape, dtype=bool)
+        if outside.any():
             raise ConfigurationError(
-                f"index of split {split!r} must be an integer in 0..{size - 1}, got {indices.tolist()!r}"
+                f"index of split {split!r} must be an integer in 0..{size - 1}, got "
+                f"{shown(indices[outside].tolist()[0])}"
             )
         blocks = [self.goal_block(split, int(block)) for block in indices // BLOCK]
         rows = indices % BLOCK

@@ -34,11 +34,13 @@ DEFAULT_TIMESTEP = {"planar": 0.02, "spatial": 0.01}
 SPLIT_SIZE = {"train": 1024, "validation": 256, "test": 512, "ood": 512}
 MEETING = 20.0  # s after the start, when the target is where the goal was drawn
 ATTEMPTS = 2000  # to draw a goal that can be reached
+TRIED, FEW = 2, 4  # draws of each goal of a block after which so few that were found are too few to go on
 REACHED = (1e-3, np.deg2rad(0.2))  # m and rad left at the end of the motion that proves a goal reachable
 LIMIT_MARGIN = 0.25  # rad, of that motion's end from the joint limits
 CLEARANCE = 0.04  # m, of links from what they must not touch, at the start and at the end of that motion
 OOD_FACTOR = (1.0, 1.5)  # of the difficulty's largest spin and displacement
 OOD_MASS = (0.8, 1.2)  # factor on the satellite's mass and inertia
+FASTEST_SPIN = 1.0  # rad/s about each axis, of a user's target; what is observed of it stays in its bounds
 
 
 @dataclass(frozen=True)
@@ -311,11 +313,13 @@ def find_attempts(
     """Draw the goals of a block until each can be reached; (BLOCK,) number of draws that were in vain.
 
     Raises:
-        GoalError: if that does not come to an end.
+        GoalError: if that does not come to an end, or if hardly any draw can be reached with other mounts.
     """
     task, robot = kind(), _robot(kind.kind, mounts)
     attempts, left = np.zeros(BLOCK, dtype=np.int64), np.arange(BLOCK)
     while len(left) and attempts.max() < ATTEMPTS:
+        if mounts is not None and attempts[left].min() >= TRIED and BLOCK - len(left) < FEW:
+            raise GoalError(f"hardly a goal of {split!r} is in reach with mounts {mounts}: give one to reset")
         # Several attempts at a time where few goals are left: small batches take as long as large ones.
         ahead = np.arange(max(BLOCK // len(left), 1))
         index, attempt = np.repeat(left, len(ahead)), (attempts[left][:, None] + ahead).ravel()
@@ -373,6 +377,8 @@ def _reachable(task: DualArmTask, robot: FloatingRobot, goals: TargetGoals) -> N
     )
     ok = _clear(task, robot, goals.joint_position, goals, before[:, 0], False)
     rows = np.flatnonzero(ok)
+    if not len(rows):
+        return ok
     goals = goals.take(rows)
     points = goals.position[:, None] + rotate(goals.quaternion[:, None], task.grapples(goals.half_width))
     axes = None if task.way_in is None else rotate(goals.quaternion[:, None], task.way_in)

@@ -11,7 +11,14 @@ from space_envs.dynamics.rotations import Array
 from space_envs.models.dual_arm import DualArmOptions, dual_arm_model
 from space_envs.models.parameters import DUAL_ARM_PLANAR
 from space_envs.tasks.common import Field, GoalOption, ObservationLayout
-from space_envs.tasks.dual_arm import Draws, DualArmTask, TargetGoals, sensor_columns, squares_matrix
+from space_envs.tasks.dual_arm import (
+    FASTEST_SPIN,
+    Draws,
+    DualArmTask,
+    TargetGoals,
+    sensor_columns,
+    squares_matrix,
+)
 
 LAYOUT = ObservationLayout(
     (
@@ -24,7 +31,7 @@ LAYOUT = ObservationLayout(
         Field("end_effector_position", 4, 20.0, "of arm 1, then arm 2, inertial frame, m"),
         Field("end_effector_linear_velocity", 4, 100.0, "of arm 1, then arm 2, inertial axes, m/s"),
         Field("target_position", 2, 10.0, "target's centre, inertial frame, m"),
-        Field("target_angle", 1, 1e4, "target's attitude, rad; the grapple points lie on its y axis"),
+        Field("target_angle", 1, 2e4, "target's attitude, rad; the grapple points lie on its y axis"),
         Field("target_angular_velocity", 1, 10.0, "of the target, rad/s"),
         Field("goal_position", 4, 10.0, "grapple points of arm 1, then arm 2, inertial frame, m"),
         Field("goal_linear_velocity", 4, 100.0, "of the grapple points, inertial axes, m/s"),
@@ -74,8 +81,8 @@ class DualArmPlanarTask(DualArmTask):
     rewarded = ("attitude", "attitude_angle", "position", "precision", "effort", "capture", "failure")
     goal_options = {
         "target_position": GoalOption(2),
-        "target_angle": GoalOption(1, (0.0,)),
-        "target_angular_velocity": GoalOption(1, (0.0,)),
+        "target_angle": GoalOption(1, (0.0,), 1e4),
+        "target_angular_velocity": GoalOption(1, (0.0,), FASTEST_SPIN),
         "target_half_width": GoalOption(1, (DUAL_ARM_PLANAR.target.half_width,)),
     }
     kind = "planar"

@@ -11,26 +11,33 @@ from space_envs.dynamics.reactionless import axis_turn
 from space_envs.dynamics.rotations import Array, exponential
 from space_envs.models.dual_arm import DualArmOptions, dual_arm_model
 from space_envs.models.parameters import DUAL_ARM_SPATIAL
-from space_envs.tasks.common import CaptureEnvelope, Field, GoalOption, ObservationLayout
-from space_envs.tasks.dual_arm import Draws, DualArmTask, TargetGoals, sensor_columns, squares_matrix
+from space_envs.tasks.common import UNIT, CaptureEnvelope, Field, GoalOption, ObservationLayout
+from space_envs.tasks.dual_arm import (
+    FASTEST_SPIN,
+    Draws,
+    DualArmTask,
+    TargetGoals,
+    sensor_columns,
+    squares_matrix,
+)
 
 LAYOUT = ObservationLayout(
     (
         Field("joint_position", 14, 20.0, "joint angles, arm 1 first, rad"),
         Field("joint_velocity", 14, 100.0, "joint rates, rad/s"),
         Field("base_position", 3, 10.0, "satellite's centre of mass, inertial frame, m"),
-        Field("base_quaternion", 4, 1.0, "satellite's attitude, w x y z, body to inertial"),
+        Field("base_quaternion", 4, UNIT, "satellite's attitude, w x y z, body to inertial"),
         Field("base_linear_velocity", 3, 100.0, "of the satellite's centre of mass, inertial axes, m/s"),
         Field("base_angular_velocity", 3, 100.0, "of the satellite, inertial axes, rad/s"),
         Field("end_effector_position", 6, 20.0, "of arm 1, then arm 2, inertial frame, m"),
         Field("end_effector_linear_velocity", 6, 100.0, "of arm 1, then arm 2, inertial axes, m/s"),
-        Field("end_effector_axis", 6, 1.0, "approach axes of arm 1, then arm 2, inertial axes, unit"),
+        Field("end_effector_axis", 6, UNIT, "approach axes of arm 1, then arm 2, inertial axes, unit"),
         Field("target_position", 3, 10.0, "target's centre, inertial frame, m"),
-        Field("target_quaternion", 4, 1.0, "target's attitude, w x y z; the fixtures lie on its x axis"),
+        Field("target_quaternion", 4, UNIT, "target's attitude, w x y z; the fixtures lie on its x axis"),
         Field("target_angular_velocity", 3, 10.0, "of the target, inertial axes, rad/s"),
         Field("goal_position", 6, 10.0, "fixtures of arm 1, then arm 2, inertial frame, m"),
         Field("goal_linear_velocity", 6, 100.0, "of the fixtures, inertial axes, m/s"),
-        Field("goal_axis", 6, 1.0, "ways in of the fixtures, inertial axes, unit"),
+        Field("goal_axis", 6, UNIT, "ways in of the fixtures, inertial axes, unit"),
         Field("position_error", 6, 30.0, "fixtures minus end-effectors, inertial axes, m"),
         Field("velocity_error", 6, 200.0, "of the fixtures minus of the end-effectors, m/s"),
         Field("axis_error", 6, 3.1416, "rotation vectors from approach axes to ways in, inertial axes, rad"),
@@ -93,7 +100,7 @@ class DualArmSpatialTask(DualArmTask):
     goal_options = {
         "target_position": GoalOption(3),
         "target_quaternion": GoalOption(4, (1.0, 0.0, 0.0, 0.0)),
-        "target_angular_velocity": GoalOption(3, (0.0, 0.0, 0.0)),
+        "target_angular_velocity": GoalOption(3, (0.0, 0.0, 0.0), FASTEST_SPIN),
         "target_half_width": GoalOption(1, (DUAL_ARM_SPATIAL.target.half_width,)),
     }
     kind = "spatial"
