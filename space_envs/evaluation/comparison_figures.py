@@ -97,7 +97,7 @@ def _profile_panel(
             look = shade[row.policy]
             low, value, high = (100 * end for end in (share.low, share.value, share.high))
             axes.fill_between(
-                column.scale * tau, low, high, color=look.colour, alpha=min(0.2, 1 / len(rows)), lw=0
+                column.scale * tau, low, high, color=look.colour, alpha=min(0.2, 0.7 / len(rows)), lw=0
             )
             lines += axes.plot(
                 column.scale * tau, value, color=look.colour, ls=look.dash, lw=1.8, label=figure_name(name)
