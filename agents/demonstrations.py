@@ -221,7 +221,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     print(f"{len(made.kind)} demonstrations in {options.output / 'demonstrations.npz'}")
     print(f"{made.attempt.sum()} drawings were not fit to learn from and were drawn anew")
-    print(f"mean cost of eq. 20: {made.cost.mean():.5f} m^2/s (c = 1 m/rad)")
+    print(f"mean eq. 20 cost: {1e4 * made.cost.mean():.1f} cm^2/s (c = 1 m/rad)")
     if options.fit is not None:
         print(f"prior in {options.fit}")
     return 0

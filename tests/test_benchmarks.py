@@ -1,5 +1,6 @@
 """The benchmarks' command lines: what they refuse, what they list, what they write."""
 
+import re
 import subprocess
 import sys
 from importlib import import_module
@@ -92,3 +93,22 @@ def test_the_plot_goes_to_the_output_folder_unless_it_is_sent_elsewhere(
         ["git", "status", "--porcelain", "docs/images"], cwd=ROOT, capture_output=True, text=True
     )
     assert "planners.svg" not in status.stdout
+
+
+def test_figure_of_planners_shows_what_its_caption_says(tmp_path: Path) -> None:
+    def row(policy: str, kept: float) -> dict:
+        figures = {key: {"value": 0.01 * len(policy)} for key in ("attitude_cost", "final_attitude")}
+        figures["capture@0.1deg"] = {"value": kept}
+        return {"policy": policy, "timing": {"planning_ms": 10.0 * len(policy)}, "figures": figures}
+
+    planners.draw([row("ocp", 0.0), row("nmpc", 0.99), row("mpc_of_a_kind", 0.2)], tmp_path / "one.svg")
+    text = (tmp_path / "one.svg").read_text(encoding="utf-8")
+    markers = re.findall(r'<path id="[^"]+" d="([^"]+)" style="stroke: (#[0-9a-f]{6})', text)
+    # A circle is made of curves, a square of lines.
+    shapes = {colour: "square" if "C" not in path else "circle" for path, colour in markers}
+    assert shapes[planners.VERMILION] == "square" and shapes[planners.BLUE] == "circle"
+    # In two panels and in the legend.
+    uses = [text.count(f'style="fill: {colour}') for colour in (planners.VERMILION, planners.BLUE)]
+    assert uses == [3, 5]
+    for name in ("README.md", "docs/optimal.md"):
+        assert f"![{planners.CAPTION}](" in (ROOT / name).read_text(encoding="utf-8")

@@ -35,6 +35,11 @@ def test_plots_hold_every_policy() -> None:
             for policy in {record.policy for record in records}:
                 assert policy in panel.alt
                 assert policy[:17] in text
+    (panel,) = plots["improvement"].panels
+    assert panel.figure
+    boxes = [text.get_window_extent() for text in panel.figure.axes[0].texts]
+    assert len(boxes) == 20 * 19
+    assert all(box.count_overlaps(boxes) == 1 for box in boxes)  # with itself alone
     # 20 policies: every number of the matrix but the diagonal's stands in it.
     texts = ElementTree.fromstring(plots["improvement"].panels[0].svg).iter(
         "{http://www.w3.org/2000/svg}text"

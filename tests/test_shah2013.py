@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from page_layout import CHROMIUM, layout_faults
 from page_reader import check_self_contained
 
 from agents.planning import Cause
@@ -195,7 +196,7 @@ def test_free_direction_moves_nothing():
 # The run
 
 
-def test_a_small_run_for_real(tmp_path, capsys, monkeypatch):
+def test_a_small_run_for_real(tmp_path, capsys, monkeypatch, request):
     monkeypatch.setattr("reproduce.shah2013.runs.FINE", Tracking(timestep=0.01, control_period=0.01))
     docs = tmp_path / "docs"
     docs.mkdir()
@@ -216,6 +217,9 @@ def test_a_small_run_for_real(tmp_path, capsys, monkeypatch):
     text = (out / "shah2013.html").read_text(encoding="utf-8")
     reader = check_self_contained(text)
     assert "A quick run: 2 random cases" in text
+    if CHROMIUM:
+        page = (out / "shah2013.html").as_uri()
+        assert layout_faults(request.getfixturevalue("browser"), page) == []
     for link in reader.links:
         assert link.startswith(("#", "data:")) or (out / link).exists()
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))

@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 import pytest
+from page_layout import CHROMIUM, layout_faults
 from page_reader import check_self_contained
 
 from agents.inverse_kinematics import JointMotion
@@ -321,7 +322,7 @@ def fast(monkeypatch):
 
 
 @pytest.mark.usefixtures("fast")
-def test_a_small_run_for_real(tmp_path, capsys, monkeypatch):
+def test_a_small_run_for_real(tmp_path, capsys, monkeypatch, request):
     def no_picture(*given: object, **named: object) -> None:
         raise RenderingError("no OpenGL here")
 
@@ -333,6 +334,9 @@ def test_a_small_run_for_real(tmp_path, capsys, monkeypatch):
     text = (out / "shyam2020.html").read_text(encoding="utf-8")
     reader = check_self_contained(text)
     assert "A quick run: only 1 of the goals" in text and "no OpenGL here" in text
+    if CHROMIUM:
+        page = (out / "shyam2020.html").as_uri()
+        assert layout_faults(request.getfixturevalue("browser"), page) == []
     for link in reader.links:
         assert link.startswith(("#", "data:")) or (out / link).exists()
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))

@@ -237,7 +237,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             for setting in options.setting:
                 recipe = Recipe(setting == "kept", limits == "limited", options.seed)
                 made = generate(options.output, recipe, jobs=options.jobs, progress=True)
-                cost = f"median cost {np.median(made.cost):.6f} m^2/s"
+                cost = f"median eq. 20 cost {1e4 * np.median(made.cost):.2f} cm^2/s"
                 print(f"{options.output / recipe.name}: {len(made.cost)} motions, {cost}")
     except KeyboardInterrupt:
         print("stopped; the same command goes on from here", file=sys.stderr)

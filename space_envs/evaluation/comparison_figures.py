@@ -33,6 +33,7 @@ from space_envs.evaluation.ticks import log_ticks
 
 _POINTS = 81  # of a profile
 _ROOMY = 8  # policies up to which a cell of the matrix has room for its interval
+_NAMES = 115.0  # points beside the matrix for the names of its rows
 _ABLE = 0.9  # success from which a policy's place on the front is joined to the others
 
 
@@ -97,7 +98,7 @@ def _profile_panel(
             look = shade[row.policy]
             low, value, high = (100 * end for end in (share.low, share.value, share.high))
             axes.fill_between(
-                column.scale * tau, low, high, color=look.colour, alpha=min(0.2, 1 / len(rows)), lw=0
+                column.scale * tau, low, high, color=look.colour, alpha=min(0.2, 0.7 / len(rows)), lw=0
             )
             lines += axes.plot(
                 column.scale * tau, value, color=look.colour, ls=look.dash, lw=1.8, label=figure_name(name)
@@ -153,6 +154,7 @@ def improvement_plot(rows: Sequence[Row], found: Improvement) -> Plot | None:
     better, worse = low > 0.5, high < 0.5
     names = [row_name(row, rows) for row in rows]
     roomy = count <= _ROOMY
+    cell = (72 * LONE - _NAMES) / count  # points
 
     def draw(axes: Axes) -> None:
         cells, faces = [], []
@@ -166,7 +168,7 @@ def improvement_plot(rows: Sequence[Row], found: Improvement) -> Plot | None:
                 f"{100 * value[i, j]:.0f}",
                 ha="center",
                 va="center",
-                size=10 if roomy else 8 if count <= 16 else 7,
+                size=10 if roomy else min(10, 0.42 * cell),  # of bold letters, three of which have to fit
                 weight="bold" if better[i, j] or worse[i, j] else "normal",
             )
             if roomy:

@@ -11,6 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 _WIDE = 30.0  # times the least positive value, from which on a linear axis hides it beside its zero
 _NEGLIGIBLE = 1e-8  # of the largest value, below which a value is as good as zero
+_ROUND = ((1, 2, 3, 5, 7), (1, 2, 5))
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -37,12 +38,11 @@ def wide_scale(axis: Axis, values: Iterable[float], most: int = 5) -> None:
 
 
 def log_ticks(axis: Axis, most: int = 5) -> None:
-    """Label at most `most` ticks of a logarithmic axis, at 1, 2 and 5 or at powers of ten."""
+    """Label at most `most` ticks of a logarithmic axis, at round numbers or at powers of ten."""
     low, high = axis.get_view_interval()
-    ticks = _ones_twos_fives(low, high)
-    if len(ticks) > most:
-        ticks = _powers(low, high, most)
-    elif len(ticks) < 2:
+    choices = (*(_multiples(low, high, round_ones) for round_ones in _ROUND), _powers(low, high, most))
+    ticks = next(choice for choice in choices if len(choice) <= most)
+    if len(ticks) < 2:
         steps = MaxNLocator(most - 1).tick_values(low, high)
         ticks = [step for step in steps if low <= step <= high]
     axis.set_ticks(ticks, labels=[tick_label(tick) for tick in ticks])
@@ -66,9 +66,10 @@ def _positive(values: Iterable[float]) -> list[float]:
     return [value for value in positive if value >= _NEGLIGIBLE * max(positive)]
 
 
-def _ones_twos_fives(low: float, high: float) -> list[float]:
+def _multiples(low: float, high: float, factors: Sequence[int]) -> list[float]:
+    """Powers of ten times the factors."""
     exponents = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
-    ticks = [factor * 10.0**exponent for exponent in exponents for factor in (1, 2, 5)]
+    ticks = [factor * 10.0**exponent for exponent in exponents for factor in factors]
     return [tick for tick in ticks if low <= tick <= high]
 
 
