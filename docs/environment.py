@@ -295,7 +295,7 @@ def _contacts(env: CaptureVectorEnv) -> str:
     said = [
         f"Links are capsules of radius {number(shape.radius)} m from joint to joint. Nothing has contact "
         f"forces; a link that touches {', or '.join(bodies)}, ends the episode as a collision, by distance. "
-        "Within a control period links are looked at nine times, along straight ways. An arm may pass through "
+        "Within a control period links are looked at nine times, on straight ways. An arm may pass through "
         "itself."
     ]
     if shape.half is None:
