@@ -277,8 +277,42 @@ def _capture(env: CaptureVectorEnv) -> str:
             table(("of end-effector to grapple", "at most", "unit", "keyword"), limits[:-1]),
             f"Hold time: {limits[-1][1]} {limits[-1][2]} (keyword {limits[-1][3]}), in consecutive steps.",
             table(('`info["outcome"]`', "flag", "when"), ends),
+            *([_contacts(env)] if env.task.collides else []),
         ]
     )
+
+
+def _contacts(env: CaptureVectorEnv) -> str:
+    """What may touch what, and how the links count."""
+    shape = env.task.contacts.shape
+    bodies = [] if shape.half is None else [f"the satellite, a cube of side {number(2.0 * shape.half)} m"]
+    if shape.body is not None:
+        target = env.task.target
+        sides = " x ".join(number(2.0 * side) for side in target.body)
+        bodies.append(f"the target, a box of {sides} m at half width {number(target.half_width)} m")
+    bodies += ["the other arm"] if env.task.contacts.arms == 2 else []
+    bodies += ["the keep-out spheres"] if "obstacle_radius" in env.task.layout.slices else []
+    said = [
+        f"Links are capsules of radius {number(shape.radius)} m from joint to joint. Nothing has contact "
+        f"forces; a link that touches {', or '.join(bodies)}, ends the episode as a collision, by distance. "
+        "Within a control period links are looked at nine times, on straight ways. An arm may pass through "
+        "itself."
+    ]
+    if shape.half is None:
+        said.append("The arms turn in a plane above the satellite's deck, so that they cannot touch it.")
+    elif shape.satellite[0] == 0.0:
+        said.append(
+            f"Link {shape.link[0]}, which turns on the satellite's deck, counts against it by its centre "
+            "line, from where it leaves the deck."
+        )
+    if shape.body is not None:
+        said.append(
+            f"The outer {number(env.task.target.gripper)} m of an arm are the gripper, of which the centre "
+            "line alone counts against the target."
+        )
+    else:
+        said.append("The goal is a pose and no body: what is drawn there may be passed through.")
+    return " ".join(said)
 
 
 def _keywords(env: CaptureVectorEnv) -> str:

@@ -142,7 +142,7 @@ def strokes(env: CaptureVectorEnv, seed: int, hold: int = 25) -> Array:
 
 
 def close_starts(env: CaptureVectorEnv) -> Array:
-    """Joint angles (N, n) for the first N test goals, those of every other row with the arms close together."""
+    """Joint angles (N, n) for the first N test goals, every other one with the arms close together."""
     task, robot, n = env.task, env.task.robot, env.num_envs
     goals = task.goals("test", np.arange(n))
     starts = goals.joint_position.copy()
