@@ -13,11 +13,12 @@ from dual_arm_goals import IDS, at_meeting, task_of
 from agents.planning import Cause, Failure, Limits
 from agents.reactionless import free_model
 from agents.reactionless.clearance import Surroundings, gaps, turning_target
+from agents.reactionless.fixed_path import plan_local, plan_zeta_zero
 from agents.reactionless.free import plan_free
 from agents.reactionless.free_check import held_dynamics
 from agents.reactionless.free_goals import EndGoals, end_configurations, spread
 from agents.reactionless.free_model import HeldAttitude
-from agents.reactionless.free_solver import Programs
+from agents.reactionless.free_solver import Programs, Solver, Unsolved
 from agents.reactionless.ocp import plan_ocp
 from agents.reactionless.problem import Capture, Plan
 from space_envs.dynamics import FloatingRobot, NoCompiledCodeWarning
@@ -455,3 +456,33 @@ def test_nearly_all_goals_of_the_tasks_have_a_plan(kind: str, difficulty: str) -
         else:
             assert plan.cause == Cause.COLLISION
     assert np.mean(found) >= 0.9
+
+
+PATH_METHODS = (plan_zeta_zero, plan_local, plan_ocp)
+
+
+def test_no_motion_along_given_paths_costs_less() -> None:
+    """They are among the starts, so that none of them is better than what comes of it."""
+    for capture, _ in [(CANONICAL, None), *cases("planar", "medium", 2)]:
+        plan = planned("planar", capture, drives("planar"))
+        assert "from 7 starts" in plan.notes
+        for method in PATH_METHODS:
+            given = method(robot_of("planar"), capture, Limits(position=drives("planar").position))
+            assert not isinstance(given, Plan) or plan.energy <= given.energy
+
+
+@every_kind
+def test_where_no_search_ends_the_best_given_motion_is_the_plan(
+    kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    capture, _ = cases(kind, "medium", 1)[0]
+    capture = replace(capture, axis=None)
+    monkeypatch.setattr(Solver, "solve", lambda *_, **__: Unsolved("Maximum_Iterations_Exceeded", 1.0))
+    plan = plan_free(robot_of(kind), capture, Limits())
+    known = [method(robot_of(kind), capture, Limits()) for method in PATH_METHODS[:2]]
+    energies = [given.energy for given in known if isinstance(given, Plan)]
+    assert isinstance(plan, Plan) and plan.method == "reactionless_free"
+    assert plan.energy == pytest.approx(min(energies)) and "no search improved" in plan.notes
+    # Where it breaks a limit it is none.
+    most = float(np.abs(plan.rate).max())
+    assert isinstance(plan_free(robot_of(kind), capture, Limits(rate=0.9 * most)), Failure)

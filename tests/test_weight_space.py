@@ -18,6 +18,7 @@ from agents.optimal.mapped import Mapped
 from agents.optimal.problem import Motion, Reach
 from agents.optimal.promp_optimal import Planner
 from agents.optimal.quadratic import Bounds, Program
+from agents.optimal.sqp import minimise
 from agents.optimal.weight_space import INTERVALS, WeightSpace
 from agents.planning import Cause, Failure, Limits
 from promp import GaussianBasis
@@ -264,6 +265,44 @@ def test_without_a_library_it_starts_from_rest() -> None:
         plan = Planner(robot(), Limits()).plan(reach)
         assert isinstance(plan, Motion)
         assert check(single_arm_model(), robot(), reach, Limits(), plan).violation["position_error"] < 1e-3
+
+
+# Validation goals; two of them are those at which an early end costs most.
+POLISHED = (0, 2, 14, 47)
+
+
+@cache
+def plans_to_goals(keep_attitude: bool) -> list[tuple[Reach, Motion]]:
+    """The shipped planner's motions to validation goals, within all limits."""
+    goals = SingleArmTask().goals("validation", np.array(POLISHED))
+    found = []
+    for position, quaternion in zip(goals.position, goals.quaternion, strict=True):
+        reach = Reach(robot().home, position, quaternion, keep_attitude=keep_attitude).checked(robot())
+        plan = Planner(robot(), model_limits(), shipped_library(keep_attitude)).plan(reach)
+        assert isinstance(plan, Motion)
+        found.append((reach, plan))
+    return found
+
+
+@pytest.mark.parametrize("keep_attitude", [False, True])
+def test_cost_is_that_of_a_dense_roll_out(keep_attitude: bool) -> None:
+    for _, plan in plans_to_goals(keep_attitude):
+        time = np.linspace(0.0, 10.0, 4001)
+        q, qdot, _ = plan.sample(time)
+        twist = robot().base_twist(q, qdot)
+        assert plan.cost == pytest.approx(np.trapezoid((twist * twist).sum(axis=1), time), rel=1e-4)
+
+
+@pytest.mark.parametrize("keep_attitude", [False, True])
+def test_more_iterations_gain_little(keep_attitude: bool) -> None:
+    planner = Planner(robot(), model_limits())
+    for reach, plan in plans_to_goals(keep_attitude):
+        space, bounds, rows = planner.setting(reach)
+        phase = plan.time / plan.time[-1]
+        weights = np.linalg.lstsq(GaussianBasis().value(phase), plan.position, rcond=None)[0].T
+        finest = minimise(space, bounds, space.coordinates(weights), keep_attitude, rows, 1e-7, 300)
+        assert finest.miss < 1e-4
+        assert plan.cost <= 1.01 * space.dense_cost(finest.y[None])[0]
 
 
 def test_from_a_moving_start() -> None:

@@ -108,7 +108,7 @@ class Planner:
             self._basis.value(phase) @ columns,
             self._basis.derivative(phase) @ columns / t,
             self._basis.second_derivative(phase) @ columns / t**2,
-            solution.cost,
+            float(space.dense_cost(solution.y[None])[0]),
             notes=f"{solution.iterations} iterations",
         )
 

@@ -1,9 +1,10 @@
 """Reactionless motion with free paths (method d): only the ends are given, the energy is least in between.
 
 Beyond shah2013, whose end-effector paths are fixed polynomials. Splines of the joint angles are collocated
-for the reactionless constraint of eq. 4 and the least integral of eq. 15, from several starts, first without
-regard to obstacles; where the best motion meets one, it is solved again with a cost on nearness. A roll-out
-then makes the motion exact.
+for the reactionless constraint of eq. 4 and the least integral of eq. 15, from several starts, the motions of
+methods (a) to (c) among them, first without regard to obstacles; where the best motion meets one, it is
+solved again with a cost on nearness. A roll-out then makes the motion exact. Where one of (a) to (c) fulfils
+everything that is asked and takes less energy still, that one is the plan.
 """
 
 from dataclasses import replace
@@ -13,9 +14,13 @@ from numpy.typing import NDArray
 
 from agents.planning import Cause, Failure, Limits
 from agents.reactionless.clearance import Gaps, Surroundings, gaps
+from agents.reactionless.fixed_path import plan_local, plan_zeta_zero
+from agents.reactionless.free_check import check
 from agents.reactionless.free_clearance import parameters
 from agents.reactionless.free_goals import end_configurations, spread
+from agents.reactionless.free_model import HeldAttitude
 from agents.reactionless.free_solver import ANGLE_ROOM, METHOD, Solution, Solver, Unsolved
+from agents.reactionless.ocp import plan_ocp
 from agents.reactionless.problem import Capture, Plan
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
@@ -55,13 +60,28 @@ def plan_free(
     Args:
         limits: `control` does not apply. Torques are kept by lower accelerations where they would pass.
         around: what the arms keep away from; None is nothing.
-        starts: number of different end configurations that are started from.
+        starts: number of different end configurations that are started from, besides the motions of methods
+            (a) to (c).
 
     Raises:
         ConfigurationError: for a malformed capture, limits of another robot, or no number of starts.
     """
     positive_integer("starts", starts, MORE_ENDS)
     return _Search(robot, capture.checked(robot), limits.checked(robot), around, starts).plan()
+
+
+def along_paths(robot: FloatingRobot, capture: Capture, limits: Limits) -> list[Plan]:
+    """The motions of methods (a), (b) and, in the plane, (c) to a checked capture; of the limits they keep
+    those on joint angles."""
+    room = Limits(position=limits.position)
+    plans = [plan_zeta_zero(robot, capture, room), plan_local(robot, capture, room)]
+    if HeldAttitude.of(robot).dimensions == 2:
+        plans.append(plan_ocp(robot, capture, room))
+    return [plan for plan in plans if isinstance(plan, Plan)]
+
+
+def _energy(plan: Plan | Failure) -> float:
+    return plan.energy if isinstance(plan, Plan) else np.inf
 
 
 class _Search:
@@ -85,11 +105,31 @@ class _Search:
         if around is not None and around.motion is not None:
             self._poses = around.motion(self._solver.times)
         self._required = 0.0  # m, least gap
+        self._given: list[Plan] = []  # motions along polynomial paths
 
     def plan(self) -> Plan | Failure:
         failure = self._unfit_start()
         if failure is not None:
             return failure
+        self._given = along_paths(self._robot, self._capture, self._limits)
+        found = self._searched()
+        known = [plan for plan in map(self._as_found, self._given) if plan is not None]
+        return min([found, *known] if isinstance(found, Plan) else known, key=_energy, default=found)
+
+    def _as_found(self, given: Plan) -> Plan | None:
+        """A motion along polynomial paths as a result of this method, if it fulfils all that is asked."""
+        measured = check(self._robot, self._capture, self._limits, given)
+        if any(value > TOLERANCES[name] for name, value in measured.violation.items()):
+            return None
+        if self._around is not None:
+            q, _, _ = given.sample(self._solver.times[self._solver.dense])
+            if self._gaps(self._around, q, self._solver.dense).least < self._required:
+                return None
+        note = f"the motion of {given.method}, which no search improved"
+        return replace(given, method=METHOD, violation=measured.violation, notes=note)
+
+    def _searched(self) -> Plan | Failure:
+        """The best motion of the searches, or why there is none."""
         ends = self._ends(ENDS)
         if isinstance(ends, Failure):
             return ends
@@ -137,7 +177,9 @@ class _Search:
 
     def _best(self, ends: Array) -> Plan | Failure:
         """The motion of least energy that is clear; limits may be passed by little."""
-        solved = [self._solve(self._solver.straight(end)) for end in spread(ends, self._starts)]
+        begins = [self._solver.straight(end) for end in spread(ends, self._starts)]
+        begins += [self._solver.fitted(plan) for plan in self._given]
+        solved = [self._solve(begin) for begin in begins]
         found: list[Solution] = []
         for solution in sorted((s for s in solved if isinstance(s, Solution)), key=lambda s: s.cost):
             if not found or solution.cost > (1.0 + EQUAL) * found[-1].cost:

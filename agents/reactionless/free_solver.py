@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.planning import Limits
+from agents.planning import JointPath, Limits
 from agents.reactionless.free_check import check
 from agents.reactionless.free_clearance import EACH, Nearness
 from agents.reactionless.free_goals import EndGoals
@@ -116,6 +116,14 @@ class Solver:
         share = self.programs.mesh.greville[:, None]
         share[:FIXED] = 0.0
         return self._capture.start + share * (end - self._capture.start)
+
+    def fitted(self, path: JointPath) -> Array:
+        """Coefficients (size, n) of the splines from rest that come nearest to a joint motion."""
+        mesh, start = self.programs.mesh, self._capture.start
+        value = mesh.basis(mesh.nodes)
+        angles, _, _ = path.sample(mesh.nodes * self._capture.duration)
+        free = np.linalg.lstsq(value[:, FIXED:], angles - value[:, :FIXED].sum(axis=1)[:, None] * start)[0]
+        return np.concatenate([np.tile(start, (FIXED, 1)), free])
 
     def solve(
         self,
