@@ -140,7 +140,7 @@ def test_features_do_not_depend_on_where_the_satellite_points(env_id: str) -> No
             layout.read(turned, field.name)[:] = multiply(turn, value)
         elif field.name.endswith("_angle"):
             layout.read(turned, field.name)[:] += vector[2]
-        elif not field.name.startswith("joint") and field.size % width == 0:
+        elif not field.name.startswith(("joint", "obstacle_radius")) and field.size % width == 0:
             # One vector, or one for each end-effector.
             each = np.zeros((4, field.size // width, 3))
             each[..., :width] = value.reshape(4, -1, width)
