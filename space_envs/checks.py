@@ -39,8 +39,7 @@ def count(name: str, value: object, largest: int) -> int:
     Raises:
         ConfigurationError: naming what was got.
     """
-    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
-    if not whole or not 0 <= int(value) <= largest:
+    if not isinstance(value, int | np.integer) or isinstance(value, bool) or not 0 <= int(value) <= largest:
         raise ConfigurationError(f"{name} must be an integer from 0 to {largest}, got {shown(value)}")
     return int(value)
 

@@ -3,6 +3,7 @@
 import time
 from contextlib import contextmanager
 from functools import cache
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -10,6 +11,9 @@ import numpy as np
 import space_envs  # noqa: F401  (registers the ids)
 from space_envs.errors import SpaceEnvsError
 
+# Of any type: a type checker cannot see what is behind them.
+gym_make: Any = gym.make
+gym_make_vec: Any = gym.make_vec
 SINGLE, CLUTTERED = "SpaceCapture/SingleArm-v0", "SpaceCapture/SingleArmCluttered-v0"
 PLANAR, SPATIAL = "SpaceCapture/DualArmPlanar-v0", "SpaceCapture/DualArmSpatial-v0"
 SOON = 1.0  # s of processor time
@@ -36,8 +40,6 @@ class Strange:
     def __eq__(self, other):
         raise RuntimeError("no comparison")
 
-    __hash__ = None
-
 
 GOALS = {
     SINGLE: {"goal_position": [0.0, 1.0, 2.0], "goal_quaternion": [1.0, 0.0, 0.0, 0.0]},
@@ -55,7 +57,7 @@ GOALS = {
 @cache
 def pair(env_id):
     """Two environments in the same state."""
-    made = [gym.make_vec(env_id, num_envs=2, threads=1, horizon=50) for _ in range(2)]
+    made = [gym_make_vec(env_id, num_envs=2, threads=1, horizon=50) for _ in range(2)]
     for env in made:
         env.reset(seed=1)
     return made

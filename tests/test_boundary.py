@@ -5,10 +5,22 @@ import re
 import time
 from fractions import Fraction
 
-import gymnasium as gym
 import numpy as np
 import pytest
-from boundary import CLUTTERED, GOALS, LONGEST, PLANAR, SINGLE, SOON, SPATIAL, Strange, check, soon
+from boundary import (
+    CLUTTERED,
+    GOALS,
+    LONGEST,
+    PLANAR,
+    SINGLE,
+    SOON,
+    SPATIAL,
+    Strange,
+    check,
+    gym_make,
+    gym_make_vec,
+    soon,
+)
 
 from space_envs.control import CONTROL_MODES
 from space_envs.envs import CaptureVectorEnv
@@ -71,7 +83,7 @@ def test_bad_keywords_are_refused_soon(keywords, message, env_id):
 
 
 def test_numbers_of_every_type_are_taken_as_plain_ones():
-    env = CaptureVectorEnv(
+    env = gym_make_vec(
         SINGLE,
         num_envs=np.int64(2),
         horizon=np.array(5),
@@ -89,9 +101,9 @@ def test_numbers_of_every_type_are_taken_as_plain_ones():
 def test_what_does_not_fit_into_memory_is_refused_before_it_is_made(monkeypatch):
     page = os.sysconf("SC_PAGE_SIZE")
     monkeypatch.setattr(os, "sysconf", lambda name: page if name == "SC_PAGE_SIZE" else 10**8 // page)
-    gym.make_vec(SINGLE, num_envs=100)
+    gym_make_vec(SINGLE, num_envs=100)
     with pytest.raises(ConfigurationError, match=r"num_envs=100000 would take about \d+ GB.*at most \d+ fit"):
-        gym.make_vec(SINGLE, num_envs=100_000)
+        gym_make_vec(SINGLE, num_envs=100_000)
 
 
 def test_cameras_of_every_id_are_known_before_the_first_picture():
@@ -141,7 +153,7 @@ def test_bad_resets_are_refused_before_anything_moves(arguments, message, env_id
 
 @every_id
 def test_a_long_list_of_indices_is_not_repeated(env_id):
-    env = gym.make_vec(env_id, num_envs=2000, threads=1)
+    env = gym_make_vec(env_id, num_envs=2000, threads=1)
     with soon(), pytest.raises(ConfigurationError, match="got 9999$") as caught:
         env.reset(options={"index": np.full(2000, 9999)})
     assert len(str(caught.value)) < LONGEST
@@ -149,7 +161,7 @@ def test_a_long_list_of_indices_is_not_repeated(env_id):
 
 @every_id
 def test_a_seed_of_the_single_environment_is_one_number(env_id):
-    env = gym.make(env_id)
+    env = gym_make(env_id)
     for seed in ([1], (1,), np.array([1]), np.array(1)):
         with pytest.raises(ConfigurationError, match="seed must be"):
             env.reset(seed=seed)
@@ -194,7 +206,7 @@ def test_goals_beyond_their_bounds_are_refused_by_name(env_id, options):
 
 def test_mounts_without_reachable_goals_are_refused():
     for mounts in ([[-5.0, -5.0], [-5.0, -5.0]], [[0.5, 0.0], [0.5, 0.0]], [[5.0, 5.0], [-5.0, -5.0]]):
-        env = gym.make(PLANAR, mounts=mounts)
+        env = gym_make(PLANAR, mounts=mounts)
         begin = time.process_time()
         with pytest.raises(GoalError, match="with mounts .*give one to reset"):
             env.reset(seed=0)
@@ -210,7 +222,7 @@ def test_mounts_without_reachable_goals_are_refused():
     ):
         if bad is not None:
             with pytest.raises(ConfigurationError, match="mounts must be two points"):
-                gym.make(PLANAR, mounts=bad)
+                gym_make(PLANAR, mounts=bad)
 
 
 # Observations stay in their space ----------------------------------------------------------------------
@@ -219,7 +231,7 @@ def test_mounts_without_reachable_goals_are_refused():
 @every_id
 @pytest.mark.parametrize("mode", CONTROL_MODES)
 def test_observations_stay_in_their_space(env_id, mode):
-    env = gym.make_vec(
+    env = gym_make_vec(
         env_id, num_envs=32, control_mode=mode, difficulty="hard", attitude_limit=3600, threads=1
     )
     space, rng = env.single_observation_space, np.random.default_rng(0)
@@ -231,7 +243,7 @@ def test_observations_stay_in_their_space(env_id, mode):
 
 @every_id
 def test_the_fastest_target_stays_in_the_space(env_id):
-    env = gym.make(env_id, horizon=10**5 if "Planar" in env_id else 300)
+    env = gym_make(env_id, horizon=10**5 if "Planar" in env_id else 300)
     options = {
         name: np.full(option.width, option.largest)
         for name, option in env.unwrapped.task.goal_options.items()

@@ -1,9 +1,8 @@
 """Anything at all, at every call of an environment: it is done, or refused before anything has moved."""
 
-import gymnasium as gym
 import numpy as np
 import pytest
-from boundary import Strange, check, pair, soon
+from boundary import Strange, check, gym_make, pair, soon
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -106,7 +105,7 @@ def test_any_action_is_done_or_refused_and_then_nothing_moved(env_id, action):
 @settings(max_examples=20)
 def test_any_action_of_the_single_environment_likewise(env_id, action):
     env = pair(env_id)[0]
-    single = SINGLES.setdefault(env_id, gym.make(env_id))
+    single = SINGLES.setdefault(env_id, gym_make(env_id))
     single.reset(seed=0)
     with soon():
         try:
