@@ -10,7 +10,8 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from space_envs.errors import ConfigurationError, RenderingError, unknown_name
+from space_envs.checks import finite_array
+from space_envs.errors import ConfigurationError, RenderingError, positive_integer, unknown_name
 from space_envs.forking import never_end, tell_child
 from space_envs.opengl import check_window, chosen_backend, create_context, find_backend, missing_gl
 
@@ -18,7 +19,7 @@ __all__ = ["Renderer", "missing_gl"]
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 _MAX_GEOMS = 2000
-_MAX_SIDE = 4096
+MAX_SIDE = 4096
 _WINDOW_SECONDS = 10.0  # that closing a window may take
 _TRAIL_COLOUR = np.array([0.35, 0.95, 1.0, 0.9], dtype=np.float32)
 _TRAIL_WIDTH = 0.012  # m
@@ -52,9 +53,10 @@ class Renderer:
         camera: str = "overview",
         shadows: bool = True,
     ) -> None:
-        for name, side in (("width", width), ("height", height)):
-            if isinstance(side, bool) or not isinstance(side, int | np.integer) or not 0 < side <= _MAX_SIDE:
-                raise ConfigurationError(f"{name} must be an integer from 1 to {_MAX_SIDE}, got {side!r}")
+        width, height = (
+            positive_integer(name, side, largest=MAX_SIDE)
+            for name, side in (("width", width), ("height", height))
+        )
         self._model = copy.copy(model)
         self._model.vis.global_.offwidth, self._model.vis.global_.offheight = width, height
         self._cameras = {model.cam(index).name: index for index in range(model.ncam)}
@@ -63,7 +65,7 @@ class Renderer:
         self._camera = self._camera_id(camera)
         self._data = mujoco.MjData(self._model)
         self._state_size = mujoco.mj_stateSize(self._model, _STATE)
-        self._view = mujoco.MjrRect(0, 0, int(width), int(height))
+        self._view = mujoco.MjrRect(0, 0, width, height)
         self._shadows = shadows
         self._option = mujoco.MjvOption()
         self._scene: mujoco.MjvScene | None = None
@@ -164,15 +166,13 @@ class Renderer:
         self.close()
 
     def _camera_id(self, name: str) -> int:
-        if name not in self._cameras:
+        if not isinstance(name, str) or name not in self._cameras:
             raise unknown_name("camera", name, self._cameras)
         return self._cameras[name]
 
     def _place(self, state: ArrayLike) -> None:
         """Put the bodies, cameras and lights where a state has them."""
-        vector = np.asarray(state, dtype=np.float64)
-        if vector.shape != (self._state_size,):
-            raise ConfigurationError(f"state must have shape ({self._state_size},), got {vector.shape}")
+        vector = finite_array("state", state, (self._state_size,))
         mujoco.mj_setState(self._model, self._data, vector, _STATE)
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_comPos(self._model, self._data)
@@ -224,10 +224,7 @@ class Renderer:
 
 
 def _points(trail: ArrayLike | None) -> NDArray[np.float64]:
-    points = np.zeros((0, 3)) if trail is None else np.asarray(trail, dtype=np.float64)
-    if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
-        raise ConfigurationError(f"trail must be finite of shape (K, 3), got shape {points.shape}")
-    return points
+    return np.zeros((0, 3)) if trail is None else finite_array("trail", trail, (None, 3))
 
 
 def _draw_trail(scene: mujoco.MjvScene, points: NDArray[np.float64]) -> None:

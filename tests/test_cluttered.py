@@ -282,7 +282,7 @@ def test_a_goal_needs_its_spheres():
 
 
 def test_the_model_refuses_fewer_than_no_obstacles():
-    with pytest.raises(ConfigurationError, match="must not be negative"):
+    with pytest.raises(ConfigurationError, match="must be an integer from 0"):
         ModelOptions(obstacles=-1)
     names = [single_arm_model(ModelOptions(obstacles=2)).body(i).name for i in range(12)]
     assert names[-2:] == ["obstacle1", "obstacle2"]

@@ -234,16 +234,27 @@ def test_bad_input_is_refused(renderer: Renderer) -> None:
         Renderer(model, camera="overveiw")
     with pytest.raises(ConfigurationError, match="unknown camera"):
         renderer.render(home_state(), camera="none")
-    for size in (0, -1, 5000, 1.5, True):
-        with pytest.raises(ConfigurationError, match="width must be an integer"):
+    for size in (0, -1, 5000, 1.5, True, "9", 10**400, np.zeros(2)):
+        with pytest.raises(ConfigurationError, match="width must be a positive integer"):
             Renderer(model, width=size)  # type: ignore[arg-type]
     with pytest.raises(ConfigurationError, match="visual=True"):
         Renderer(single_arm_model())
-    with pytest.raises(ConfigurationError, match="state must have shape"):
-        renderer.render(home_state()[:-1])
-    for trail in (np.zeros(3), np.zeros((2, 2)), np.full((2, 3), np.nan)):
-        with pytest.raises(ConfigurationError, match="trail must be finite"):
-            renderer.render(home_state(), trail=trail)
+    for state in (home_state()[:-1], home_state() * np.nan, "a", [[1.0], [2.0, 3.0]], None, [10**400]):
+        with pytest.raises(ConfigurationError, match="state must be"):
+            renderer.render(state)  # type: ignore[arg-type]
+    for trail in (
+        np.zeros(3),
+        np.zeros((2, 2)),
+        np.full((2, 3), np.nan),
+        "a",
+        [[1.0], [2.0, 3.0]],
+        [["1"] * 3],
+    ):
+        with pytest.raises(ConfigurationError, match="trail must be"):
+            renderer.render(home_state(), trail=trail)  # type: ignore[arg-type]
+    for camera in ([], 3, np.zeros(2)):
+        with pytest.raises(ConfigurationError, match="unknown camera"):
+            renderer.render(home_state(), camera=camera)  # type: ignore[arg-type]
 
 
 def test_a_long_trail_keeps_its_end(renderer: Renderer) -> None:
