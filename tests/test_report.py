@@ -686,7 +686,12 @@ def test_what_cannot_be_reported_leaves_the_folder_as_it_was(tmp_path: Path) -> 
         (dataclasses.replace(result, records=[]), "at least one record"),
         (dataclasses.replace(result, provenance={"seed": np.int64(3)}), "plain JSON"),
         (dataclasses.replace(result, provenance={"rate": math.nan}), "plain JSON"),
-        (dataclasses.replace(result, pictures={entrant("mpc"): [Still(0.0, np.zeros((4, 4)))]}), "uint8"),
+        (
+            dataclasses.replace(
+                result, pictures={entrant("mpc"): [Still(0.0, np.zeros((4, 4), dtype=np.uint8))]}
+            ),
+            "uint8",
+        ),
     ):
         with pytest.raises(ConfigurationError, match=said):
             write_report(bad, tmp_path / "report")

@@ -29,7 +29,7 @@ def wide_scale(axis: Axis, values: Iterable[float], most: int = 5) -> None:
     """
     start = 10.0 ** math.floor(math.log10(min(_positive(values))))
     high = axis.get_view_interval()[1]
-    set_scale = axis.axes.set_xscale if axis.axis_name == "x" else axis.axes.set_yscale
+    set_scale = axis.axes.set_xscale if axis is axis.axes.xaxis else axis.axes.set_yscale
     set_scale("symlog", linthresh=start, linscale=0.5)
     ticks = _powers(10 * start, high, most - 1)  # a label at `start` would touch that at 0
     axis.set_ticks([0.0, *ticks], labels=["0", *map(tick_label, ticks)])
