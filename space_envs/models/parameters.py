@@ -10,7 +10,7 @@ from math import pi
 
 VARIANTS = ("paper", "physical")
 
-# What was shown to work under full strokes in every control mode (python -m benchmarks.limits): total momentum
+# What was shown to work under full strokes in every control mode, by python -m benchmarks.limits: momentum
 # drifts by at most a quarter of the promised 1e-6, no joint comes near the end of its range, and rates stay
 # within 1.2 times their limit. At 0.3 s the servo of `physical` reaches 2.8 times, at 0.5 s 20 times.
 LARGEST_CONTROL_PERIOD = 0.2  # s, of every robot
