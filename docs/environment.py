@@ -20,12 +20,14 @@ from docs.reading import (
     table,
 )
 from docs.robots import parameters
-from space_envs.control import CONTROL_MODES, MODES
+from space_envs.control import CONTROL_MODES, MODES, STOP_MARGIN
 from space_envs.dynamics.rotations import Array
 from space_envs.envs import OUTCOMES, CaptureVectorEnv
+from space_envs.models.parameters import LEAST_TIMESTEP
 from space_envs.models.single_arm import ModelOptions
 from space_envs.registration import ENTRIES, ENVELOPE_KEYWORDS
 from space_envs.reset_options import COMMON_OPTIONS
+from space_envs.tasks.base import CaptureTask
 from space_envs.tasks.common import REWARDS, SPLITS, CaptureEnvelope
 
 OUTCOME_TEXT = {
@@ -55,8 +57,11 @@ INFO_TEXT = {
 OPTION_TEXT = {
     "split": "which split the goal is from",
     "index": "number of the goal in the split",
-    "joint_position": "joint angles at the start, rad",
-    "joint_velocity": "joint rates at the start, rad/s; the satellite then moves so that momentum is zero",
+    "joint_position": f"joint angles at the start, rad; {STOP_MARGIN:g} rad inside their range at least",
+    "joint_velocity": (
+        "joint rates at the start, rad/s, that the drives can brake before the end of the range; the "
+        "satellite then moves so that momentum is zero"
+    ),
     "reset_mask": "bool, the rows to reset; of the vector environment",
     "goal_position": "grapple, inertial frame, m",
     "goal_quaternion": "grapple to inertial, w x y z",
@@ -141,6 +146,10 @@ def _told(kind: type) -> str:
     return flowed(inspect.getdoc(sys.modules[kind.__module__]) or "").partition("\n\n")[2]
 
 
+def _steps(task: CaptureTask) -> str:
+    return f"{LEAST_TIMESTEP:g} to {task.largest_timestep:g}"
+
+
 def _robot(env: CaptureVectorEnv) -> str:
     robot, drive, task = env.task.robot, env.drive, env.task
     torque = number(sorted({float(limit) for limit in drive.torque_limit}))
@@ -157,8 +166,8 @@ def _robot(env: CaptureVectorEnv) -> str:
             "reach from the centre of mass, m",
             ", ".join(f"{robot.reach(arm):.2f}" for arm in range(len(robot.tip_link))),
         ),
-        ("control period, s", number(task.control_period)),
-        ("simulation step, s", f"{number(task.step_size)}, fourth-order Runge-Kutta"),
+        ("control period, s", f"{number(task.control_period)}; at most {task.largest_control_period:g}"),
+        ("simulation step, s", f"{number(task.step_size)}, fourth-order Runge-Kutta; {_steps(task)}"),
         ("cameras", ", ".join(f"`{task.render_model.cam(i).name}`" for i in range(task.render_model.ncam))),
     ]
     variant = []

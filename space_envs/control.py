@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array
+from space_envs.errors import ConfigurationError
 from space_envs.simulation import STAGE_POS, Simulation
+from space_envs.tasks.base import CaptureTask
 
 CONTROL_MODES = ("joint_velocity", "joint_torque", "end_effector_velocity", "reactionless")
 END_EFFECTOR_SPEED = (0.3, 0.5)  # m/s and rad/s per unit action
@@ -20,7 +22,60 @@ CORIOLIS_SHARE = 0.4  # of a drive's torque; where Coriolis forces take more, th
 CORIOLIS_LOST = 0.8  # of a drive's torque; where they take more, they are no longer held against
 OVERSPEED = 1.05  # times the rate limit, likewise
 STOP_MARGIN = 0.1  # rad; the drives stop this far inside the joint range, so that nothing hits its end
+AWAY = 0.1  # of the rate limit; a motion that breaks limits by more once it is reactionless is stopped first
 ATTITUDE_GAIN = 0.5  # 1/s, feedback of the attitude left in mode reactionless
+
+
+class Stops:
+    """The braking law: how fast a joint may be at each angle and still brake before the end of its range.
+
+    Args:
+        joint_range: (n, 2) rad. rate_limit: rad/s.
+    """
+
+    def __init__(self, joint_range: Array, rate_limit: float) -> None:
+        # Distance to the lower and the upper stop is offset + sign * angle, (2, n).
+        self._sign = np.array([[1.0], [-1.0]])
+        self._offset = -self._sign * joint_range.T - STOP_MARGIN
+        self._rate_limit = rate_limit
+
+    def rates(self, position: Array) -> tuple[Array, Array]:
+        """Least and largest rate (N, n), rad/s, at joint angles (N, n), rad."""
+        room = np.maximum(self._offset + self._sign * position[:, None, :], 0.0)
+        fastest = np.minimum(np.sqrt(2.0 * BRAKING * room), self._rate_limit)
+        return -fastest[:, 0], fastest[:, 1]
+
+
+def check_brakes(task: CaptureTask, position: Array, velocity: Array | None) -> None:
+    """Refuse starts that the drives could not keep off the ends of the joint ranges.
+
+    Args:
+        position: (k, n) joint angles, rad. velocity: (k, n) rad/s, or None for rest.
+
+    Raises:
+        ConfigurationError: for a joint within the stop's margin, or too fast to brake before it.
+    """
+    if not len(position):
+        return
+    limits = task.robot.range
+    near = (position < limits[:, 0] + STOP_MARGIN) | (position > limits[:, 1] - STOP_MARGIN)
+    if near.any():
+        row, joint = np.argwhere(near)[0]
+        raise ConfigurationError(
+            f"joint_position outside its limits: joint {joint + 1} starts at {position[row, joint]:.6g} rad, "
+            f"and the drives stop it {STOP_MARGIN:g} rad inside its range {limits[joint].tolist()}"
+        )
+    if velocity is None:
+        return
+    low, high = Stops(limits, task.parameters.rate_limit).rates(position)
+    late = (velocity < low) | (velocity > high)
+    if late.any():
+        row, joint = np.argwhere(late)[0]
+        raise ConfigurationError(
+            f"joint_velocity outside its limits: joint {joint + 1} starts at {position[row, joint]:.6g} rad "
+            f"with {velocity[row, joint]:.6g} rad/s, and can brake before the end of its range from "
+            f"{low[row, joint]:.6g} to {high[row, joint]:.6g} rad/s"
+        )
 
 
 class Drive:
@@ -43,9 +98,7 @@ class Drive:
         self.acceleration_limit = acceleration_limit
         self.torque_limit = model.actuator_forcerange[:, 1].copy()
         joints = model.actuator_trnid[:, 0]
-        # Distance to the lower and the upper stop is offset + sign * angle, (2, n).
-        self._sign = np.array([[1.0], [-1.0]])
-        self._offset = -self._sign * model.jnt_range[joints].T - STOP_MARGIN
+        self._stops = Stops(model.jnt_range[joints], rate_limit)
         self.extrapolate = True
         self._b = simulation.n_base
         n = simulation.n_joints + self._b
@@ -62,9 +115,7 @@ class Drive:
 
     def begin(self) -> None:
         """Take in the state at the start of a control period; call once before torques are asked for."""
-        room = np.maximum(self._offset + self._sign * self.simulation.joint_position[:, None, :], 0.0)
-        fastest = np.minimum(np.sqrt(2.0 * BRAKING * room), self.rate_limit)
-        self.low, self.high = -fastest[:, 0], fastest[:, 1]
+        self.low, self.high = self._stops.rates(self.simulation.joint_position)
         mass, bias = self.simulation.mass_matrix(), self.simulation.bias().copy()
         self._mass, self._bias = mass, bias
         if self.extrapolate:
@@ -258,7 +309,7 @@ class Reactionless:
     """Joint rates, rad/s, projected onto the reaction null space: the attitude stays, whatever the action.
 
     The attitude left is fed back. Joints that a limit stops are taken out of the projection, since stopping
-    them afterwards would leave the null space.
+    them afterwards would leave the null space. A start whose motion is far from the null space is braked.
     """
 
     def __init__(self, drive: Drive) -> None:
@@ -294,7 +345,12 @@ class Reactionless:
         change = (rate - present) / self.drive.control_period
         largest = np.abs(change).max(axis=1, keepdims=True) / self.drive.acceleration_limit
         correction = (present - now) / self.drive.control_period
-        return self.drive.accelerate(correction + change / np.maximum(largest, 1.0))
+        torque = self.drive.accelerate(correction + change / np.maximum(largest, 1.0))
+        excess = np.maximum(present - high, low - present)
+        away = (excess > AWAY * self.drive.rate_limit).any(axis=1, keepdims=True)
+        if away.any():
+            torque = np.where(away, self.drive.track(np.zeros_like(now)), torque)
+        return torque
 
 
 def _project(turning: Array, rate: Array, wanted: Array, free: Array) -> Array:

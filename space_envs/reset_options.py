@@ -11,6 +11,7 @@ from gymnasium.utils import seeding
 from numpy.typing import NDArray
 
 from space_envs.checks import array, numbers
+from space_envs.control import check_brakes
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError, GoalError, shown, unknown_name
 from space_envs.tasks.base import CaptureTask
@@ -144,6 +145,7 @@ def choose_start(
         if "split" in options or "index" in options:
             raise ConfigurationError("give either a goal or a split and index, not both")
         goals = task.given_goals(_goal_values(task, options, rows, n), joints)
+        check_brakes(task, goals.joint_position, velocity)
         if task.collisions:
             task.check_start(goals)
         index = np.full(len(rows), -1, dtype=np.int64)
@@ -163,6 +165,8 @@ def choose_start(
         goals = replace(goals, joint_position=joints)
         if task.collisions:
             task.check_start(goals)
+    if joints is not None or velocity is not None:
+        check_brakes(task, goals.joint_position, velocity)
     return Start(goals, _names(split, rows), index, velocity)
 
 

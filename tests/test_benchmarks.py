@@ -14,6 +14,7 @@ from benchmarks.__main__ import main, names
 ROOT = Path(__file__).parents[1]
 NUMBERS = {
     "attitude_cost": ("--trajectories", "--points", "--repeats"),
+    "limits": ("--episodes",),
     "mismatch": ("--goals",),
     "momentum": ("--episodes",),
     "optimal": ("--goals", "--jobs"),

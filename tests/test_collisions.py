@@ -302,7 +302,7 @@ def lowered(env_id: str) -> Array:
         return np.array(SINGLE_ARM.home) - np.eye(7)[1]
     if "Planar" in env_id:  # the hands meet
         return np.array([1.57, 0.0, 0.0, 0.5, 0.0, 0.0])
-    return np.array(DUAL_ARM_SPATIAL.home) - np.eye(14)[1]
+    return np.array(DUAL_ARM_SPATIAL.home) - 0.9 * np.eye(14)[1]
 
 
 @every_id

@@ -1,18 +1,24 @@
 """Control modes: momentum, tracking, limits, what each action means, and the recorded metrics' physics."""
 
+from dataclasses import dataclass
+
 import mujoco
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from space_envs.control import CONTROL_MODES, STOP_MARGIN
+from space_envs.control import BRAKING, CONTROL_MODES, STOP_MARGIN
 from space_envs.dynamics import minimum_jerk, roll_out_base
 from space_envs.dynamics.bodies import body_motion, momentum_drift
 from space_envs.dynamics.rotations import angle_between
 from space_envs.envs import CaptureVectorEnv
+from space_envs.errors import ConfigurationError
 from space_envs.models.parameters import VARIANTS
-from space_envs.registration import ENTRIES
+from space_envs.registration import ENTRIES, make_task
+from space_envs.tasks.base import CaptureTask
+from space_envs.tasks.common import DIFFICULTIES, SPLITS
+from space_envs.tasks.single_arm import SingleArmTask
 
 # Every id in every variant that it has: a name for tests, the id and its keywords.
 ROBOTS = {f"SingleArm-{variant}": {"variant": variant} for variant in VARIANTS}
@@ -86,6 +92,120 @@ def test_total_momentum_drifts_at_most_1e_6_of_what_a_body_carried(name, mode, n
     # Within 5 % nearly always; Coriolis forces at full strokes rarely leave a drive too little torque.
     assert np.abs(qvel[..., 6:]).max() < 1.2 * env.task.parameters.rate_limit
     assert np.abs(torques).max() <= env.task.parameters.torque_limit
+
+
+def assert_kept(env, qpos, qvel, scale=1.0):
+    """Momentum as promised, no joint at the end of its range, and rates near their limit at most."""
+    motion = body_motion(env.task.robot, qpos, qvel, scale)
+    assert momentum_drift(motion)[1].max() <= 1e-6
+    limits = env.task.robot.range
+    assert np.minimum(qpos[..., 7:] - limits[:, 0], limits[:, 1] - qpos[..., 7:]).min() > 0.0
+    assert np.abs(qvel[..., 6:]).max() < 1.2 * env.task.parameters.rate_limit
+
+
+@pytest.mark.parametrize("mode", CONTROL_MODES)
+@pytest.mark.parametrize("name", ROBOTS)
+def test_the_promise_holds_at_the_largest_control_period_and_step(name, mode):
+    task = make_task(f"SpaceCapture/{name.split('-')[0]}-v0", ROBOTS[name])
+    longest = {"control_period": task.largest_control_period, "timestep": task.largest_timestep}
+    env = endless(name, 8, control_mode=mode, horizon=50, **longest)
+    env.reset(seed=0)
+    qpos, qvel, _ = recorded(env, every_hold(env, 2))
+    assert np.abs(qvel[..., 6:]).max() > 0.5 * task.parameters.rate_limit
+    assert_kept(env, qpos, qvel)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize(
+    ("keyword", "factor", "largest"),
+    [("control_period", 1.5, "largest_control_period"), ("timestep", 2.0, "largest_timestep")],
+)
+def test_what_was_not_shown_to_work_is_refused_with_the_largest_that_does(name, keyword, factor, largest):
+    bound = getattr(make_task(f"SpaceCapture/{name.split('-')[0]}-v0", ROBOTS[name]), largest)
+    for value in (factor * bound, 1.0, 1e6):
+        with pytest.raises(ConfigurationError, match=f"{keyword} must .*{bound:g} s"):
+            endless(name, 1, **{keyword: value})
+    with pytest.raises(ConfigurationError, match=r"timestep must lie in 0\.0001"):
+        endless(name, 1, timestep=1e-9)
+
+
+@dataclass(frozen=True)
+class OwnTask(SingleArmTask):
+    """Says nothing about how long its steps may be."""
+
+    control_period: float = 0.16
+    largest_timestep = CaptureTask.largest_timestep
+    largest_control_period = CaptureTask.largest_control_period
+
+
+def test_a_task_of_ones_own_takes_no_longer_steps_than_its_defaults():
+    assert OwnTask().substeps == 8
+    for keywords, message in (
+        ({"control_period": 0.2}, "at most 0.16 s"),
+        ({"timestep": 0.025}, "to 0.02 s"),
+    ):
+        with pytest.raises(ConfigurationError, match=message):
+            OwnTask(**keywords)
+
+
+def fast_starts(env, seed):
+    """Joint angles and rates (N, n) as near to their stops and as fast as the drives can brake."""
+    rng, limits = np.random.default_rng(seed), env.task.robot.range
+    shape = (env.num_envs, len(limits))
+    room = np.minimum(rng.uniform(0.0, 1.3, shape), 0.5 * (limits[:, 1] - limits[:, 0]) - STOP_MARGIN)
+    upper = rng.random(shape) < 0.5
+    position = np.where(upper, limits[:, 1] - STOP_MARGIN - room, limits[:, 0] + STOP_MARGIN + room)
+    fastest = np.minimum(np.sqrt(2.0 * BRAKING * room), env.task.parameters.rate_limit)
+    velocity = np.where(upper, fastest, -fastest) * np.where(rng.random(shape) < 0.2, rng.random(shape), 1.0)
+    return position, (1.0 - 1e-9) * velocity
+
+
+@pytest.mark.parametrize("mode", CONTROL_MODES)
+@pytest.mark.parametrize("name", ROBOTS)
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=2, deadline=None)
+def test_any_start_that_is_accepted_keeps_momentum_under_any_action(name, mode, seed):
+    env = endless(name, 12, control_mode=mode)
+    position, velocity = fast_starts(env, seed)
+    index = np.arange(12)
+    options = {"split": "ood", "index": index, "joint_position": position, "joint_velocity": velocity}
+    env.reset(seed=0, options=options)
+    outward = np.resize(np.sign(velocity), env.action_space.shape)
+    actions = np.where(np.arange(12)[:, None] % 2 == 0, outward, random_actions(env, seed, 25, 3))
+    qpos, qvel, _ = recorded(env, actions)
+    assert_kept(env, qpos, qvel, env.task.goals("ood", index).mass_scale[:, None])
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_starts_that_cannot_brake_are_refused_before_anything_moves(name):
+    env = endless(name, 2)
+    env.reset(seed=0)
+    before = env.simulation.qpos.copy()
+    position, velocity = fast_starts(env, 0)
+    limits, fastest = env.task.robot.range, env.task.parameters.rate_limit
+    at_end, still, outward = position.copy(), np.zeros_like(velocity), np.zeros_like(velocity)
+    at_end[1, 2], outward[1, 2] = limits[2, 1], fastest  # the example that cost 2e-3 of momentum
+    close, late = position.copy(), velocity.copy()
+    close[0, 1] = limits[1, 0] + 0.5 * STOP_MARGIN
+    position[1, 0], late[1, 0] = limits[0, 1] - STOP_MARGIN - 0.01, 1.02 * np.sqrt(2.0 * BRAKING * 0.01)
+    for start, rate, message in (
+        (at_end, outward, "joint 3 starts at"),
+        (at_end, still, "the drives stop it 0.1 rad inside"),
+        (close, still, "joint 2 starts at"),
+        (position, late, r"joint_velocity outside its limits: joint 1 .* can brake .* to 0\.0282843 rad/s"),
+    ):
+        with pytest.raises(ConfigurationError, match=message):
+            env.reset(options={"joint_position": start, "joint_velocity": rate})
+    np.testing.assert_array_equal(env.simulation.qpos, before)
+
+
+@pytest.mark.parametrize("env_id", ENTRIES)
+def test_every_goal_starts_inside_the_stops(env_id):
+    for split in SPLITS:
+        for difficulty in DIFFICULTIES:
+            task = make_task(env_id, {"difficulty": difficulty})
+            start, limits = task.goals(split, np.arange(64)).joint_position, task.robot.range
+            assert (start > limits[:, 0] + STOP_MARGIN).all() and (start < limits[:, 1] - STOP_MARGIN).all()
 
 
 @pytest.mark.parametrize("name", ROBOTS)

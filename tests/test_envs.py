@@ -333,7 +333,7 @@ def test_a_seed_leaves_rows_outside_the_mask_alone(env_id):
         ({"split": "validate"}, "unknown split"),
         ({"reward": "spares"}, "Did you mean 'sparse'"),
         ({"render_mode": "rgb"}, "unknown render mode"),
-        ({"timestep": 0.03}, "multiple of timestep"),
+        ({"timestep": 0.009}, "multiple of timestep"),
         ({"timestep": float("nan")}, "timestep must be a finite positive number"),
         ({"timestep": 0}, "timestep must be"),
         ({"control_period": None}, "control_period must be"),

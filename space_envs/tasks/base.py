@@ -14,6 +14,7 @@ from space_envs.checks import flag
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError, positive, positive_integer, shown, unknown_name
+from space_envs.models.parameters import LEAST_TIMESTEP
 from space_envs.simulation import Simulation
 from space_envs.tasks.common import (
     DIFFICULTIES,
@@ -87,10 +88,20 @@ class CaptureTask:
         ):
             if not isinstance(value, str) or value not in valid:
                 raise unknown_name(kind, value, valid)
-        if self.timestep is not None:
-            positive("timestep", self.timestep)
         for name in ("control_period", "attitude_limit", "c"):
             object.__setattr__(self, name, positive(name, getattr(self, name), LARGEST.get(name)))
+        if self.timestep is not None:
+            positive("timestep", self.timestep)
+            if not LEAST_TIMESTEP <= self.timestep <= self.largest_timestep:
+                raise ConfigurationError(
+                    f"timestep must lie in {LEAST_TIMESTEP:g} to {self.largest_timestep:g} s, the largest "
+                    f"that conserves momentum as promised; got {self.timestep!r}"
+                )
+        if self.control_period > self.largest_control_period:
+            raise ConfigurationError(
+                f"control_period must be at most {self.largest_control_period:g} s, the largest at which the "
+                f"drives are stable; got {self.control_period!r}"
+            )
         object.__setattr__(self, "horizon", positive_integer("horizon", self.horizon, MOST_STEPS))
         flag("collisions", self.collisions)
         substeps = self.control_period / self.step_size
@@ -112,6 +123,16 @@ class CaptureTask:
     def default_timestep(self) -> float:
         """Step of the simulation where the user gives none, s."""
         raise NotImplementedError
+
+    @property
+    def largest_timestep(self) -> float:
+        """Largest step that was shown to conserve momentum as promised, s; the default unless overridden."""
+        return self.default_timestep
+
+    @property
+    def largest_control_period(self) -> float:
+        """Largest at which the drives were shown to be stable, s; the default unless overridden."""
+        return type(self).control_period
 
     @property
     def model(self) -> mujoco.MjModel:

@@ -17,7 +17,12 @@ from space_envs.dynamics import FloatingRobot, minimum_jerk, roll_out_base
 from space_envs.dynamics.rotations import Array, from_matrix, multiply, rotate
 from space_envs.errors import GoalError, unknown_name
 from space_envs.models.capsules import SINGLE_ARM_SHAPE
-from space_envs.models.parameters import SINGLE_ARM, VARIANTS
+from space_envs.models.parameters import (
+    LARGEST_CONTROL_PERIOD,
+    LARGEST_TIMESTEP,
+    SINGLE_ARM,
+    VARIANTS,
+)
 from space_envs.models.single_arm import ModelOptions, single_arm_model
 from space_envs.simulation import Simulation
 from space_envs.tasks.base import BLOCK, CaptureTask
@@ -133,6 +138,16 @@ class SingleArmTask(CaptureTask):
     def default_timestep(self) -> float:
         """By variant, s."""
         return DEFAULT_TIMESTEP[self.variant]
+
+    @property
+    def largest_timestep(self) -> float:
+        """By variant, s."""
+        return LARGEST_TIMESTEP[self.variant]
+
+    @property
+    def largest_control_period(self) -> float:
+        """Of every robot, s."""
+        return LARGEST_CONTROL_PERIOD
 
     @property
     def model(self) -> mujoco.MjModel:

@@ -1,0 +1,99 @@
+"""Drives and momentum against the control period, at the largest time step: what is refused, and why.
+
+Full strokes in every control mode: half of the episodes reverse them, half draw them anew, after one control
+period, 0.2, 0.5, 2 or 3 s. Each figure is the worst of the four modes.
+"""
+
+import argparse
+from typing import NamedTuple
+
+import numpy as np
+from tqdm import tqdm
+
+from benchmarks.arguments import seed, whole
+from benchmarks.machine import machine_class, markdown_table
+from benchmarks.momentum import ROBOTS, Robot, unlimited
+from space_envs.control import CONTROL_MODES
+from space_envs.dynamics.bodies import body_motion, momentum_drift
+from space_envs.envs import CaptureVectorEnv
+from space_envs.registration import make_task
+
+PERIODS = (0.1, 0.2, 0.3, 0.5, 1.0)  # s
+HOLDS = (0.0, 0.2, 0.5, 2.0, 3.0)  # s that an action is held, by episode in turn, one control period at least
+SECONDS = 20.0
+
+
+class Worst(NamedTuple):
+    """Of some episodes.
+
+    Attributes:
+        drift: of total momentum, to what a body carried. rate: largest, to its limit.
+        distance: least, of a joint from the end of its range, rad; negative beyond it.
+    """
+
+    drift: float
+    rate: float
+    distance: float
+
+
+def run(robot: Robot, mode: str, period: float, timestep: float, episodes: int, seed: int) -> Worst:
+    """Episodes under full strokes."""
+    env = CaptureVectorEnv(
+        robot.env_id,
+        num_envs=episodes,
+        autoreset_mode="disabled",
+        control_mode=mode,
+        control_period=period,
+        timestep=timestep,
+        attitude_limit=179.9,
+        hold_time=1e3,
+        collisions=False,
+        **robot.keywords,
+    )
+    env.reset(seed=seed)
+    rng = np.random.default_rng(seed)
+    hold = np.maximum(1, np.rint(np.resize(HOLDS, episodes) / period)).astype(int)
+    reverses = (np.arange(episodes) % 2 == 0)[:, None]
+    states = [env.simulation.robot_state()]
+    action = np.zeros(env.action_space.shape)
+    for step in range(min(round(SECONDS / period), env.task.horizon)):
+        drawn = np.sign(rng.uniform(-1.0, 1.0, action.shape))
+        following = np.where(reverses & (step > 0), -action, drawn)
+        action = np.where((step % hold == 0)[:, None], following, action)
+        env.step(action)
+        states.append(env.simulation.robot_state())
+        if env.simulation.warned():
+            return Worst(np.inf, np.inf, -np.inf)
+    qpos, qvel = (np.stack(part, axis=1) for part in zip(*states, strict=True))
+    ends, angles = env.task.robot.range, qpos[..., 7:]
+    return Worst(
+        float(momentum_drift(body_motion(env.task.robot, qpos, qvel))[1].max()),
+        float(np.abs(qvel[..., 6:]).max() / env.task.parameters.rate_limit),
+        float(np.minimum(angles - ends[:, 0], ends[:, 1] - angles).min()),
+    )
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Print the table of docs/momentum.md."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.limits", description=__doc__)
+    parser.add_argument("--episodes", type=whole, default=10, help="episodes for each figure (default 10)")
+    parser.add_argument("--seed", type=seed, default=0, help="of actions and goals (default 0)")
+    options = parser.parse_args(arguments)
+    rows = []
+    for robot, period in tqdm([(r, p) for r in ROBOTS for p in PERIODS], unit="cell"):
+        task = make_task(robot.env_id, robot.keywords)
+        step = task.largest_timestep
+        with unlimited(type(task)):
+            found = [run(robot, m, period, step, options.episodes, options.seed) for m in CONTROL_MODES]
+        rows.append(
+            [robot.name, f"{period:g}" + ("" if period <= task.largest_control_period else " (refused)")]
+            + [f"{1e3 * step:g}", f"{max(w.drift for w in found):.1e}"]
+            + [f"{max(w.rate for w in found):.2f}", f"{min(w.distance for w in found):.3f}"]
+        )
+    print(f"\n{options.episodes} episodes of {SECONDS:g} s, seed {options.seed}; {machine_class()}\n")
+    header = ["robot", "control period, s", "step, ms", "drift", "rate, of its limit", "to the end, rad"]
+    print(markdown_table(header, rows))
+
+
+if __name__ == "__main__":
+    main()
