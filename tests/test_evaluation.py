@@ -139,6 +139,7 @@ def test_the_time_to_the_envelope_is_that_of_the_first_state_of_the_hold():
     records = episode_records(rollout, task, Entrant(Task(SINGLE, "medium", "test"), "mine", "any"), 0)
     for row, record in enumerate(records):
         inside = rollout.position_error[row] <= task.envelope.position
+        assert record.time_to_envelope is not None and record.time_to_capture is not None
         assert record.time_to_envelope == pytest.approx(record.time_to_capture - task.envelope.hold)
         assert inside[round(record.time_to_envelope / task.control_period) :].all()
 

@@ -245,10 +245,10 @@ def improvements(
         count[i, j], count[j, i] = (int(each.sum()) for each in there)
         found = MISSING
         if all(each.any() for each in there):
-            sides = [
+            first, second = (
                 (values[each][kept], seeds[each][kept]) for each, kept in zip((i, j), there, strict=True)
-            ]
-            found = _improvement(*sides, paired[i, j], stream, resamples)
+            )
+            found = _improvement(first, second, bool(paired[i, j]), stream, resamples)
         _fill(square, i, j, found)
     return Improvement(entrants, square, paired, count)
 
