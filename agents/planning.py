@@ -68,7 +68,7 @@ class Cause(StrEnum):
     OUT_OF_REACH = "out_of_reach"  # no posture has the end-effectors at their goals
     INFEASIBLE = "infeasible"  # the bounds leave no motion
     JOINT_LIMIT = "joint_limit"  # the motion is fixed by the method, and leaves the bounds
-    COLLISION = "clearance"  # the motion touches what it must not
+    CLEARANCE = "clearance"  # the motion touches what it must not
     SOLVER = "solver"  # the optimiser stopped without a solution
     INACCURATE = "inaccurate"  # the motion found misses what was asked, as measured independently
 

@@ -87,7 +87,8 @@ def main() -> None:
         "--plot", type=Path, help="default planners.svg in the output folder; docs/ has one of its own"
     )
     options = parser.parse_args()
-    rows = summary(options.env, options.output, options.episodes, options.split)
+    played = summary(options.env, options.output, options.episodes, options.split)
+    rows = [row for row in played if row["captures"]]  # without a capture there is no cost
     if options.env == ENV:
         draw(rows, options.plot or options.output / "planners.svg")
     table = [
@@ -105,6 +106,8 @@ def main() -> None:
     head += ["with at most 0.1 deg, %"]
     print(markdown_table(head, table))
     print(f"\n{options.episodes} medium {options.split} goals, {machine_class()}.")
+    if len(rows) < len(played):
+        print(f"Without a capture: {', '.join(row['policy'] for row in played if not row['captures'])}.")
 
 
 if __name__ == "__main__":

@@ -12,8 +12,9 @@ from agents.registry import POLICIES, policies_for
 from docs.reading import attributes, comments, number, summary, table
 from docs.robots import links, planar_links, spatial_links
 from space_envs import control
+from space_envs.evaluation.columns import COLUMNS, NOTE, RULES
+from space_envs.evaluation.comparison import FRONT
 from space_envs.evaluation.schema import record_schema
-from space_envs.evaluation.tables import COLUMNS, NOTE
 from space_envs.registration import ENTRIES
 from space_envs.tasks.base import CaptureTask, DriveLimits
 from space_envs.tasks.common import ObservationLayout, RewardWeights
@@ -116,7 +117,12 @@ def _arguments(function: Callable[..., Any]) -> str:
 def columns() -> str:
     """The leaderboard's columns."""
     rows = [(column.title, column.unit, column.better or "", column.meaning) for column in COLUMNS]
-    return f"{table(('column', 'unit', 'better', 'meaning'), rows)}\n\n{NOTE}"
+    return "\n\n".join((table(("column", "unit", "better", "meaning"), rows), *RULES, NOTE))
+
+
+def pareto_front() -> str:
+    """Who is on the Pareto front."""
+    return FRONT
 
 
 def record_fields() -> str:
@@ -152,6 +158,7 @@ BLOCKS: dict[str, Callable[[], str]] = {
         task_hooks,
         task_members,
         columns,
+        pareto_front,
         record_fields,
         outcomes,
     )

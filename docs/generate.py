@@ -2,6 +2,8 @@
 
 python -m docs.generate             write the pages of all ids and the generated blocks of the others
 python -m docs.generate --check     change nothing; name the pages that are stale, and exit with 1
+python -m docs.generate --leaderboard results/leaderboard
+                                    insert the tables of an evaluation of `make leaderboard` into README.md
 python -m docs.generate --measure momentum speed attitude_cost
                                     run the benchmarks that these pages name, and insert what they print
 """
@@ -16,12 +18,15 @@ from pathlib import Path
 
 from docs.blocks import BLOCKS
 from docs.environment import environment_page
+from docs.leaderboard import with_leaderboards
+from space_envs.evaluation.folders import read_folder
 from space_envs.evaluation.records import SCHEMA_VERSION
 from space_envs.evaluation.schema import schema_text
 from space_envs.files import atomic_write_text
 from space_envs.registration import ENTRIES
 
 DOCS = Path(__file__).resolve().parent
+README = DOCS.parent / "README.md"
 # A block begins with what it holds and ends with the next end marker; blocks do not nest.
 BEGIN = re.compile(r"<!-- (?:generated|measured): ")
 MARKER = re.compile(
@@ -117,6 +122,12 @@ def main(arguments: list[str] | None = None) -> int:
         help="measure for these pages",
     )
     parser.add_argument(
+        "--leaderboard",
+        type=Path,
+        metavar="RESULTS",
+        help="insert the tables of this folder of results into README.md",
+    )
+    parser.add_argument(
         "--reference",
         default=REFERENCE,
         help="python with gymnasium-robotics for page speed (default %(default)s)",
@@ -131,6 +142,9 @@ def main(arguments: list[str] | None = None) -> int:
     if "speed" in names and not Path(options.reference).is_file():
         print(f"there is no {options.reference}; docs/speed.md says how to make it", file=sys.stderr)
         return 2
+    if options.leaderboard is not None:
+        records = read_folder(options.leaderboard).records
+        atomic_write_text(README, with_leaderboards(README.read_text(encoding="utf-8"), records))
     for name in names:
         print(f"measuring for docs/{name}.md")
         measure(measured_pages()[name], options.reference)

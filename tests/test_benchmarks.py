@@ -84,7 +84,10 @@ def test_the_plot_goes_to_the_output_folder_unless_it_is_sent_elsewhere(
     figure = {"value": 1.0}
     keys = ("attitude_cost", "final_attitude", "success", "capture@0.1deg")
     row = {"policy": "mpc", "timing": {"planning_ms": 8.0}, "figures": dict.fromkeys(keys, figure)}
-    monkeypatch.setattr(planners, "summary", lambda *_: [row])
+    row["captures"] = 3
+    missing = {key: {"value": None if "@" not in key and key != "success" else 0.0} for key in keys}
+    never = {"policy": "never", "timing": {"planning_ms": 8.0}, "figures": missing, "captures": 0}
+    monkeypatch.setattr(planners, "summary", lambda *_: [row, never])
     for arguments, path in ((["--plot", str(tmp_path / "own.svg")], "own.svg"), ([], "out/planners.svg")):
         monkeypatch.setattr(sys, "argv", ["planners.py", "--output", str(tmp_path / "out"), *arguments])
         (tmp_path / "out").mkdir(exist_ok=True)

@@ -43,6 +43,7 @@ def result() -> EvaluationResult:
                 record,
                 policy=policy,
                 final_attitude=attitude,
+                peak_attitude=attitude,
                 time_to_capture=20.0 - number,
                 checksum="",
             )
@@ -155,6 +156,24 @@ def test_sorts_by_mouse_and_by_keyboard(page: Page) -> None:
     page.keyboard.press("Space")
     assert title.get_attribute("aria-sort") is None
     assert names(page) == [HOSTILE, "minimum_jerk", "still"]
+
+
+def test_the_ranking_comes_back_and_ties_do_not_depend_on_the_click_before(page: Page) -> None:
+    ranking = ["still", "minimum_jerk", HOSTILE]
+    for before in ("time to capture", "policy", "final attitude"):
+        for _ in range(2):
+            head(page, before).click()
+            moved = names(page)
+            for order in ("descending", "ascending"):
+                head(page, "success").click()  # of all of them 100 %
+                assert head(page, "success").get_attribute("aria-sort") == order
+                assert names(page) == ranking, (before, moved)
+            head(page, before).click()
+    head(page, "policy").click()
+    assert names(page) != ranking
+    head(page, "rank").click()
+    assert head(page, "rank").get_attribute("aria-sort") == "ascending"
+    assert names(page) == ranking
 
 
 def test_filters_by_words_difficulty_and_split(page: Page) -> None:

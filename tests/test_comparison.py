@@ -175,18 +175,44 @@ def test_improvement_coverage(seeds: int) -> None:
 
 def test_improvements_pair_the_same_goals_only() -> None:
     records = (
-        played("a", [1.0, 2.0, None])
+        played("a", [1.0, 4.0, None])
         + list(reversed(played("b", [2.0, 3.0, 4.0])))
         + played("elsewhere", [0.5, 2.5, None], start=10)
         + played("otherwise", [0.5, 2.5, None], seed=4)
+        + played("nowhere", [None] * 3)
     )
     found = improvements(records, "final_attitude", np.random.default_rng(0))
-    assert [each.policy for each in found.entrants] == ["a", "b", "elsewhere", "otherwise"]
-    assert found.paired.sum() == 4 and found.paired[:2, :2].all()
-    assert found.probability.value[0, 1] == pytest.approx(2 / 3)
-    # 0.5 beats all; 2.5 loses to 1, 2 and beats the failure; the failures tie.
-    assert found.probability.value[2, 0] == pytest.approx((3 + 1 + 0.5) / 9)
-    np.testing.assert_allclose(found.probability.value + found.probability.value.T, 1)
+    names = [each.policy for each in found.entrants]
+    assert names == ["a", "b", "elsewhere", "nowhere", "otherwise"]
+    same = [0, 1, 3]
+    assert found.paired.sum() == 6 and (found.paired | np.eye(5, dtype=bool))[np.ix_(same, same)].all()
+    # a beats b on the first goal and loses on the second; the third counts for nobody, since a failed there.
+    assert found.probability.value[0, 1] == pytest.approx(1 / 2)
+    assert (found.count[0, 1], found.count[1, 0], found.count[1, 1]) == (2, 2, 3)
+    # Elsewhere 0.5 beats 1 and 4, 2.5 beats 4.
+    assert found.probability.value[2, 0] == pytest.approx(3 / 4)
+    assert (found.count[2, 0], found.count[0, 2]) == (2, 2)
+    # Nothing can be said of the cost of what captured nothing.
+    assert np.isnan(found.probability.value[3, same[:2]]).all() and (found.count[3] == 0).all()
+    rest = np.ix_([0, 1, 2, 4], [0, 1, 2, 4])
+    np.testing.assert_allclose((found.probability.value + found.probability.value.T)[rest], 1)
+
+
+def test_costs_are_compared_where_both_captured_and_scores_everywhere() -> None:
+    """Doing the easy half of the goals is cheap, but on these goals the other is cheaper still."""
+    easy = played("easy", [1.0] * 10 + [None] * 10, attitude_cost=0.02)
+    every = [
+        dataclasses.replace(record, policy="every", attitude_cost=0.01 if number < 10 else 0.05, checksum="")
+        for number, record in enumerate(played("easy", [1.0] * 20))
+    ]
+    generator = np.random.default_rng(0)
+    rows = {row.policy: row for row in rows_of(easy + every)}
+    assert rows["easy"].figures["attitude_cost"].value < rows["every"].figures["attitude_cost"].value
+    cost = improvements(easy + every, "attitude_cost", generator)
+    assert (cost.probability.value[1, 0], cost.count[1, 0]) == (1.0, 10)
+    score = improvements(easy + every, "kept_attitude_score", generator)
+    # Half of the goals tie, on the other half one captured.
+    assert (score.probability.value[1, 0], score.count[1, 0]) == (0.75, 20)
 
 
 def test_improvements_do_not_match_a_goal_that_stands_twice() -> None:
@@ -270,7 +296,9 @@ def test_pareto_front_by_hand() -> None:
         + timed("slower", [1.0] * 4, 30.0, 1.0)
         + timed("quick", [3.0] * 4, None, 2.0)
         + timed("untimed", [0.5] * 4, None, None)
-        + timed("often", [2.0, 2.0, 2.0, None], 30.0, 1.0)
+        + timed("often", [0.0, 2.0, 2.0, None], 30.0, 1.0)
+        + timed("hold", [0.0] * 4, None, 0.5)
+        + timed("never", [None] * 4, None, 0.5)
     )
     found = {each.entrant.policy: each for each in pareto_front(rows_of(records))}
     assert {name: [other.policy for other in each.dominated_by] for name, each in found.items()} == {
@@ -278,10 +306,13 @@ def test_pareto_front_by_hand() -> None:
         "slower": ["good"],
         "quick": [],
         "untimed": [],
-        "often": ["good", "slower"],
+        "often": ["good", "slower"],  # scores 5/12 with waiting as long, theirs is 1/2
+        "hold": [],
+        "never": [],
     }
+    assert {name for name, each in found.items() if each.on_front} == {"good", "quick", "untimed"}
     assert (found["good"].wait, found["quick"].wait, found["untimed"].wait) == (21, 2, INF)
-    assert found["often"].success == 0.75
+    assert (found["often"].success, found["often"].score) == (0.75, pytest.approx(5 / 12))
 
 
 # Input

@@ -14,14 +14,20 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from PIL import Image
+from result_folders import write_folder
+from synthetic_results import make_record, make_result
 
 from agents.commands.evaluate import COMMANDS
 from agents.commands.evaluate import main as evaluate
 from docs import generate, pictures
 from docs.blocks import BLOCKS
 from docs.goals import goals
+from docs.leaderboard import MARKER as LEADERBOARDS
+from docs.leaderboard import with_leaderboards
 from docs.reading import attributes, comments, described, field_comments, number, section, split_unit
 from space_envs.envs import CaptureEnv
+from space_envs.errors import ConfigurationError
+from space_envs.evaluation.columns import COLUMNS, RULES
 from space_envs.evaluation.records import read_records
 from space_envs.registration import ENTRIES
 from space_envs.rendering import missing_gl
@@ -76,6 +82,38 @@ def test_measurements_go_between_their_markers(tmp_path):
     generate.measure(page, "")
     marker = "<!-- measured: python -c 'print(6 * 7)' -->"
     assert page.read_text() == f"before\n{marker}\n\n42\n\n<!-- end -->\nafter\n"
+
+
+def test_leaderboards_of_the_readme_are_those_of_a_folder(tmp_path, monkeypatch, capsys):
+    page = tmp_path / "README.md"
+    page.write_text("a\n<!-- leaderboard: SpaceCapture/SingleArm-v0 -->\nstale\n<!-- /leaderboard -->\nb\n")
+    monkeypatch.setattr(generate, "README", page)
+    monkeypatch.setattr(generate, "pages", dict)
+    records = list(make_result(episodes=4).records)
+    write_folder(tmp_path / "results", records)
+    assert generate.main(["--leaderboard", str(tmp_path / "results")]) == 0
+    text = page.read_text()
+    assert text.startswith("a\n<!-- leaderboard: ") and text.endswith("\n<!-- /leaderboard -->\nb\n")
+    assert (
+        "Medium goals, test split, 4 episodes a policy, 4 seeds; the control mode is joint_velocity. " in text
+    )
+    assert "stale" not in text and "| 1 | " in text and all(rule in text for rule in RULES)
+    # A few columns, and intervals where the README has room for them.
+    (line,) = (line for line in text.splitlines() if "| mpc |" in line)
+    assert line.count("|") < len(COLUMNS) and line.count("[") == 2
+    with pytest.raises(ConfigurationError, match="unknown id in the records 'SpaceCapture/SingleArm-v1'"):
+        with_leaderboards(text.replace("-v0", "-v1"), records)
+    other = make_record(difficulty="hard")
+    with pytest.raises(ConfigurationError, match="2 tables of SpaceCapture/SingleArm-v0"):
+        with_leaderboards(text, [*records, other])
+
+
+def test_the_readme_has_the_tables_of_both_ids():
+    found = LEADERBOARDS.findall((ROOT / "README.md").read_text(encoding="utf-8"))
+    assert [env_id for _, env_id, _ in found] == [
+        "SpaceCapture/SingleArm-v0",
+        "SpaceCapture/DualArmPlanar-v0",
+    ]
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -13,6 +13,7 @@ from agents.planning import Cause, Failure
 from agents.registry import POLICIES, Entry
 from agents.resolve import resolve_policy
 from space_envs.evaluation import runner
+from space_envs.evaluation.leaderboard import cost_times_duration
 from space_envs.evaluation.metrics import episode_metrics, episode_records
 from space_envs.evaluation.records import NO_PLAN_CAUSES, Entrant, Task, read_records, records_without_timing
 from space_envs.evaluation.rollout import roll_out, split_indices, time_policy
@@ -117,11 +118,28 @@ def test_torques_times_angles_make_the_kinetic_energy(name):
     assert (metrics["angular_momentum_drift"] < 1e-6 * np.abs(motion.angular).max()).all()
 
 
+def test_slowness_makes_a_path_cheap_by_eq_20_and_not_by_cost_times_duration(monkeypatch):
+    """The same minimum-jerk paths, planned for 5, 10 and 20 s."""
+    costs, products = [], []
+    for duration in (5.0, 10.0, 20.0):
+        monkeypatch.setattr("agents.tracking.DURATION", duration)
+        rollout, task = rollout_of("minimum_jerk", episodes=4)
+        records = episode_records(rollout, task, Entrant(Task(SINGLE, "medium", "test"), "mine", "any"), 0)
+        assert rollout.outcome == ["captured"] * 4
+        costs.append([record.attitude_cost for record in records])
+        products.append([cost_times_duration(record) for record in records])
+    cost, product = np.array(costs), np.array(products)
+    np.testing.assert_allclose(cost[1:] / cost[:-1], 0.5, rtol=0.03)
+    # What is left is the start and the end of a motion, which the envelope cuts off differently.
+    assert (product.max(axis=0) / product.min(axis=0)).max() < 1.15
+
+
 def test_the_time_to_the_envelope_is_that_of_the_first_state_of_the_hold():
     rollout, task = rollout_of("minimum_jerk", episodes=2)
     records = episode_records(rollout, task, Entrant(Task(SINGLE, "medium", "test"), "mine", "any"), 0)
     for row, record in enumerate(records):
         inside = rollout.position_error[row] <= task.envelope.position
+        assert record.time_to_envelope is not None and record.time_to_capture is not None
         assert record.time_to_envelope == pytest.approx(record.time_to_capture - task.envelope.hold)
         assert inside[round(record.time_to_envelope / task.control_period) :].all()
 

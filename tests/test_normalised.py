@@ -23,7 +23,7 @@ def test_normalised_success_by_hand() -> None:
         + played("mine", [1.0, 1.0, None, 3.0])
     )
     scores = normalised_scores(records, {"expert", "lesser", "absent"}, np.random.default_rng(0))
-    assert MAIN_SCORE == "success" and list(scores[entrant("mine")]) == list(SCORES)
+    assert MAIN_SCORE == SCORES[0] == "kept_attitude_score" and list(scores[entrant("mine")]) == list(SCORES)
     mine = scores[entrant("mine")]["success"]
     assert mine.estimate is not None and mine.expert == "expert"
     # (3/4 - 1/4) / (1 - 1/4)
@@ -35,6 +35,21 @@ def test_normalised_success_by_hand() -> None:
     # Within 1 deg: random 1/4, the expert 4/4, mine 2/4.
     within = scores[entrant("mine")]["capture@1deg"].estimate
     assert within is not None and within.value == pytest.approx(1 / 3)
+    # Scores of 1/2 and 1/4: mine has (1/2 + 1/2 + 1/4) / 4, random 1/8, the expert 1/2.
+    main = scores[entrant("mine")][MAIN_SCORE].estimate
+    assert main is not None and main.value == pytest.approx((5 / 16 - 1 / 8) / (1 / 2 - 1 / 8))
+
+
+def test_captures_within_an_attitude_throughout_are_scored_by_the_peak() -> None:
+    records = (
+        played("random", [None] * 4)
+        + played("expert", [0.5] * 4)
+        + played("mine", [0.5, 0.5, 0.5, None], peak_attitude=2.0)
+    )
+    scores = normalised_scores(records, {"expert"}, np.random.default_rng(0))[entrant("mine")]
+    for name, value in (("capture@1deg", 0.75), ("kept@5deg", 0.75), ("kept@1deg", 0.0)):
+        found = scores[name].estimate
+        assert found is not None and found.value == pytest.approx(value), name
 
 
 def test_normalised_cost_by_hand() -> None:

@@ -162,8 +162,8 @@ def test_tracked_in_the_simulation_it_ends_where_it_was_planned() -> None:
         ({"position": np.array([0.0, 9.0, 0.0])}, Limits(), Cause.OUT_OF_REACH),
         ({"duration": 1.0}, Limits(rate=0.3, acceleration=0.25), Cause.INFEASIBLE),
         ({"rate": np.full(7, 0.5)}, Limits(rate=0.3), Cause.INFEASIBLE),
-        ({"spheres": np.array([[0.0, 0.3, 1.6, 1.0]])}, Limits(), Cause.COLLISION),  # at the start
-        ({"spheres": np.array([[*KNOWN[0]["position"], 0.1]])}, Limits(), Cause.COLLISION),  # at the goal
+        ({"spheres": np.array([[0.0, 0.3, 1.6, 1.0]])}, Limits(), Cause.CLEARANCE),  # at the start
+        ({"spheres": np.array([[*KNOWN[0]["position"], 0.1]])}, Limits(), Cause.CLEARANCE),  # at the goal
     ],
 )
 def test_refusals_say_why(changes: dict, limits: Limits, cause: Cause) -> None:

@@ -282,8 +282,8 @@ def still_at(centre: list[float]) -> Surroundings:
         (CANONICAL, {"position": np.tile([-1.0, 1.5], (6, 1))}, None, Cause.JOINT_LIMIT, "joint 3"),
         (replace(CANONICAL, duration=2.0), {}, None, Cause.INFEASIBLE, "0.3 rad/s"),
         (CANONICAL, {"torque": 0.02}, None, Cause.INFEASIBLE, "0.02 N m"),
-        (CANONICAL, {}, still_at([1.27, 0.97, 0.0]), Cause.COLLISION, "start"),
-        (CANONICAL, {}, still_at([2.0, 0.7, 0.0]), Cause.COLLISION, "end"),
+        (CANONICAL, {}, still_at([1.27, 0.97, 0.0]), Cause.CLEARANCE, "start"),
+        (CANONICAL, {}, still_at([2.0, 0.7, 0.0]), Cause.CLEARANCE, "end"),
     ],
 )
 def test_failures_are_typed_and_say_why(
@@ -454,7 +454,7 @@ def test_nearly_all_goals_of_the_tasks_have_a_plan(kind: str, difficulty: str) -
             gap = gaps(robot_of(kind), around, plan.time, plan.position, MEETING, capture.start)
             assert gap.least > 0.0
         else:
-            assert plan.cause == Cause.COLLISION
+            assert plan.cause == Cause.CLEARANCE
     assert np.mean(found) >= 0.9
 
 

@@ -64,8 +64,11 @@ def test_rows_are_sorted_by_any_column_within_their_task() -> None:
     records += episodes(4, PLANAR, policy="other", final_attitude=0.5)
     rows = build_rows(records, np.random.default_rng(0), resamples=20)
     for column, wanted in (
-        ("final_attitude", ["gentle", "never", "fast", "other"]),
-        ("final attitude", ["gentle", "never", "fast", "other"]),
+        ("final_attitude", ["gentle", "fast", "never", "other"]),
+        ("final attitude", ["gentle", "fast", "never", "other"]),
+        ("kept-attitude score", ["fast", "gentle", "never", "other"]),
+        ("captures", ["fast", "gentle", "never", "other"]),
+        ("rank", ["fast", "gentle", "never", "other"]),
         ("time_to_capture", ["fast", "gentle", "never", "other"]),
     ):
         assert [row.policy for row in sorted_rows(rows, column)] == wanted, column

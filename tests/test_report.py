@@ -23,6 +23,7 @@ from synthetic_results import CHARACTERS, HOSTILE, Character, entrant, make_reco
 
 from space_envs.errors import ConfigurationError
 from space_envs.evaluation import figures
+from space_envs.evaluation.columns import COLUMNS, RULES
 from space_envs.evaluation.leaderboard import FIGURES, Row, build_rows
 from space_envs.evaluation.names import csv_name, display_name, file_name, latex_name, markdown_name
 from space_envs.evaluation.page import (
@@ -37,6 +38,7 @@ from space_envs.evaluation.page import (
 )
 from space_envs.evaluation.page_scores import all_scores
 from space_envs.evaluation.records import (
+    CAUSES,
     EpisodeRecord,
     EvaluationResult,
     read_records,
@@ -44,7 +46,7 @@ from space_envs.evaluation.records import (
 )
 from space_envs.evaluation.report import ReportPaths, entrant_stem, write_report
 from space_envs.evaluation.stills import Still
-from space_envs.evaluation.tables import COLUMNS, to_csv, to_latex, to_markdown, to_terminal
+from space_envs.evaluation.tables import to_csv, to_latex, to_markdown, to_terminal
 from space_envs.evaluation.traces import Traces
 
 WICKED = "$x_$ | `a` *b* [c](http://d) & é\x1b[31m\n<script>alert(1)</script>"
@@ -78,85 +80,6 @@ def paths(result: EvaluationResult, tmp_path_factory: pytest.TempPathFactory) ->
     return write_report(result, tmp_path_factory.mktemp("report") / "new")
 
 
-# Rows
-
-
-def test_a_row_by_hand() -> None:
-    attitudes = [0.05, 0.5, 4.0, 9.0, 1.0]
-    times = [8.0, 10.0, 12.0, None, None]
-    records = [
-        make_record(
-            episode=number,
-            captured=seconds is not None,
-            outcome="captured" if seconds is not None else "timeout",
-            time_to_capture=seconds,
-            final_attitude=attitude,
-            timing=timed(10.0 * number if number else None, 1.0),
-        )
-        for number, (attitude, seconds) in enumerate(zip(attitudes, times, strict=True))
-    ]
-    (row,) = rows_of(records)
-    assert row.figures["success"].value == 0.6
-    assert [row.figures[f"capture@{limit}deg"].value for limit in ("5", "1", "0.1")] == [0.6, 0.4, 0.2]
-    # Five values lose one at each end: (0.5 + 1 + 4) / 3.
-    assert row.figures["final_attitude"].value == pytest.approx(5.5 / 3)
-    # The failures are later than any capture: the third of five times, not the middle of three.
-    assert row.figures["time_to_capture"].value == 12.0
-    assert row.timing == {"planning_ms": 25.0, "action_ms": 1.0}
-    assert (row.episodes, row.seeds, row.outcomes["timeout"]) == (5, (0,), 2)
-    assert set(row.figures) == set(FIGURES)
-
-
-def test_time_to_capture_does_not_exist_where_most_fail() -> None:
-    (row,) = rows_of([make_record(), failed(episode=1), failed(episode=2)])
-    assert row.figures["time_to_capture"].value == math.inf
-    assert row.to_dict()["figures"]["time_to_capture"] == {"value": None, "low": 12.5, "high": None}
-
-
-def test_rows_are_sorted_by_success_then_attitude_then_cost() -> None:
-    records = [
-        failed(policy="still", final_attitude=0.0),
-        make_record(policy="turning", final_attitude=9.0),
-        make_record(policy="costly", final_attitude=1.0, attitude_cost=0.2),
-        make_record(policy="cheap", final_attitude=1.0, attitude_cost=0.1),
-    ]
-    assert [row.policy for row in rows_of(records)] == ["cheap", "costly", "turning", "still"]
-
-
-def test_tasks_and_control_modes_never_share_a_row() -> None:
-    records = [
-        make_record(difficulty="hard"),
-        make_record(difficulty="easy"),
-        make_record(split="ood"),
-        make_record(control_mode="reactionless"),
-        make_record(env_id="SpaceCapture/Other-v0"),
-        make_record(env_id="SpaceCapture/DualArmPlanar-v0"),
-    ]
-    assert [(r.task.env_id[13:18], r.task.difficulty, r.task.split) for r in rows_of(records)] == [
-        ("Singl", "easy", "test"),
-        ("Singl", "medium", "test"),
-        ("Singl", "medium", "ood"),
-        ("Singl", "hard", "test"),
-        ("DualA", "medium", "test"),
-        ("Other", "medium", "test"),
-    ]
-
-
-def test_a_row_depends_on_its_own_records_only() -> None:
-    records = list(make_result(episodes=10).records)
-    every = {row.policy: row for row in rows_of(records)}
-    mine = [record for record in records if record.policy == "ppo"]
-    assert rows_of(mine[::-1]) == [every["ppo"]]
-    assert every["ppo"].figures["final_attitude"].low < every["ppo"].figures["final_attitude"].high
-
-
-def test_episodes_that_stand_twice_and_mixed_configurations_are_refused() -> None:
-    with pytest.raises(ConfigurationError, match="episode 0 of seed 0 of 'mpc'.*2 times"):
-        rows_of([make_record(), make_record()])
-    with pytest.raises(ConfigurationError, match="mix the configurations"):
-        rows_of([make_record(), make_record(episode=1, config_hash="f" * 12)])
-
-
 # Tables
 
 
@@ -166,13 +89,13 @@ def test_terminal_table_in_a_pipe_has_all_columns_and_no_colours(rows: list[Row]
     text = file.getvalue()
     assert "\x1b" not in text and "…" not in text
     for column in COLUMNS:
-        assert column.title in text
-    (line,) = (line for line in text.splitlines() if line.strip().startswith("mpc "))
-    assert re.match(r" mpc\s+100 \[93, 100\]\s+\d+\s", line)
+        assert all(word in text for word in column.title.split())
+    (line,) = (line for line in text.splitlines() if re.match(r"\s+\d\s+mpc ", line))
+    assert re.match(r"\s+\d\s+mpc\s+0\.\d+ \[0\.\d+, 0\.\d+\]\s+100 \[93, 100\]\s+\d+\s", line)
     assert HOSTILE in text
 
 
-@pytest.mark.parametrize("width", [60, 80, 120, 240])
+@pytest.mark.parametrize("width", [60, 80, 120, 280])
 def test_terminal_table_fits_its_terminal(rows: list[Row], width: int) -> None:
     file = io.StringIO()
     to_terminal(rows, Console(file=file, force_terminal=True, color_system="standard", width=width))
@@ -180,8 +103,8 @@ def test_terminal_table_fits_its_terminal(rows: list[Row], width: int) -> None:
     assert "\x1b[" in text
     lines = re.sub(r"\x1b\[[0-9;]*m", "", text).splitlines()
     assert max(map(len, lines)) <= width
-    assert any(re.search(r"mpc\s+100 \[93, 100\]", line) for line in lines)
-    assert ("Not shown at this width" in text) == (width < 240)
+    assert any(re.search(r"\d\s+mpc\s+0\.\d+ \[", line) for line in lines)
+    assert ("Not shown at this width" in text) == (width < 280)
 
 
 def test_terminal_table_in_ascii(rows: list[Row]) -> None:
@@ -197,25 +120,9 @@ def test_markdown_is_a_table_whatever_the_names(rows: list[Row]) -> None:
     lines = [line for line in text.splitlines() if line.startswith("|")]
     assert len(lines) == 2 + len(rows)
     assert {len(re.findall(r"(?<!\\)\|", line)) for line in lines} == {len(COLUMNS) + 2}
+    assert lines[0].startswith("| rank | policy | kept-attitude score | success [%] |")
     assert "<" not in text and "minimum_jerk" in text and "&lt;img src=x" in text
-    assert re.search(r"\| mpc \| 100 \[93, 100\] \|", text)
-
-
-def test_tables_say_why_episodes_failed() -> None:
-    reasons = ["it raised ValueError: <b>\x1b[3m", "it raised ValueError: <b>\x1b[3m", "late", "later", None]
-    records = [
-        make_record(episode=k, captured=False, outcome="policy_error", reason=reason, time_to_capture=None)
-        for k, reason in enumerate(reasons)
-    ]
-    rows = rows_of([*records, make_record(policy="gjm")])
-    file = io.StringIO()
-    to_terminal(rows, Console(file=file))
-    (line,) = (line for line in file.getvalue().splitlines() if "Failed:" in line)
-    assert line.startswith("Failed: mpc, 4 of 5: it raised ValueError: <b>") and "\x1b" not in line
-    assert line.endswith(", and 2 other reasons")
-    (line,) = (line for line in to_markdown(rows).splitlines() if line.startswith("- "))
-    assert line.startswith("- mpc, 4 of 5: it raised ValueError: &lt;b&gt;")
-    assert "Failed:" not in to_markdown(rows_of([make_record(policy="gjm")]))
+    assert re.search(r"\| \d \| mpc \| 0\.\d+ \[0\.\d+, 0\.\d+\] \| 100 \[93, 100\] \|", text)
 
 
 def test_csv_has_every_figure_with_its_interval(rows: list[Row]) -> None:
@@ -229,6 +136,9 @@ def test_csv_has_every_figure_with_its_interval(rows: list[Row]) -> None:
                 ("_high", row.figures[key].high),
             ):
                 assert line[key + suffix] == (repr(value) if math.isfinite(value) else "")
+        assert line["rank"] == ("" if row.rank is None else str(row.rank))
+        assert int(line["captures"]) == row.captures
+        assert sum(int(line[f"cause_{cause}"]) for cause in CAUSES) == row.episodes - row.captures
     assert table[-1]["time_to_capture"] == ""
 
 
@@ -237,13 +147,13 @@ def test_latex_is_a_table_whatever_the_names(rows: list[Row]) -> None:
     body = text[text.index(r"\midrule") : text.index(r"\bottomrule")].splitlines()[1:-1]
     assert len(body) == len(rows)
     for line in body:
-        assert len(re.findall(r"(?<!\\)&", line)) == 6 and line.endswith(r" \\")
+        assert len(re.findall(r"(?<!\\)&", line)) == 8 and line.endswith(r" \\")
         # No character of a name is left that means something to LaTeX.
-        name = re.sub(r"\\(text\w+\{\}|[#$%&_{}])|\{[\[\]]\}|-\{\}-", "", line.split(" & ")[0])
+        name = re.sub(r"\\(text\w+\{\}|[#$%&_{}])|\{[\[\]]\}|-\{\}-", "", line.split(" & ")[1])
         assert not re.search(r"[\\#$%&_{}~^<>|\"]", name), line
-    (mpc,) = (line for line in body if line.strip().startswith("mpc "))
-    assert re.match(r"\s*mpc & \\textbf\{100\} \{\\footnotesize \{\[\}93, 100\{\]\}\} &", mpc)
-    (hold,) = (line for line in body if line.strip().startswith("hold "))
+    (mpc,) = (line for line in body if " & mpc & " in line)
+    assert re.search(r"& \\textbf\{100\} \{\\footnotesize \{\[\}93, 100\{\]\}\} &", mpc)
+    (hold,) = (line for line in body if line.strip().startswith("- & hold "))
     assert "textbf" not in hold  # it keeps its attitude by doing nothing
     assert latex_name("a_b~c\\d") == r"a\_b\textasciitilde{}c\textbackslash{}d"
 
@@ -485,7 +395,7 @@ def test_report_writes_what_can_be_read_back(result: EvaluationResult, paths: Re
     assert read_records(paths.records) == list(result.records)
     summary = json.loads(paths.summary.read_text(encoding="utf-8"))
     assert summary["schema"] == 3 and summary["provenance"]["commit"] == "3f2c9d1"
-    assert summary["rows"][0]["figures"]["success"]["value"] == 1.0
+    assert [row["rank"] for row in summary["rows"]] == [*range(1, len(result.traces)), None]
     files = {row["policy"]: row["traces"] for row in summary["rows"]}
     assert set(paths.traces) == set(result.traces) and len(set(files.values())) == len(files)
     for each, trace in result.traces.items():
@@ -580,13 +490,15 @@ def test_table_is_sortable_by_keyboard(page: Page, rows: list[Row]) -> None:
     assert all(button["type"] == "button" for button in page.named("button"))
     buttons = [button for button in page.named("button") if "data-first" in button]
     assert len(buttons) == len(COLUMNS) + 1
-    assert [button["data-first"] for button in buttons[1:3]] == ["descending", "descending"]
-    assert buttons[5]["data-first"] == "ascending"
+    better = ["ascending" if column.better == "lower" else "descending" for column in COLUMNS]
+    assert [button["data-first"] for button in buttons[1:]] == better
     cells = [cell["data-sort"] for cell in page.named("td") if "data-sort" in cell]
     assert len(cells) == len(rows) * len(COLUMNS)
-    assert float(cells[0] or "nan") == 100.0
-    # The time to capture of a policy that never captures sorts last: it has no number.
-    assert cells[len(COLUMNS) * (len(rows) - 1) + 7] == ""
+    # What a policy that never captures has no figure of sorts last: there is no number.
+    titles = [column.key for column in COLUMNS]
+    first, last = (dict(zip(titles, cells[start:], strict=False)) for start in (0, -len(COLUMNS)))
+    assert (first["rank"], first["success"]) == ("1.0", repr(100 * rows[0].figures["success"].value))
+    assert last["rank"] == last["time_to_capture"] == last["attitude_cost"] == ""
 
 
 def test_page_shows_provenance_pictures_and_reasons(page: Page, result: EvaluationResult) -> None:
@@ -600,7 +512,9 @@ def test_page_shows_provenance_pictures_and_reasons(page: Page, result: Evaluati
         "0, 1, 2, 3, 4",
     ):
         assert expected in texts
-    assert any(text.endswith("base turned by more than 45 deg") for text in texts)
+    assert "base turned by more than 45 deg" in texts
+    assert "50 of 50: 33 timeouts, 17 attitude lost" in texts
+    assert all(rule in texts for rule in RULES)
     assert len(page.named("img")) == 6
     assert {"0.0 s", "2.5 s", "12.5 s"} <= set(texts)  # below the stills
     assert page.named("img")[1]["alt"] == "mpc after 2.5 s"
@@ -673,10 +587,13 @@ def test_highlights_name_ties_and_only_able_policies() -> None:
         make_record(policy="a", final_attitude=2.0),
         make_record(policy="b", final_attitude=2.0, attitude_cost=0.001),
         failed(policy="still", final_attitude=0.0, attitude_cost=0.0),
+        make_record(policy="hold", final_attitude=0.0, peak_attitude=0.0, attitude_cost=0.0),
+        *(make_record(policy="easy", final_attitude=0.1), failed(policy="easy", episode=1)),
     ]
     tiles = {tile["label"]: tile for tile in highlights(rows_of(records))}
+    assert tiles["Highest kept-attitude score"]["names"] == "b, a"
     assert tiles["Most captures"]["names"] == tiles["Least attitude left"]["names"] == "b, a"
-    assert (tiles["Least attitude left"]["value"], tiles["Lowest eq. 20 cost"]["names"]) == ("2.00", "b")
+    assert (tiles["Least attitude left"]["value"], tiles["Lowest eq. 20 cost"]["names"]) == ("2.0", "b")
     assert [tile["label"] for tile in highlights(rows_of([failed()]))] == ["Most captures"]
 
 

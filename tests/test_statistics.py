@@ -13,6 +13,8 @@ from space_envs.evaluation.statistics import (
     Estimate,
     capture_rate,
     interquartile_mean,
+    kept_attitude,
+    kept_attitude_score,
     median,
     named_generator,
     resampled_counts,
@@ -259,6 +261,44 @@ def test_capture_rate_counts_failures_and_attitude() -> None:
     # The limit itself still counts, and a failure with a still base does not.
     assert capture_rate(captured, attitude, 0.1).value == 0.4
     assert capture_rate(captured, attitude, 0.09).value == 0.2
+
+
+def test_kept_attitude_by_hand() -> None:
+    captured = np.array([True, True, True, False, False])
+    peak = np.array([0.0, 1.0, 3.0, 0.0, math.inf])
+    assert kept_attitude(captured, peak).tolist() == [1, 1 / 2, 1 / 4, 0, 0]
+    found = kept_attitude_score(captured, peak, np.zeros(5), np.random.default_rng(0))
+    assert found.value == pytest.approx(1.75 / 5)
+    assert 0 < found.low < found.value < found.high < 1
+
+
+def test_score_of_captures_that_never_turn_is_that_of_the_rate() -> None:
+    captured = np.arange(40) < 30
+    found = kept_attitude_score(captured, np.zeros(40), np.zeros(40), np.random.default_rng(0))
+    rate = wilson_interval(30, 40)
+    assert vars(found) == pytest.approx(vars(rate))
+    # Who never failed has an interval, and who never captured one as wide as the rate's.
+    every = kept_attitude_score(np.ones(40, dtype=bool), np.zeros(40), np.zeros(40), np.random.default_rng(0))
+    assert vars(every) == pytest.approx(vars(wilson_interval(40, 40)))
+    none = kept_attitude_score(np.zeros(40, dtype=bool), np.zeros(40), np.zeros(40), np.random.default_rng(0))
+    assert vars(none) == pytest.approx(vars(wilson_interval(0, 40)))
+
+
+def test_score_of_one_episode_knows_little() -> None:
+    found = kept_attitude_score(np.array([True]), np.array([1.0]), np.zeros(1), np.random.default_rng(0))
+    assert (found.value, found.low) == (0.5, 0.0) and found.high == 1.0
+
+
+@pytest.mark.parametrize(("rate", "seeds"), [(0.98, 1), (0.9, 5), (0.6, 1)])
+def test_score_coverage(rate: float, seeds: int) -> None:
+    generator, strata = np.random.default_rng(15), np.arange(100) % seeds
+    truth = rate * quad(lambda u: 1 / (1 + math.exp(ndtri(u))), 0, 1)[0]
+    trials, hits = 500, 0
+    for _ in range(trials):
+        captured, peak = generator.random(100) < rate, generator.lognormal(size=100)
+        found = kept_attitude_score(captured, peak, strata, generator, resamples=400)
+        hits += found.low <= truth <= found.high
+    assert 0.93 <= hits / trials <= 0.975
 
 
 @pytest.mark.parametrize(

@@ -124,7 +124,7 @@ def recorded(folder: ResultFolder, record: EpisodeRecord) -> Replay:
     if states is None:
         raise ConfigurationError(
             f"{folder.path} has no recorded states of {record.policy!r} on {record.entrant.task}; they are "
-            "written by evaluate.py since records have schema 2"
+            "written by evaluate.py"
         )
     row = states.row(record.seed, record.episode)
     return replay_of("", row, states.task(), states, record, states.goals())
@@ -132,13 +132,13 @@ def recorded(folder: ResultFolder, record: EpisodeRecord) -> Replay:
 
 def said(record: EpisodeRecord) -> list[str]:
     """Outcome and figures of an episode, as lines for the terminal."""
-    reason = f": {display_name(record.reason, 200)}" if record.reason else ""
+    reason = f": {display_name(record.explanation, 200)}" if record.explanation else ""
     seconds = "" if record.time_to_capture is None else f" after {record.time_to_capture:.1f} s"
     figures = [
         ("attitude at the end", record.final_attitude, 1.0, "deg"),
         ("largest", record.peak_attitude, 1.0, "deg"),
         ("eq. 20 cost", record.attitude_cost, 1e4, "cm^2/s"),
-        ("position error", record.position_error, 1e3, "mm"),
+        ("position error when it ended", record.position_error, 1e3, "mm"),
         ("work", record.mechanical_work, 1.0, "J"),
     ]
     shown = [

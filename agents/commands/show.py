@@ -11,11 +11,12 @@ import numpy as np
 from rich.console import Console
 
 from space_envs.errors import SpaceEnvsError, unknown_name
+from space_envs.evaluation.columns import COLUMNS, column_named
 from space_envs.evaluation.folders import read_folder
 from space_envs.evaluation.leaderboard import Row, build_rows
 from space_envs.evaluation.records import RECORDS, REPORT, EpisodeRecord
 from space_envs.evaluation.report import BOOTSTRAP_SEED
-from space_envs.evaluation.tables import COLUMNS, by_task, to_terminal
+from space_envs.evaluation.tables import by_task, to_terminal
 
 DESCRIPTION = "Print the table of a folder that evaluate.py, or evaluate.py compare, left."
 
@@ -66,7 +67,7 @@ def show(
 
 
 def sorted_rows(rows: Sequence[Row], name: str) -> list[Row]:
-    """The rows of each task with the best of a column first, and what does not exist last.
+    """The rows of each task with the best of a column first, and what does not exist last; ties by rank.
 
     Args:
         name: of the column, its key or its title.
@@ -74,17 +75,14 @@ def sorted_rows(rows: Sequence[Row], name: str) -> list[Row]:
     Raises:
         ConfigurationError: for a column that there is not.
     """
-    columns = {column.title: column for column in COLUMNS} | {column.key: column for column in COLUMNS}
-    if name not in columns:
-        raise unknown_name("column", name, [column.key for column in COLUMNS])
-    column = columns[name]
+    column = column_named(name)
     sign = 1 if column.better == "lower" else -1
 
-    def rank(row: Row) -> tuple[bool, float]:
+    def place(row: Row) -> tuple[bool, float]:
         value = column.estimate(row).value
-        return (True, 0.0) if math.isnan(value) else (False, sign * value)
+        return (False, sign * value) if math.isfinite(value) else (True, 0.0)
 
-    return [row for _, group in by_task(rows) for row in sorted(group, key=rank)]
+    return [row for _, group in by_task(rows) for row in sorted(group, key=place)]
 
 
 def of_tasks(records: Sequence[EpisodeRecord], words: Sequence[str]) -> list[EpisodeRecord]:

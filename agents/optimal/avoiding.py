@@ -85,7 +85,7 @@ class AvoidingPlanner:
         reason = (
             f"of {len(starts) - unsolved} refined motions the clearest has a gap of {1e3 * nearest:.1f} mm"
         )
-        return Failure(METHOD, Cause.COLLISION, f"{reason}; {1e3 * CLEAR:.0f} mm are asked for")
+        return Failure(METHOD, Cause.CLEARANCE, f"{reason}; {1e3 * CLEAR:.0f} mm are asked for")
 
     def _starts(self, reach: Reach, space: WeightSpace, bounds: Bounds) -> Array:
         """Coordinates (REFINED, n, m) of different samples that come least near to spheres."""

@@ -205,7 +205,7 @@ class _Search:
             tighter = solver.tightened(solution, excess)
             if isinstance(tighter, Unsolved):
                 name = max(excess, key=lambda key: excess[key] / TOLERANCES[key])
-                cause = Cause.COLLISION if name == "clearance" else Cause.INFEASIBLE
+                cause = Cause.CLEARANCE if name == "clearance" else Cause.INFEASIBLE
                 reason = f"no motion was found that keeps {name}; the nearest passes it by {excess[name]:.2e}"
                 return Failure(METHOD, cause, reason)
             solution = tighter
@@ -236,7 +236,7 @@ class _Search:
                 gap = float(sphere_gaps(points, reach.spheres, SINGLE_ARM.link_radius).min())
                 if gap < 0.0:
                     reason = f"{when} is in a collision: a link is {-gap:.3f} m deep in a ball"
-                    return Failure(METHOD, Cause.COLLISION, reason)
+                    return Failure(METHOD, Cause.CLEARANCE, reason)
         return None
 
     def _unsolved(self, path: Array, statuses: list[Unsolved]) -> Failure:
@@ -247,7 +247,7 @@ class _Search:
             free = Solver(self._robot, bare, limits)
             if isinstance(free.solve(free.variables(path)), Solution):
                 reason = f"no motion was found that is clear of the {len(reach.spheres)} balls"
-                return Failure(METHOD, Cause.COLLISION, f"{reason}, from {len(statuses)} starts")
+                return Failure(METHOD, Cause.CLEARANCE, f"{reason}, from {len(statuses)} starts")
         free = Solver(self._robot, bare, Limits())
         unlimited = free.solve(free.variables(path))
         if isinstance(unlimited, Solution):

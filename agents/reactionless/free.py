@@ -289,7 +289,7 @@ class _Search:
         what, place = gap.worst()
         time, margin = self._solver.times[at[place]], self._required
         reason = f"{when} {what} come to {gap.least:.3f} m at t = {time:.2f} s, {margin:.3f} m are kept"
-        return Failure(METHOD, Cause.COLLISION, reason)
+        return Failure(METHOD, Cause.CLEARANCE, reason)
 
     def _unsolved(self, ends: Array, statuses: list[Unsolved]) -> Failure:
         """Why there is no motion at all: limits that are too low, or the solver."""

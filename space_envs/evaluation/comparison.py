@@ -2,8 +2,9 @@
 
 Performance profiles and probabilities of improvement follow Agarwal et al. (Deep Reinforcement Learning at
 the Edge of the Statistical Precipice, NeurIPS 2021); the strata of every bootstrap are the seeds. Costs are
-lower for better, and here an episode that did not capture has cost +infinity: it ranks behind every capture
-and ties with every other failure, so that doing nothing is not gentle.
+lower for better, and an episode that did not capture has none, +infinity here: a profile counts it as more
+than any capture, and two policies are compared over what both captured. The kept-attitude score has a value
+for every episode and compares them all.
 """
 
 import math
@@ -14,13 +15,15 @@ from typing import Any
 import numpy as np
 
 from space_envs.errors import ConfigurationError, unknown_name
-from space_envs.evaluation.leaderboard import Row
+from space_envs.evaluation.leaderboard import HEADLINE, Row
 from space_envs.evaluation.records import Entrant, EpisodeRecord
 from space_envs.evaluation.statistics import (
     CONFIDENCE,
+    MISSING,
     Estimate,
     Estimates,
     check_resampling,
+    kept_attitude,
     named_generator,
     percentile_ends,
     resampled_counts,
@@ -29,32 +32,47 @@ from space_envs.evaluation.statistics import (
 )
 
 COSTS = ("final_attitude", "attitude_cost", "time_to_capture")
+COMPARED = (HEADLINE, *COSTS)
+FRONT = (
+    "A policy is on the Pareto front where no other has at least its kept-attitude score and takes at most as"
+    " long from the goal to the first action, and is better in one of the two. hold, random and policies "
+    "without a capture are never on it."
+)
 
 
 @dataclass(frozen=True)
 class Improvement:
-    """How likely one policy has a lower cost than another, for each pair of p policies.
+    """How likely one policy is better than another, for each pair of p policies.
 
     Attributes:
         entrants: the p policies, in order. probability: (p, p), entry [i, j] that i beats j, ties counted
-            half; the diagonal is 1/2. paired: (p, p) bool, whether both played the same goals, so that the
-            comparison is goal by goal.
+            half; the diagonal is 1/2, NaN where there is nothing to compare.
+        paired: (p, p) bool, whether both played the same goals, so that the comparison is goal by goal.
+        count: (p, p) int, goals that are compared: for a cost those that both captured. Where the goals are
+            not the same, episodes of i that are compared with those of j.
     """
 
     entrants: tuple[Entrant, ...]
     probability: Estimates
     paired: np.ndarray
+    count: np.ndarray
 
 
 @dataclass(frozen=True)
 class Standing:
-    """Where a policy stands in success, attitude and waiting time, and who is better in all three."""
+    """Where a policy stands in the kept-attitude score and waiting time, and who keeps it off the front."""
 
     entrant: Entrant
+    score: float  # 0..1
     success: float  # 0..1
-    final_attitude: float  # deg, the figure of the leaderboard
     wait: float  # ms from goal to first action: planning and one action; +infinity where nothing was timed
-    dominated_by: tuple[Entrant, ...]  # nobody: the policy is on the front
+    competes: bool  # as `Row.competes`
+    dominated_by: tuple[Entrant, ...]  # those of what competes
+
+    @property
+    def on_front(self) -> bool:
+        """Whether it is on the Pareto front, as FRONT says in words."""
+        return self.competes and not self.dominated_by
 
 
 def performance_profile(
@@ -154,22 +172,24 @@ def dominance(costs: np.ndarray) -> np.ndarray:
 
 
 def pareto_front(rows: Sequence[Row]) -> list[Standing]:
-    """Success (more is better), final attitude and waiting time (less is better) of the rows of one task.
+    """Kept-attitude score (more is better) and waiting time (less is better) of the rows of one task.
 
-    In the order of the rows. A policy that makes no plan waits for its action alone.
+    In the order of the rows; FRONT says in words who is on the front. A policy that makes no plan waits for
+    its action alone.
     """
     _one_task([row.entrant for row in rows])
-    success = [row.figures["success"].value for row in rows]
-    attitude = [row.figures["final_attitude"].value for row in rows]
+    score = np.array([row.figures[HEADLINE].value for row in rows])
     times = [[value for value in row.timing.values() if not math.isnan(value)] for row in rows]
-    wait = [sum(known) if known else math.inf for known in times]
-    better = dominance(np.stack([np.negative(success), attitude, wait], axis=1))
+    wait = np.array([sum(known) if known else math.inf for known in times])
+    competes = np.array([row.competes for row in rows], dtype=bool)
+    better = dominance(np.stack([-score, wait], axis=1)) & competes[:, None]
     return [
         Standing(
             row.entrant,
-            success[number],
-            attitude[number],
-            wait[number],
+            float(score[number]),
+            row.figures["success"].value,
+            float(wait[number]),
+            row.competes,
             tuple(other.entrant for other, above in zip(rows, better[:, number], strict=True) if above),
         )
         for number, row in enumerate(rows)
@@ -200,34 +220,51 @@ def profiles(
 def improvements(
     records: Sequence[EpisodeRecord], metric: str, generator: np.random.Generator, resamples: int = 5000
 ) -> Improvement:
-    """Probability of improvement in one of COSTS between all policies of one task.
+    """Probability of improvement in one of COMPARED between all policies of one task.
 
     Policies that played the same goals with the same seeds are compared goal by goal, others by all their
-    episodes. The figures of a pair do not depend on which other policies there are.
+    episodes; costs over what both captured. The figures of a pair do not depend on which other policies there
+    are.
     """
     entropy = int(generator.integers(2**63))
     players = by_entrant(records)
     entrants = tuple(players)
-    costs = [episode_costs(played, metric) for played in players.values()]
+    values = [_compared(played, metric) for played in players.values()]
     seeds = [seeds_of(played) for played in players.values()]
     goals = [tuple((record.seed, record.index) for record in played) for played in players.values()]
-    square, paired = _square(len(entrants)), np.zeros((len(entrants), len(entrants)), dtype=bool)
-    for played in dict.fromkeys(goals):
-        same = np.array([i for i, other in enumerate(goals) if other == played])
+    number = len(entrants)
+    square, paired = _square(number), np.zeros((number, number), dtype=bool)
+    count = np.diag([int(np.isfinite(each).sum()) for each in values])
+    for i, j in zip(*np.triu_indices(number, 1), strict=True):
+        stream = named_generator(entropy, metric, *words(entrants[i]), *words(entrants[j]))
+        there = [np.isfinite(values[each]) for each in (i, j)]
         # A goal that stands twice under one seed cannot be matched with its like.
-        if same.size == 1 or len(set(played)) < len(played):
-            continue
-        stream = named_generator(entropy, metric, repr(played))
-        found = paired_improvement(np.stack([costs[i] for i in same]), seeds[same[0]], stream, resamples)
-        place = np.ix_(same, same)
-        square.value[place], square.low[place], square.high[place] = found.value, found.low, found.high
-        paired[place] = True
-    for i, j in zip(*np.triu_indices(len(entrants), 1), strict=True):
-        if not paired[i, j]:
-            stream = named_generator(entropy, metric, *words(entrants[i]), *words(entrants[j]))
-            found = unpaired_improvement(costs[i], costs[j], seeds[i], seeds[j], stream, resamples)
-            _fill(square, i, j, found)
-    return Improvement(entrants, square, paired)
+        if goals[i] == goals[j] and len(set(goals[i])) == len(goals[i]):
+            paired[i, j] = paired[j, i] = True
+            there = [there[0] & there[1]] * 2
+        count[i, j], count[j, i] = (int(each.sum()) for each in there)
+        found = MISSING
+        if all(each.any() for each in there):
+            first, second = (
+                (values[each][kept], seeds[each][kept]) for each, kept in zip((i, j), there, strict=True)
+            )
+            found = _improvement(first, second, bool(paired[i, j]), stream, resamples)
+        _fill(square, i, j, found)
+    return Improvement(entrants, square, paired, count)
+
+
+def _improvement(
+    first: tuple[np.ndarray, np.ndarray],
+    second: tuple[np.ndarray, np.ndarray],
+    paired: bool,
+    generator: np.random.Generator,
+    resamples: int,
+) -> Estimate:
+    """Of values and strata against values and strata."""
+    if not paired:
+        return unpaired_improvement(first[0], second[0], first[1], second[1], generator, resamples)
+    found = paired_improvement(np.stack([first[0], second[0]]), first[1], generator, resamples)
+    return Estimate(*(float(end[0, 1]) for end in (found.value, found.low, found.high)))
 
 
 def by_entrant(records: Sequence[EpisodeRecord]) -> dict[Entrant, list[EpisodeRecord]]:
@@ -247,6 +284,14 @@ def episode_costs(records: Sequence[EpisodeRecord], metric: str) -> np.ndarray:
     if metric not in COSTS:
         raise unknown_name("cost", metric, COSTS)
     return np.array([getattr(record, metric) if record.captured else math.inf for record in records])
+
+
+def _compared(records: Sequence[EpisodeRecord], metric: str) -> np.ndarray:
+    """What of each episode is compared (n,), lower for better, +infinity where there is nothing."""
+    if metric != HEADLINE:
+        return episode_costs(records, metric)
+    peak = np.array([math.inf if r.peak_attitude is None else r.peak_attitude for r in records])
+    return -kept_attitude(np.array([r.captured for r in records]), peak)
 
 
 def seeds_of(records: Sequence[EpisodeRecord]) -> np.ndarray:

@@ -12,9 +12,12 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from space_envs.evaluation.columns import column_named
 from space_envs.evaluation.comparison import (
     COSTS,
+    FRONT,
     Improvement,
+    Standing,
     by_entrant,
     episode_costs,
     improvements,
@@ -22,8 +25,8 @@ from space_envs.evaluation.comparison import (
     profiles,
 )
 from space_envs.evaluation.drawing import INK, LONE, Panel, draw_panel, label_points
-from space_envs.evaluation.figures import BLUE, ORANGE, Look, Plot, column_of, heading_of
-from space_envs.evaluation.leaderboard import Row
+from space_envs.evaluation.figures import BLUE, ORANGE, Look, Plot, heading_of
+from space_envs.evaluation.leaderboard import HEADLINE, Row
 from space_envs.evaluation.names import display_name, figure_name
 from space_envs.evaluation.records import EpisodeRecord
 from space_envs.evaluation.statistics import Estimates
@@ -34,7 +37,7 @@ from space_envs.evaluation.ticks import log_ticks
 _POINTS = 81  # of a profile
 _ROOMY = 8  # policies up to which a cell of the matrix has room for its interval
 _NAMES = 115.0  # points beside the matrix for the names of its rows
-_ABLE = 0.9  # success from which a policy's place on the front is joined to the others
+IMPROVED = (HEADLINE, "attitude_cost")  # of `comparison.COMPARED`, those with a plot of who improves on whom
 
 
 def comparison_plots(
@@ -44,14 +47,14 @@ def comparison_plots(
     generator: np.random.Generator,
     resamples: int = 2000,
 ) -> list[Plot]:
-    """Performance profiles, probability of improvement and Pareto front of one task.
+    """Performance profiles, probabilities of improvement and Pareto front of one task.
 
     `rows` and `records` are of the same policies, `shade` gives each its look. A plot for which there are
     no data is left out. Raises ConfigurationError where they are of several tasks.
     """
     plots = (
         profiles_plot(rows, records, shade, generator, resamples),
-        improvement_plot(rows, improvements(records, COSTS[0], generator, resamples)),
+        *(improvement_plot(rows, m, improvements(records, m, generator, resamples)) for m in IMPROVED),
         pareto_plot(rows, shade),
     )
     return [plot for plot in plots if plot]
@@ -87,7 +90,7 @@ def _profile_panel(
     found: Sequence[Estimates],
     shade: Mapping[str, Look],
 ) -> Panel:
-    column = column_of(metric)
+    column = column_named(metric)
     names = [row_name(row, rows) for row in rows]
     order = sorted(range(len(rows)), key=lambda number: -found[number].value.mean())
     wide = tau[0] > 0 and tau[-1] > 30 * tau[0]
@@ -121,7 +124,7 @@ def _profile_panel(
     figures = ", ".join(
         f"{display_name(names[number])} {100 * found[number].value[middle]:.0f} %" for number in order
     )
-    at = f"{column.number(column.scale * tau[middle])} {shown_unit(column.unit)}"
+    at = f"{column.scale * tau[middle]:.2g} {shown_unit(column.unit)}"
     alt = f"Episodes with a {column.title} of at most {at}: {figures}"
     return draw_panel(f"profiles-{metric}", draw, alt, height=2.95 + 0.175 * math.ceil(len(rows) / 2))
 
@@ -141,40 +144,47 @@ def _grid(costs: np.ndarray) -> np.ndarray | None:
     return np.linspace(max(0.0, finite.min() - margin), most + margin, _POINTS)
 
 
-def improvement_plot(rows: Sequence[Row], found: Improvement) -> Plot | None:
-    """How often each policy ends with less attitude than each other one; None for a single policy."""
+def improvement_plot(rows: Sequence[Row], metric: str, found: Improvement) -> Plot | None:
+    """How often each policy is better than each other one; None where there are no two to compare.
+
+    `found` is in the metric, one of IMPROVED. Cells of a cost have the number of goals that both captured.
+    """
     count = len(rows)
-    if count < 2:
-        return None
-    place = [found.entrants.index(row.entrant) for row in rows]
+    place = np.array([found.entrants.index(row.entrant) for row in rows])
+    cells = np.ix_(place, place)
     value, low, high = (
-        end[np.ix_(place, place)]
-        for end in (found.probability.value, found.probability.low, found.probability.high)
+        end[cells] for end in (found.probability.value, found.probability.low, found.probability.high)
     )
+    if np.isfinite(value).sum() == count:  # the diagonal alone
+        return None
+    goals, cost = found.count[cells], metric != HEADLINE
     better, worse = low > 0.5, high < 0.5
     names = [row_name(row, rows) for row in rows]
     roomy = count <= _ROOMY
     cell = (72 * LONE - _NAMES) / count  # points
 
+    def lines(i: int, j: int) -> list[tuple[str, float, str]]:
+        """Text, size and weight of each line of a cell."""
+        if not math.isfinite(value[i, j]):
+            return [("-", 8, "normal")]
+        size = 10 if roomy else min(10.0, 0.42 * cell)  # of bold letters, three of which have to fit
+        told = [(f"{100 * value[i, j]:.0f}", size, "bold" if better[i, j] or worse[i, j] else "normal")]
+        told += [(f"{100 * low[i, j]:.0f} to {100 * high[i, j]:.0f}", 7, "normal")] if roomy else []
+        return told + ([(f"of {goals[i, j]}", min(7.0, 0.28 * cell), "normal")] if cost else [])
+
     def draw(axes: Axes) -> None:
-        cells, faces = [], []
+        squares, faces = [], []
         for i, j in zip(*np.nonzero(~np.eye(count, dtype=bool)), strict=True):
-            cells.append(Rectangle((j - 0.47, i - 0.47), 0.94, 0.94))
-            # See-through colours keep the numbers readable on light and on dark pages.
-            faces.append(to_rgba(BLUE if value[i, j] > 0.5 else ORANGE, 1.2 * abs(float(value[i, j]) - 0.5)))
-            axes.text(
-                j,
-                i - (0.14 if roomy else 0),
-                f"{100 * value[i, j]:.0f}",
-                ha="center",
-                va="center",
-                size=10 if roomy else min(10, 0.42 * cell),  # of bold letters, three of which have to fit
-                weight="bold" if better[i, j] or worse[i, j] else "normal",
-            )
-            if roomy:
-                ends = f"{100 * low[i, j]:.0f} to {100 * high[i, j]:.0f}"
-                axes.text(j, i + 0.22, ends, ha="center", va="center", size=7)
-        axes.add_collection(PatchCollection(cells, facecolors=faces, edgecolors="none"))
+            told = lines(i, j)
+            for number, (text, size, weight) in enumerate(told):
+                height = i + (number - 0.5 * (len(told) - 1)) * 0.9 / len(told)
+                axes.text(j, height, text, ha="center", va="center", size=size, weight=weight)
+            if math.isfinite(value[i, j]):
+                squares.append(Rectangle((j - 0.47, i - 0.47), 0.94, 0.94))
+                # See-through colours keep the numbers readable on light and on dark pages.
+                strength = 1.2 * abs(float(value[i, j]) - 0.5)
+                faces.append(to_rgba(BLUE if value[i, j] > 0.5 else ORANGE, strength))
+        axes.add_collection(PatchCollection(squares, facecolors=faces, edgecolors="none"))
         labels = [figure_name(name) for name in names]
         axes.set_yticks(range(count), labels)
         axes.set_xticks(range(count), labels, rotation=90)
@@ -184,93 +194,91 @@ def improvement_plot(rows: Sequence[Row], found: Improvement) -> Plot | None:
 
     alt = "; ".join(
         f"{display_name(name)}: clearly better than {better[i].sum()}, clearly worse than {worse[i].sum()} "
-        f"of {count - 1}"
+        f"of {np.isfinite(value[i]).sum() - 1}"
         for i, name in enumerate(names)
     )
-    paired = found.paired[np.ix_(place, place)] | np.eye(count, dtype=bool)
+    paired = found.paired[cells] | np.eye(count, dtype=bool)
     how = "Goal by goal" if paired.any() else "Over all pairs of episodes"
+    column = column_named(metric)
     caption = (
-        "Chance in percent that the policy of the row ends with less attitude than that of the column. An "
-        "episode that did not capture loses to every one that did; two such tie. Bold: the 95 % interval "
-        f"leaves out 50. {how}."
+        f"Chance in percent that the row's policy has a better {column.title} than the column's. Bold: the "
+        f"95 % interval leaves out 50. {how}, over "
+        + ("those that both captured, whose number stands in each cell." if cost else "all that were played.")
     )
+    lined = 1 + roomy + cost
     panel = draw_panel(
-        "improvement",
+        f"improvement-{metric}",
         draw,
         alt,
         width=LONE,
-        height=1.3 + (0.4 if roomy else 0.24) * count,
+        height=1.3 + (0.1 + 0.15 * lined) * count,
     )
-    return Plot("improvement", "Probability of improvement", caption, (panel,))
+    title = f"Probability of improvement: {column.title}"
+    return Plot("improvement_cost" if cost else "improvement", title, caption, (panel,))
 
 
 def pareto_plot(rows: Sequence[Row], shade: Mapping[str, Look]) -> Plot | None:
-    """Final attitude against the time to the first action, both logarithmic; None where nothing was timed."""
+    """What is missing from the best kept-attitude score against the time to the first action, both
+    logarithmic; None where nothing that captured was timed."""
     names, standings = [row_name(row, rows) for row in rows], pareto_front(rows)
     shown = [
         (name, shade[standing.entrant.policy], standing)
         for name, standing in zip(names, standings, strict=True)
-        if 0 < standing.wait < math.inf and math.isfinite(standing.final_attitude)
+        if 0 < standing.wait < math.inf and standing.score > 0
     ]
-    positive = [standing.final_attitude for *_, standing in shown if standing.final_attitude > 0]
-    if not positive:
+    if not shown:
         return None
-    floor = min(positive) / 4
+    missing = [1 - standing.score for *_, standing in shown]
+    floor = min([0.1, *(each for each in missing if each > 0)]) / 4
 
     def draw(axes: Axes) -> None:
         axes.set_xscale("log")
         axes.set_yscale("log")
-        labels = []
-        for name, look, standing in shown:
-            height, front = max(standing.final_attitude, floor), not standing.dominated_by
+        labels, joined = [], []
+        for (name, look, standing), height in zip(shown, missing, strict=True):
             axes.plot(
                 standing.wait,
-                height,
-                look.marker if standing.final_attitude > 0 else "v",
+                max(height, floor),
+                look.marker if height > 0 else "v",
                 ms=4 + 6 * standing.success,
                 color=look.colour,
-                mfc=look.colour if front else "none",
+                mfc=look.colour if standing.on_front else "none",
                 mew=1.6,
                 zorder=3,
             )
+            joined += [(standing.wait, max(height, floor))] if standing.on_front else []
             success = "" if standing.success > 0.995 else f" {100 * standing.success:.0f} %"
-            labels.append((figure_name(name) + success, standing.wait, height))
-        able = sorted(
-            (standing.wait, max(standing.final_attitude, floor))
-            for *_, standing in shown
-            if standing.success >= _ABLE
-        )
-        least = np.minimum.accumulate([height for _, height in able])
-        joined = [point for number, point in enumerate(able) if not number or point[1] < least[number - 1]]
+            labels.append((figure_name(name) + success, standing.wait, max(height, floor)))
         if len(joined) > 1:
-            axes.plot(*zip(*joined, strict=True), color=INK, lw=1.1, ls=(0, (4, 2)), alpha=0.6)
+            axes.plot(*zip(*sorted(joined), strict=True), color=INK, lw=1.1, ls=(0, (4, 2)), alpha=0.6)
         axes.margins(x=0.2, y=0.14)
         for axis in (axes.xaxis, axes.yaxis):
             log_ticks(axis, most=7)
         axes.set_xlabel("planning time and one action [ms]")
-        axes.set_ylabel(heading_of("final_attitude"))
+        axes.set_ylabel("1 - kept-attitude score")
         axes.grid(which="major")
         with matplotlib.rc_context({"font.size": 10 if len(labels) <= _ROOMY else 8.5}):
             label_points(axes, labels)
 
     by_name = {row.entrant: display_name(name) for row, name in zip(rows, names, strict=True)}
+
+    def place(standing: Standing) -> str:
+        if standing.on_front:
+            return "on the front"
+        if standing.dominated_by:
+            return "dominated by " + ", ".join(by_name[other] for other in standing.dominated_by)
+        return "not on the front"
+
     alt = "; ".join(
-        f"{display_name(name)}: {standing.final_attitude:.3g} deg, {standing.wait:.3g} ms, "
-        f"{100 * standing.success:.0f} % captured, "
-        + (
-            "dominated by " + ", ".join(by_name[other] for other in standing.dominated_by)
-            if standing.dominated_by
-            else "on the front"
-        )
+        f"{display_name(name)}: score {standing.score:.3g}, {standing.wait:.3g} ms, "
+        f"{100 * standing.success:.0f} % captured, {place(standing)}"
         for name, _, standing in shown
     )
-    left = [by_name[standing.entrant] for standing in standings if not math.isfinite(standing.wait)]
+    left = [by_name[each.entrant] for each in standings if each.score > 0 and not math.isfinite(each.wait)]
     caption = (
-        "Filled: on the Pareto front; nobody is at least as good in success, final attitude and time, and "
-        "better in one. Hollow: somebody is. Larger marks capture more; those that miss some have their "
-        f"success beside them. The line joins those that capture at least {100 * _ABLE:.0f} % and leave less "
-        "attitude than any faster one of these. A triangle at the lower edge: no attitude at all."
+        f"{FRONT} Filled and joined: the front. Larger marks capture more; those that miss some have their "
+        "success beside them. Lower and more left is better. A triangle at the lower edge: nothing missing."
         + (f" Not timed and not shown: {', '.join(left)}." if left else "")
     )
     panel = draw_panel("pareto", draw, alt, width=LONE, height=4.6)
-    return Plot("pareto", "Attitude, success and planning time", caption, (panel,))
+    return Plot("pareto", "Kept-attitude score and planning time", caption, (panel,))

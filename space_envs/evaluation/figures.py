@@ -14,12 +14,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from space_envs.evaluation.columns import column_named
 from space_envs.evaluation.drawing import INK, LONE, Panel, draw_panel, label_points
 from space_envs.evaluation.leaderboard import Row
 from space_envs.evaluation.names import display_name, figure_name
 from space_envs.evaluation.normalised import SCORES, Scores
 from space_envs.evaluation.statistics import Estimate
-from space_envs.evaluation.tables import COLUMNS, Column, row_name
+from space_envs.evaluation.tables import row_name
 from space_envs.evaluation.templating import shown_unit
 from space_envs.evaluation.ticks import is_wide, log_ticks, wide_scale
 from space_envs.evaluation.traces import Traces
@@ -86,14 +87,9 @@ def looks(policies: Sequence[str]) -> dict[str, Look]:
     }
 
 
-def column_of(key: str) -> Column:
-    """The column of the leaderboard that shows a figure: its name, its unit and its scale."""
-    return next(column for column in COLUMNS if column.key == key)
-
-
 def heading_of(key: str) -> str:
     """What an axis calls a figure of the leaderboard."""
-    return shown_unit(column_of(key).heading)
+    return shown_unit(column_named(key).heading)
 
 
 def intervals_plot(rows: Sequence[Row], shade: Mapping[str, Look]) -> Plot:
@@ -103,12 +99,12 @@ def intervals_plot(rows: Sequence[Row], shade: Mapping[str, Look]) -> Plot:
         estimates = [row.figures[key] for row in rows]
 
         def dress(axes: Axes, key: str = key, estimates: list[Estimate] = estimates) -> None:
-            if column_of(key).unit == "%":
+            if column_named(key).unit == "%":
                 axes.set_xlim(-3, 103)
             else:
                 _from_zero(axes, [estimate.value for estimate in estimates])
 
-        scale = column_of(key).scale
+        scale = column_named(key).scale
         panels.append(
             _interval_panel(f"intervals-{key}", heading_of(key), rows, estimates, scale, shade, dress)
         )
@@ -130,7 +126,7 @@ def scores_plot(rows: Sequence[Row], scores: Scores, shade: Mapping[str, Look]) 
             for reference in (0.0, 1.0):
                 axes.axvline(reference, color=INK, lw=0.8, ls=(0, (4, 2)))
 
-        title = f"score in {column_of(name).title}"
+        title = f"score in {column_named(name).title}"
         panels.append(_interval_panel(f"scores-{name}", title, scored, found, 1.0, shade, dress))
     caption = "Dashed lines: random has 0, the best expert 1. Bars are 95 % intervals. Failures count."
     return Plot("scores", "Normalised scores", caption, tuple(panels)) if panels else None
@@ -229,7 +225,7 @@ def cost_plot(rows: Sequence[Row], shade: Mapping[str, Look]) -> Plot | None:
     if not positive:
         return None
     floor = min(positive) / 4
-    column = column_of("attitude_cost")
+    column = column_named("attitude_cost")
 
     def draw(axes: Axes) -> None:
         axes.set_xscale("log")

@@ -1,7 +1,8 @@
 """Scores on a scale from `random` (0) to the best expert (1).
 
-A policy's score s is the mean of its episodes' scores in 0..1, more being better. For `success` and
-`capture@N deg` an episode scores 1 where it captured (within that attitude), else 0. For a cost it scores
+A policy's score s is the mean of its episodes' scores in 0..1, more being better. An episode's kept-attitude
+score is captured / (1 + peak attitude / 1 deg). For `success`, `capture@N deg` and `kept@N deg` it scores 1
+where it captured (and ended, or stayed, within that attitude), else 0. For a cost it scores
 max(0, 1 - cost / worst), and 0 where it did not capture, so that nothing is worse than a failure. The worst
 final attitude and the worst eq. 20 cost are the interquartile means of random's episodes as they ended; the
 worst time to capture is the length of the longest episode of random and the experts.
@@ -17,20 +18,26 @@ from dataclasses import dataclass
 import numpy as np
 
 from space_envs.evaluation.comparison import COSTS, by_entrant, episode_costs, seeds_of, words
-from space_envs.evaluation.leaderboard import capture_key
+from space_envs.evaluation.leaderboard import HEADLINE, capture_key, kept_key
 from space_envs.evaluation.records import Entrant, EpisodeRecord
 from space_envs.evaluation.statistics import (
     ATTITUDE_LIMITS,
     Estimate,
     interquartile_mean,
+    kept_attitude,
     named_generator,
     share_bootstrap,
     stratified_bootstrap,
 )
 
-RATES: Mapping[str, float] = {"success": math.inf} | {capture_key(limit): limit for limit in ATTITUDE_LIMITS}
-SCORES = (*RATES, *COSTS)
-MAIN_SCORE = "success"  # what the leaderboard is sorted by first
+# Name of a rate -> the record's field and the limit on it, deg.
+RATES: Mapping[str, tuple[str, float]] = {
+    "success": ("final_attitude", math.inf),
+    **{capture_key(limit): ("final_attitude", limit) for limit in ATTITUDE_LIMITS},
+    **{kept_key(limit): ("peak_attitude", limit) for limit in ATTITUDE_LIMITS},
+}
+SCORES = (HEADLINE, *RATES, *COSTS)
+MAIN_SCORE = HEADLINE  # what the leaderboard is ranked by
 REFERENCE = "random"
 
 
@@ -126,8 +133,17 @@ def _merit(records: Sequence[EpisodeRecord], name: str, worst: float | None) -> 
     """The score of each episode (n,) in 0..1."""
     if worst is not None:
         return np.clip(1 - episode_costs(records, name) / worst, 0, 1)
-    attitude = episode_costs(records, "final_attitude")
-    return ((attitude <= RATES[name]) & np.isfinite(attitude)).astype(np.float64)
+    captured = np.array([record.captured for record in records])
+    attitude = np.array([_attitude(record, RATES.get(name, ("peak_attitude", 0.0))[0]) for record in records])
+    if name == HEADLINE:
+        return kept_attitude(captured, attitude)
+    return (captured & (attitude <= RATES[name][1])).astype(np.float64)
+
+
+def _attitude(record: EpisodeRecord, name: str) -> float:
+    """One of the record's attitudes, deg, +infinity where it does not exist."""
+    value: float | None = getattr(record, name)
+    return math.inf if value is None else value
 
 
 def _mean(

@@ -19,16 +19,17 @@ from PIL import Image
 
 from space_envs.errors import ConfigurationError
 from space_envs.evaluation import figures
+from space_envs.evaluation.columns import ABLE, COLUMNS, NOTE, RULES, Column, column_named, leaders
 from space_envs.evaluation.comparison_figures import comparison_plots
 from space_envs.evaluation.drawing import prefixed
-from space_envs.evaluation.leaderboard import Row
+from space_envs.evaluation.leaderboard import HEADLINE, Row
 from space_envs.evaluation.names import display_name
 from space_envs.evaluation.normalised import Scores
 from space_envs.evaluation.page_replays import page_replays
 from space_envs.evaluation.page_scores import score_table
-from space_envs.evaluation.records import OUTCOMES, Entrant, EpisodeRecord, EvaluationResult, Task
+from space_envs.evaluation.records import Entrant, EpisodeRecord, EvaluationResult, Task
 from space_envs.evaluation.stills import Still
-from space_envs.evaluation.tables import ABLE, COLUMNS, NOTE, Column, by_task, leaders, modes_told, row_name
+from space_envs.evaluation.tables import by_task, cause_called, failures_told, modes_told, row_name
 from space_envs.evaluation.templating import make_environment, read_template, script_hash
 from space_envs.registration import ENTRIES
 
@@ -93,6 +94,7 @@ def to_html(
             pages=_pages(result, rows, plots, scores),
             columns=COLUMNS,
             note=NOTE,
+            rules=RULES,
             command=None if command is None else display_name(str(command), 20_000),
             provenance=_provenance(result),
             style=Markup(read_template("report.css")),
@@ -103,8 +105,9 @@ def to_html(
 
 
 def highlights(rows: Sequence[Row]) -> list[dict[str, str]]:
-    """The first things to know: who captures most; of the able ones, who is gentlest and fastest."""
+    """The first things to know: who leads, who captures most, and of the able the gentlest and fastest."""
     tiles = [
+        _tile("Highest kept-attitude score", HEADLINE, rows),
         _tile("Most captures", "success", rows),
         _tile("Least attitude left", "final_attitude", rows),
         _tile("Lowest eq. 20 cost", "attitude_cost", rows),
@@ -191,7 +194,6 @@ def _section(
     episodes = sorted({row.episodes for row in rows})
     best = {column.key: leaders(column, rows) for column in COLUMNS}
     ranges = {column.key: _range(column, rows) for column in COLUMNS}
-    outcomes = [name for name in OUTCOMES[1:] if any(row.outcomes[name] for row in rows)]
     return {
         "number": number,
         "task": {name: display_name(value) for name, value in vars(task).items()},
@@ -211,25 +213,19 @@ def _section(
             }
             for row in rows
         ],
-        "outcomes": [name.replace("_", " ") for name in outcomes],
-        "failures": [
-            {
-                "name": display_name(row_name(row, rows)),
-                "episodes": row.episodes,
-                "failed": row.episodes - row.outcomes["captured"],
-                "counts": [row.outcomes[name] for name in outcomes],
-                "reasons": [(count, display_name(reason, 300)) for reason, count in row.reasons[:3]],
-                "more": len(row.reasons[3:]),
-            }
+        "failures": [(display_name(name), told) for name, told in failures_told(rows)],
+        "examples": [
+            (display_name(row_name(row, rows)), cause_called(each.cause, 1), display_name(each.reason, 300))
             for row in rows
-            if row.outcomes["captured"] < row.episodes
+            for each in row.failures
+            if each.reason
         ],
     }
 
 
 def _tile(label: str, key: str, rows: Sequence[Row]) -> dict[str, str] | None:
     """The best figure and all who reach it; nothing where nobody competes for it."""
-    column = next(column for column in COLUMNS if column.key == key)
+    column = column_named(key)
     best = leaders(column, rows)
     if not best:
         return None

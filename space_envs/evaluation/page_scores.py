@@ -5,11 +5,12 @@ from typing import Any
 
 import numpy as np
 
+from space_envs.evaluation.columns import column_named, interval, rounded, supported_decimals
 from space_envs.evaluation.leaderboard import Row
 from space_envs.evaluation.names import display_name
 from space_envs.evaluation.normalised import SCORES, NormalisedScore, Scores, normalised_scores
 from space_envs.evaluation.records import EpisodeRecord, Task
-from space_envs.evaluation.tables import COLUMNS, row_name
+from space_envs.evaluation.tables import row_name
 
 
 def all_scores(
@@ -44,7 +45,7 @@ def score_table(rows: Sequence[Row], scores: Scores) -> dict[str, Any] | None:
     first = found[0][1]
     there = [name for name in SCORES if first[name].estimate is not None]
     return {
-        "titles": [column.title for name in there for column in COLUMNS if column.key == name],
+        "titles": [column_named(name).title for name in there],
         "experts": [display_name(first[name].expert or "") for name in there],
         "rows": [
             (display_name(row_name(row, rows)), [_cell(own[name]) for name in there]) for row, own in found
@@ -56,5 +57,4 @@ def score_table(rows: Sequence[Row], scores: Scores) -> dict[str, Any] | None:
 def _cell(score: NormalisedScore) -> tuple[str, str]:
     if score.estimate is None:
         return "-", ""
-    value, low, high = (f"{end:.2f}" for end in vars(score.estimate).values())
-    return value, f"[{low}, {high}]"
+    return rounded(score.estimate.value, supported_decimals(score.estimate)), interval(score.estimate)

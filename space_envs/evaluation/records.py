@@ -158,6 +158,12 @@ class EpisodeRecord:
         """The row that this episode counts in."""
         return Entrant(Task(self.env_id, self.difficulty, self.split), self.policy, self.control_mode)
 
+    @property
+    def explanation(self) -> str | None:
+        """Why it failed, beyond its outcome: the cause of a missing plan and the sentence, if there are."""
+        cause = None if self.cause in (None, self.outcome) else self.cause.replace("_", " ")
+        return ": ".join(part for part in (cause, self.reason) if part) or None
+
     def _digest(self) -> str:
         values = {name: getattr(self, name) for name in _NAMES if name not in ("timing", "checksum")}
         return hashlib.sha256(json.dumps(values, allow_nan=False).encode()).hexdigest()[:16]

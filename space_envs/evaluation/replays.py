@@ -91,7 +91,7 @@ def replay_of(
         episode=record.episode,
         index=record.index,
         outcome=record.outcome,
-        reason=record.reason,
+        reason=record.explanation,
         time=np.array(task.control_period * np.arange(until.stop), dtype=np.float64),
         attitude=np.array(rollout.attitude[row, until], dtype=np.float64),
         distance=np.array(rollout.position_error[row, until], dtype=np.float64),

@@ -1,7 +1,11 @@
 "use strict";
 // Tables that are sorted by their heads, and the filters of a page.
 
-/** Sort a table's rows by a column; what has no figure stays behind, whichever way. */
+/**
+ * Sort a table's rows by a column; what has no figure stays behind, whichever way. Rows with equal figures
+ * stand in the order in which the page came, which is that of the rank: clicks before do not matter, and a
+ * click on the rank brings that order back.
+ */
 function sortTable(table, column) {
   const heads = [...table.tHead.rows[0].cells];
   const head = heads[column];
@@ -14,9 +18,10 @@ function sortTable(table, column) {
   const compare = (left, right) => {
     const a = left.cells[column].dataset.sort;
     const b = right.cells[column].dataset.sort;
-    if (column === 0) return sign * a.localeCompare(b);
-    if (a === "" || b === "") return (a === "") - (b === "");
-    return sign * (Number(a) - Number(b));
+    const place = left.dataset.place - right.dataset.place;
+    if (column === 0) return sign * a.localeCompare(b) || place;
+    if (a === "" || b === "") return (a === "") - (b === "") || place;
+    return sign * (Number(a) - Number(b)) || place;
   };
   const body = table.tBodies[0];
   body.append(...[...body.rows].sort(compare));
@@ -43,6 +48,9 @@ function filterPage(form) {
 }
 
 for (const table of document.querySelectorAll("table.sortable")) {
+  [...table.tBodies[0].rows].forEach((row, place) => {
+    row.dataset.place = place;
+  });
   [...table.tHead.rows[0].cells].forEach((head, column) => {
     head.querySelector("button").addEventListener("click", () => sortTable(table, column));
   });
