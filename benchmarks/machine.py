@@ -11,6 +11,11 @@ def machine_class() -> str:
     )
 
 
+def verdict(value: float, most: float) -> str:
+    """Whether a figure keeps its bound, in words: met, or by how much it is missed."""
+    return "met" if value <= most else f"missed by {100.0 * (value / most - 1.0):.0f} %"
+
+
 def markdown_table(header: list[str], rows: list[list[str]]) -> str:
     """A Markdown table, columns padded so that it reads well in a terminal too."""
     widths = [max(len(row[i]) for row in [header, *rows]) for i in range(len(header))]

@@ -10,6 +10,7 @@ with it, in the interpreter of a virtual environment of its own:
 
 import argparse
 import subprocess
+from collections.abc import Mapping
 from pathlib import Path
 from time import perf_counter
 
@@ -18,13 +19,15 @@ import numpy as np
 from tqdm import tqdm
 
 from benchmarks.arguments import whole
-from benchmarks.machine import machine_class, markdown_table
+from benchmarks.machine import machine_class, markdown_table, verdict
 from space_envs.control import CONTROL_MODES
 from space_envs.envs import CaptureEnv, CaptureVectorEnv
 from space_envs.registration import ENTRIES
 
 SIZES = (1, 16, 64, 256)
 SECONDS = 1.0  # of each measurement
+AIMED_AT = ("SpaceCapture/SingleArm-v0", "joint_velocity")  # id and control mode
+AIMS = {1: 200.0, 256: 10.0}  # us that may be added to an env step, by N
 REFERENCE = """
 import time, gymnasium as gym, gymnasium_robotics
 gym.register_envs(gymnasium_robotics)
@@ -106,6 +109,20 @@ def single_rate(env_id: str, seconds: float) -> float:
     return rate(step, seconds)
 
 
+def aims(added: Mapping[tuple[str, str, int], float]) -> str:
+    """Whether what is aimed at was reached, in a sentence.
+
+    Args:
+        added: us an env step, by id, control mode and N.
+    """
+    told = [
+        f"at N = {n} {added[*AIMED_AT, n]:.1f} us are added, at most {most:g} are aimed at: "
+        f"{verdict(added[*AIMED_AT, n], most)}"
+        for n, most in AIMS.items()
+    ]
+    return f"{short(AIMED_AT[0])} in mode {AIMED_AT[1]}: {'; '.join(told)}."
+
+
 def reference_rate(python: Path) -> float:
     """Steps a second of FetchReach-v4 in another interpreter."""
     code = REFERENCE.replace("SECONDS", str(SECONDS))
@@ -130,11 +147,11 @@ def main(arguments: list[str] | None = None) -> None:
         "--reference", type=Path, help="python with gymnasium-robotics, to compare FetchReach-v4"
     )
     options = parser.parse_args(arguments)
-    rows = []
+    rows, overhead = [], {}
     cells = [(env_id, mode, n) for env_id in ENTRIES for mode in CONTROL_MODES for n in SIZES]
     for env_id, mode, n in tqdm(cells, unit="cell"):
         env, batch = vector_rates(env_id, n, mode, options.rounds * SECONDS)
-        added = 1e6 / n * (1 / env - 1 / batch)
+        overhead[env_id, mode, n] = added = 1e6 / n * (1 / env - 1 / batch)
         figures = f"{n * env:,.0f}", f"{n * batch:,.0f}", f"{added:.1f}", f"{env / batch:.2f}"
         rows.append([short(env_id), mode, str(n), *figures])
     header = [
@@ -148,6 +165,7 @@ def main(arguments: list[str] | None = None) -> None:
     ]
     print(f"\nVector environment, 2 threads for N > 1; medians; {machine_class()}\n")
     print(markdown_table(header, rows))
+    print(f"\n{aims(overhead)}")
     if options.reference is None:
         return
     found: dict[str, list[float]] = {}

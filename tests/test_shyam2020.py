@@ -79,7 +79,7 @@ def made(**changes) -> dict:
         },
         "via_point": {"via_point": 1e-9},
         "literal": {"missed": 0.3, "turned_off": 0.1},
-        "locked": {"still": 7, "of": 7},
+        "locked": {"still": 7, "of": 7, "starts": 25},
         "encoding": {"error": 0.005, "numbers": 1414, "weights": 70},
         "ball": {"clear": 3, "usable": 2, "cost": 1.0, "optimal": {"cost": 1.0, "gap": 0.0}},
         "timing": dict.fromkeys(METHODS, 1.0),
@@ -132,7 +132,7 @@ def test_claims_about_samples_by_hand():
     assert answers(CLAIMS, made(promp=made_figures(position_error=1.1e-3)))["unseen"] is False
     assert answers(CLAIMS, made(promp=FAILED))["unseen"] is False
     assert answers(CLAIMS, made(literal={"missed": 0.04, "turned_off": 0.08}))["literal"] is True
-    assert answers(CLAIMS, made(locked={"still": 6, "of": 7}))["failure"] is False
+    assert answers(CLAIMS, made(locked={"still": 6, "of": 7, "starts": 25}))["failure"] is False
 
 
 def test_claims_about_balls_times_and_minima_by_hand():
@@ -275,19 +275,31 @@ def test_the_ball_is_on_the_way_and_clear_of_the_ends():
 
 
 def test_locked_joints_stay_where_they_are(monkeypatch):
-    """Counting is over single joints, each held by its limits."""
-    seen = []
+    """Counting is over single joints, each held by its limits; a joint counts if any start leads there."""
+    seen, rows = [], []
 
     def search(arm, position, quaternion, motion, base, turn, start, bounds):
         seen.append(bounds)
-        return type("Found", (), {"converged": np.array([len(seen) % 2 == 1])})()
+        rows.append(len(start))
+        assert (start >= bounds[:, 0]).all() and (start <= bounds[:, 1]).all()
+        joint = int(np.flatnonzero(bounds[:, 0] == bounds[:, 1])[0])
+        return type(
+            "Found", (), {"converged": np.arange(len(start)) == (0 if joint < 3 else 8 * joint - 23)}
+        )()
 
     monkeypatch.setattr(sampling, "floating_inverse_kinematics", search)
     case = goal(0)
-    assert sampling.locked_figures(case) == {"still": 4, "of": 7}
-    for joint, bounds in enumerate(seen):
-        held = bounds[:, 0] == bounds[:, 1]
-        assert held.tolist() == [k == joint for k in range(7)] and bounds[joint, 0] == case.start[joint]
+    assert sampling.locked_figures(case, 25) == {"still": 6, "of": 7, "starts": 25}
+    assert rows == [1] * 3 + [1, 24] * 4
+    for bounds in seen:
+        held = np.flatnonzero(bounds[:, 0] == bounds[:, 1])
+        assert len(held) == 1 and bounds[held[0], 0] == case.start[held[0]]
+
+
+def test_a_search_from_one_start_gives_up_where_another_reaches_the_goal():
+    """What one start does not find is no proof that it cannot be."""
+    one, many = (sampling.locked_figures(goal(0), starts)["still"] for starts in (1, 25))
+    assert one < many
 
 
 # The page

@@ -53,6 +53,7 @@ NEGATIVE = ODD | st.floats(max_value=-1e-9) | st.integers(max_value=-1)
 NOT_POSITIVE = NEGATIVE | st.sampled_from([0, 0.0, -0.0])
 NO_COUNT = NOT_POSITIVE | st.sampled_from([1.5, 2.0, 10**400])
 NO_FLAG = st.sampled_from(["no", "", 0, 1, 1.0, np.nan, [True], {}])
+NO_RANGE = st.sampled_from([1.0, (1.0,), (2.0, 1.0), ("a", "b"), (-1.0, 1.0)])
 NO_SIZE = NEGATIVE | st.sampled_from([1.5, 2.0, 10**400])
 NO_TABLE = st.sampled_from(["no", [[1.0], [1.0, 2.0]], np.full(7, np.nan), np.full(7, "1"), np.full(7, 1j)])
 NO_ARRAY = NO_TABLE | st.sampled_from([5.0, [], np.ones((5, 4))])
@@ -163,7 +164,7 @@ CASES = [
     *each(DemonstratorConfig, "dt", NOT_POSITIVE),
     *each(DemonstratorConfig, "per_goal", NO_COUNT),
     *each(DemonstratorConfig, "redundancy miss noise quiet rest weight_decades", NEGATIVE),
-    *each(DemonstratorConfig, "ramp radius", st.sampled_from([1.0, (1.0,), (2.0, 1.0), ("a", "b"), (-1.0, 1)])),
+    *each(DemonstratorConfig, "ramp radius", NO_RANGE),
     *each(ModelOptions, "timestep", NOT_POSITIVE),
     *each(ModelOptions, "visual", NO_FLAG),
     *each(ModelOptions, "obstacles", NO_SIZE),

@@ -10,9 +10,9 @@ from agents.optimal.weight_space import Disturbance, WeightSpace
 from space_envs.dynamics.rotations import Array
 
 ITERATIONS = 60
-# Relative gain of an iteration below which it is the last. On 60 validation goals with the attitude kept, 1e-3
-# leaves 0.6 % of the cost in one goal of ten and 9 % at most, 1e-4 leaves 0.03 % and 0.8 % for a fifth more
-# iterations.
+# Relative gain of an iteration below which it is the last. On 60 validation goals with the attitude kept,
+# 1e-3 leaves 0.6 % of the cost in one goal of ten and 9 % at most, 1e-4 leaves 0.03 % and 0.8 % for a fifth
+# more iterations.
 ENOUGH = 1e-4
 MISS = 1e-5  # m and rad, left at the end
 FAR = 0.3  # m or rad, of which an iteration takes away at most so much of the miss

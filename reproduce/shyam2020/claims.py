@@ -43,7 +43,7 @@ from reproduce.shyam2020.deciding import (
     stuck_figures,
     times,
 )
-from reproduce.shyam2020.sampling import BALL_RADIUS
+from reproduce.shyam2020.sampling import BALL_RADIUS, LOCKED_STARTS
 
 CLAIMS = (
     Rule(
@@ -247,10 +247,11 @@ CLAIMS = (
         "With seven joints, planning and control can still be carried out if a joint's encoder or sensor "
         "fails.",
         "Whichever single joint is locked where it starts, a minimum-jerk motion of the others to the "
-        "inertial goal pose is found within the joint limits.",
+        f"inertial goal pose is found within the joint limits, by a search from {LOCKED_STARTS} starts.",
         locked_text,
         lambda record: record["locked"]["still"] == record["locked"]["of"],
-        "Six joints and a floating base: what the pose needs, and no more.",
+        "Six joints and a floating base: what the pose needs, and no more. What the search does not find may "
+        "exist all the same; other motions than minimum-jerk ones are not searched.",
     ),
     Rule(
         "initial_guess",

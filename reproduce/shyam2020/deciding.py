@@ -215,10 +215,11 @@ def refined(record: Record) -> bool | None:
 
 
 def locked_text(record: Record) -> str:
-    """How many joints may fail."""
+    """With how many joints locked a motion is found."""
     return (
-        f"The goal stays within reach of a minimum-jerk motion with {record['locked']['still']} of the "
-        f"{record['locked']['of']} joints locked, one at a time."
+        f"A minimum-jerk motion to the goal is found with {record['locked']['still']} of the "
+        f"{record['locked']['of']} joints locked, one at a time, by a search from "
+        f"{record['locked']['starts']} starts."
     )
 
 
