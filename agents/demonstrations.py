@@ -5,7 +5,6 @@ python -m agents.demonstrations --count 540 --output demonstrations --jobs 2 --s
 
 import argparse
 import hashlib
-import io
 import json
 import platform
 import sys
@@ -25,6 +24,7 @@ from promp import ProMP
 from promp.storage import checksum
 from space_envs.errors import ConfigurationError, SpaceEnvsError
 from space_envs.files import atomic_write, atomic_write_text
+from space_envs.reading import parse_json, read_arrays
 from space_envs.tasks.common import DIFFICULTIES
 
 FORMAT = "space-capture-demonstrations"
@@ -42,8 +42,8 @@ def save(path: Path, demonstrations: Demonstrations, provenance: dict[str, Any])
     }
     content["provenance"] = np.array(json.dumps(provenance, sort_keys=True))
     header = {"format": np.array(FORMAT), "version": np.array(VERSION), "sha256": np.array(checksum(content))}
-    with atomic_write(path) as temporary:
-        np.savez(temporary, **header, **content)
+    with atomic_write(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, **header, **content)
 
 
 def load(path: str | Path) -> tuple[Demonstrations, dict[str, Any]]:
@@ -52,13 +52,10 @@ def load(path: str | Path) -> tuple[Demonstrations, dict[str, Any]]:
     Raises:
         ConfigurationError: if it is not whole, was changed, or is of another format.
     """
-    data = Path(path).read_bytes()
     names = [field.name for field in fields(Demonstrations)]
     try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
-            stored = {name: archive[name] for name in archive.files}
-    # Broken bytes make zipfile and numpy raise a dozen unrelated types; all of them mean the same here.
-    except Exception as error:
+        stored = read_arrays(path)
+    except ConfigurationError as error:
         raise ConfigurationError(
             f"{path}: not a file of demonstrations, or a damaged one: {error}"
         ) from error
@@ -73,9 +70,11 @@ def load(path: str | Path) -> tuple[Demonstrations, dict[str, Any]]:
             "same command makes it again"
         )
     try:
-        provenance = json.loads(str(stored["provenance"]))
-    except ValueError as error:
-        raise ConfigurationError(f"{path}: its provenance is not JSON: {error}") from None
+        provenance = parse_json(str(stored["provenance"]))
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{path}: its provenance is {error}") from None
+    if not isinstance(provenance, dict):
+        raise ConfigurationError(f"{path}: its provenance must be an object, got {provenance!r}")
     return Demonstrations(*[stored[name] for name in names]), provenance
 
 

@@ -3,13 +3,14 @@
 import json
 import math
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Any
 
 from space_envs.dynamics.c_library import LibraryError, cache_folder, private_folder
+from space_envs.errors import ConfigurationError
 from space_envs.evaluation.records import Entrant
 from space_envs.evaluation.runner import Played
 from space_envs.files import atomic_write_text
+from space_envs.reading import read_object
 
 FILE = "rates.json"
 
@@ -39,7 +40,6 @@ def _key(entrant: Entrant) -> str:
 
 def _read() -> dict[str, Any]:
     try:
-        rates = json.loads(Path(cache_folder() / FILE).read_text(encoding="utf-8"))
-    except (LibraryError, OSError, ValueError):
+        return read_object(cache_folder() / FILE)
+    except (LibraryError, OSError, ConfigurationError):
         return {}
-    return rates if isinstance(rates, dict) else {}
