@@ -261,7 +261,15 @@ def test_timing_tells_planning_from_acting(monkeypatch, first, planning):
         (["--seeds", "4-2"], "seeds are numbers and ranges"),
         (["--jobs", "0"], "jobs must be at least 1"),
         (["--backend", "lokey"], "Did you mean 'loky'"),
-        (["--time-limit", "-1"], "must be positive"),
+        (["--time-limit", "-1"], "--time-limit must be a finite positive number, got -1.0"),
+        (["--time-limit", "nan"], "--time-limit must be a finite positive number"),
+        (["--time-limit", "1", "--planning-limit", "0"], "--planning-limit must be a finite positive number"),
+        (["--policy", "runs/none"], "there is no run's folder 'runs/none'"),
+        (["--policy", "model.zip"], "there is no zip of stable-baselines3 'model.zip'"),
+        (["--policy", "agents/data/policies/SingleArm-v0/bd.npz"], "SingleArm-v0/bc.npz'?"),
+        (["--policy", ""], "a policy needs a name"),
+        (["sohw"], "unknown command 'sohw'; there are compare, show, replay, dataset"),
+        (["cmpare", "a"], "Did you mean 'compare'?"),
         (["--planning-limit", "1"], "goes with --time-limit"),
         (["--control-mode", "torque"], "Did you mean 'joint_torque'"),
         (["--policy", "hold", "gjm", "--control-mode", "joint_torque"], "control mode 'joint_velocity'"),
@@ -298,16 +306,17 @@ def test_a_restart_that_was_killed_is_not_complete(tmp_path, monkeypatch):
     task = Task(SINGLE, "medium", "test")
     evaluation = Evaluation(((task, resolve_policy("hold")),), 4, (3,))
     (tmp_path / "summary.json").write_text("{}")  # of an evaluation before
-    assert prepare(evaluation, tmp_path, resume=False)
+    assert prepare(evaluation, tmp_path)
+    (tmp_path / "parts").rmdir()  # it had come to its end
+    assert not prepare(evaluation, tmp_path, resume=True)
 
-    def killed(path, **_):
-        path.rmdir()
+    def killed(*_):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patched:
-        patched.setattr(runner.shutil, "rmtree", killed)
+        patched.setattr(runner, "remove_files", killed)
         with pytest.raises(KeyboardInterrupt):
-            prepare(evaluation, tmp_path, resume=False)
+            prepare(evaluation, tmp_path, overwrite=True)
     assert prepare(evaluation, tmp_path, resume=True)
 
 

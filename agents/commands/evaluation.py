@@ -29,11 +29,21 @@ from space_envs.evaluation.rates import record_rates, recorded_rate
 from space_envs.evaluation.records import Entrant, EpisodeRecord, EvaluationResult
 from space_envs.evaluation.replays import Replay, make_replays
 from space_envs.evaluation.report import BOOTSTRAP_SEED, ReportPaths, write_report
-from space_envs.evaluation.runner import Evaluation, Played, collect, finish, play_missing, prepare, timings
+from space_envs.evaluation.runner import (
+    EVALUATION,
+    Evaluation,
+    Played,
+    collect,
+    finish,
+    play_missing,
+    prepare,
+    timings,
+)
 from space_envs.evaluation.states import States, states_of
 from space_envs.evaluation.tables import to_terminal
 from space_envs.evaluation.traces import Traces
 from space_envs.evaluation.units import Unit, task_keywords
+from space_envs.output import held
 from space_envs.registration import make_task
 
 
@@ -43,6 +53,7 @@ class Options:
 
     output: Path
     resume: bool = False
+    overwrite: bool = False
     jobs: int = 1
     backend: str = "loky"
     address: str | None = None
@@ -60,9 +71,14 @@ def run(evaluation: Evaluation, options: Options) -> int:
     Raises:
         SpaceEnvsError: if the folder cannot be used or read, or a process dies with its policy.
     """
+    with held(options.output, EVALUATION):
+        return _held(evaluation, options)
+
+
+def _held(evaluation: Evaluation, options: Options) -> int:
     started = perf_counter()
     folder = options.output
-    if not prepare(evaluation, folder, options.resume):
+    if not prepare(evaluation, folder, options.resume, options.overwrite):
         records = read_folder(folder).records
         show(records, folder, notes=(f"{folder} is complete; nothing was played",))
         return _told(evaluation, records)

@@ -17,9 +17,10 @@ from space_envs.evaluation.records import (
     read_records,
 )
 from space_envs.evaluation.report import entrant_stem
-from space_envs.evaluation.runner import PARTS, PLAN
+from space_envs.evaluation.runner import PARTS, PLAN, progress
 from space_envs.evaluation.states import States
 from space_envs.evaluation.traces import Traces
+from space_envs.output import holder
 from space_envs.reading import read_bytes, read_object
 
 
@@ -101,6 +102,8 @@ def read_folder(path: str | Path) -> ResultFolder:
         what = "is a file" if path.exists() else "does not exist"
         raise ConfigurationError(f"{path} {what}; expected a folder that evaluate.py left")
     if not records.is_file():
+        if (writer := holder(path)) is not None:
+            raise ConfigurationError(f"{writer} is evaluating into {path}: {progress(path)}")
         if interrupted or (path / PLAN).is_file():
             raise ConfigurationError(
                 f"{path} holds an evaluation that was interrupted; run the same command with --resume"
@@ -117,7 +120,9 @@ def read_folder(path: str | Path) -> ResultFolder:
         raise ConfigurationError(f"{records} is empty")
     notes = []
     if interrupted:
-        notes.append(f"an evaluation into {path} was interrupted; these are the results from before it")
+        writer = holder(path)
+        told_of = "was interrupted" if writer is None else f"by {writer} is running, {progress(path)}"
+        notes.append(f"an evaluation into {path} {told_of}; these are the results from before it")
     if not told:
         notes.append(f"{path} has no {SUMMARY}: neither its configuration nor that nobody edited it is known")
     return ResultFolder(path, tuple(found), told, tuple(notes))
