@@ -29,6 +29,11 @@ class ResolvedPolicy:
     control_mode: str
     source: str | Path
 
+    @property
+    def foreign(self) -> bool:
+        """Whether it is code that is not of this project, which is called in a process of its own."""
+        return isinstance(self.source, str) and self.source not in POLICIES
+
     def build(self, context: PolicyContext, seed: int) -> Policy:
         """The policy for an environment.
 

@@ -59,8 +59,8 @@ def ended(program: str, work: Callable[[], int | None], stopped: str = "stopped"
     """Do the work of a command line; returns the exit status.
 
     0 or what the work returns; 1 where the disk is full or fails; 2 for bad input; 130 after Ctrl-C; 143
-    after SIGTERM. One line on standard error says what happened. 141, without a line, where nobody reads standard
-    output any longer.
+    after SIGTERM. One line on standard error says what happened. 141, without a line, where nobody reads what
+    is printed.
 
     Args:
         stopped: what is said after Ctrl-C, SIGTERM and a full disk, such as how to go on.

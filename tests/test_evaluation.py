@@ -1,5 +1,6 @@
 """evaluate.py: records that repeat, metrics that obey physics, policies of a user's own, clear errors."""
 
+import itertools
 import json
 import sys
 from types import SimpleNamespace
@@ -13,6 +14,7 @@ from agents.planning import Cause, Failure
 from agents.registry import POLICIES, Entry
 from agents.resolve import resolve_policy
 from space_envs.evaluation import runner
+from space_envs.evaluation.causes import PlanState
 from space_envs.evaluation.metrics import episode_metrics, episode_records
 from space_envs.evaluation.records import NO_PLAN_CAUSES, Entrant, Task, read_records, records_without_timing
 from space_envs.evaluation.rollout import roll_out, split_indices, time_policy
@@ -143,13 +145,20 @@ def test_a_policy_that_returns_nan_loses_that_episode_only():
     assert np.isfinite(rollout.qpos).all()
 
 
+class Told(PlanState):
+    """A state that says which episodes have no plan."""
+
+    def __init__(self, failures):
+        self.failures = failures
+
+
 class Planless(Nan):
     """Has no plan for odd rows, and says so in its state."""
 
     def predict(self, observation, state=None, episode_start=None, deterministic=True):
         told = [None, Failure("mine", Cause.JOINT_LIMIT, "joint 3 at 2.1 rad"), "out of ideas"]
         failures = [told[row % 3] for row in range(len(observation))]
-        return np.zeros((len(observation), self.size)), SimpleNamespace(failures=failures)
+        return np.zeros((len(observation), self.size)), Told(failures)
 
 
 class Malformed(Nan):
@@ -158,14 +167,14 @@ class Malformed(Nan):
     def predict(self, observation, state=None, episode_start=None, deterministic=True):
         told = [SimpleNamespace(cause="out of luck", reason="the stars"), 3, ValueError()]
         failures = [told[row % 3] for row in range(len(observation))]
-        return np.zeros((len(observation), self.size)), SimpleNamespace(failures=failures)
+        return np.zeros((len(observation), self.size)), Told(failures)
 
 
 class Miscounted(Nan):
     """Says in its state why there is no plan, for another number of episodes."""
 
     def predict(self, observation, state=None, episode_start=None, deterministic=True):
-        return np.zeros((len(observation), self.size)), SimpleNamespace(failures=["out of ideas"])
+        return np.zeros((len(observation), self.size)), Told(["out of ideas"])
 
 
 @pytest.mark.parametrize("apart", [False, True])
@@ -183,6 +192,45 @@ def test_what_a_policy_says_malformed_is_counted_as_no_plan_or_as_nothing():
     assert rollout.reason[1] == "the policy gave a int for a reason"
     rollout, _ = rollout_of(f"{__name__}:Miscounted", horizon=5)
     assert rollout.cause == ["timeout"] * 6
+
+
+class Endless(Nan):
+    """Says so for ever."""
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        return np.zeros((len(observation), self.size)), Told(itertools.repeat("out of ideas"))
+
+
+class Namesake(Nan):
+    """Has a state of its own with an attribute of that name, which is none of the harness's business."""
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        failures = ["out of ideas"] * len(observation)
+        return np.zeros((len(observation), self.size)), SimpleNamespace(failures=failures)
+
+
+class Trap:
+    """A state that raises whatever is asked of it."""
+
+    def __getattribute__(self, name):
+        raise GeneratorExit
+
+    __len__ = __iter__ = __copy__ = __deepcopy__ = __reduce__ = __bool__ = __eq__ = __getattribute__
+
+
+class Trapped(Nan):
+    """Has such a state."""
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        return np.zeros((len(observation), self.size)), Trap()
+
+
+@pytest.mark.parametrize("apart", [False, True])
+@pytest.mark.parametrize("name", ["Endless", "Namesake", "Trapped"])
+def test_other_states_are_not_looked_at(name, apart):
+    rollout, _ = rollout_of(f"{__name__}:{name}", episodes=2, horizon=3, apart=apart)
+    assert rollout.cause == ["timeout"] * 2
+    assert rollout.reason == [None] * 2
 
 
 def test_every_cause_of_a_planner_is_one_of_the_records():

@@ -59,12 +59,12 @@ def test_records_of_another_schema_are_refused(tmp_path: Path) -> None:
         read_folder(a)
 
 
-@pytest.mark.parametrize("schema", [99, 1, None, "2", 2.5])
+@pytest.mark.parametrize("schema", [99, 1, None, "3", 2.5])
 def test_summaries_of_another_schema_are_refused(tmp_path: Path, schema: object) -> None:
     a = write_folder(tmp_path / "a", episodes(2))
     told = json.loads((a / "summary.json").read_text())
     (a / "summary.json").write_text(json.dumps(told | {"schema": schema}))
-    with pytest.raises(ConfigurationError, match=r"summary\.json: its schema is .*reads schema 2"):
+    with pytest.raises(ConfigurationError, match=r"summary\.json: its schema is .*reads schema \d"):
         read_folder(a)
 
 

@@ -24,6 +24,7 @@ from space_envs.evaluation.names import display_name
 from space_envs.evaluation.parallel import check_backend
 from space_envs.evaluation.records import Task
 from space_envs.evaluation.tables import print_at, width_of
+from space_envs.evaluation.units import task_keywords
 from space_envs.models.parameters import VARIANTS
 from space_envs.output import check_free, held
 from space_envs.registration import ENTRIES
@@ -159,7 +160,7 @@ def _requests(options: argparse.Namespace) -> list[Request]:
     ]
     distinct("name of a dataset", [request.id for request in requests])
     for request in requests:
-        check_fit(request.policy, request.make_env())
+        check_fit(request.policy, request.task.env_id, task_keywords(request.task, request.variant))
         request.units(())  # says what is wrong with the number of episodes
     return requests
 

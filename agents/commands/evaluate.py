@@ -15,7 +15,6 @@ from agents.resolve import ResolvedPolicy
 from agents.seeds import parse_seeds
 from space_envs.command_line import Parser, ended, output_path
 from space_envs.control import CONTROL_MODES
-from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError, positive, unknown_name
 from space_envs.evaluation.parallel import BACKENDS, check_backend
 from space_envs.evaluation.policy_process import TimeLimits
@@ -147,7 +146,7 @@ def _checked(options: argparse.Namespace, arguments: list[str]) -> tuple[Evaluat
     for env_id in env_ids:
         for policy in choose_policies(options.policy, env_id, env_ids, options.control_mode):
             keywords = task_keywords(Task(env_id, options.difficulty[0], options.split[0]), options.variant)
-            check_fit(policy, CaptureVectorEnv(env_id, 1, policy.control_mode, **keywords))
+            check_fit(policy, env_id, keywords)
             for difficulty in options.difficulty:
                 for split in options.split:
                     entrants.append((Task(env_id, difficulty, split), policy))

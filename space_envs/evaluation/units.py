@@ -47,6 +47,11 @@ class Player(Protocol):
         """That it acts in."""
         ...
 
+    @property
+    def foreign(self) -> bool:
+        """Whether it is code of a stranger, which is called in a process of its own."""
+        ...
+
     def build(self, context: PolicyContext, seed: int) -> Policy:
         """The policy."""
         ...
@@ -169,7 +174,7 @@ def play(unit: Unit, apart: bool = False) -> Part:
             np.array(unit.indices),
             unit.seed,
             unit.limits,
-            apart,
+            apart or unit.player.foreign,
         )
         task = make_task(unit.task.env_id, unit.keywords)
         records = episode_records(rollout, task, unit.entrant, unit.seed, unit.first, UNTIMED)
@@ -185,6 +190,7 @@ def time_unit(unit: Unit) -> PolicyTime:
             unit.task.split,
             np.array(unit.indices),
             unit.limits,
+            apart=unit.player.foreign,
         )
 
 
