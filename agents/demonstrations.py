@@ -24,6 +24,7 @@ from promp import ProMP
 from promp.storage import checksum
 from space_envs.command_line import Parser, ended, may_replace, output_path
 from space_envs.errors import ConfigurationError
+from space_envs.evaluation.parallel import here
 from space_envs.files import atomic_write, atomic_write_text
 from space_envs.output import held
 from space_envs.reading import parse_json, read_arrays
@@ -131,7 +132,7 @@ def generate(
     }
     missing = [path for path in parts if not (resume and _belongs(path, config, seed))]
     work = (delayed(_make_part)(path, config, seed, *parts[path]) for path in missing)
-    with tqdm(total=count, unit="demonstration", disable=not progress) as bar:
+    with here(), tqdm(total=count, unit="demonstration", disable=not progress) as bar:
         bar.update(count - sum(parts[path][1] for path in missing))
         for made in Parallel(n_jobs=jobs, return_as="generator_unordered")(work):
             bar.update(made)

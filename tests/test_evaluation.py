@@ -336,13 +336,13 @@ def test_a_complete_evaluation_is_not_played_again_by_resume(tmp_path, capsys):
     folder = tmp_path / "out"
     arguments = ["--policy", "hold", *QUICK, "--output", str(folder)]
     assert main(arguments) == 0
-    before = {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
+    before = {path: path.stat().st_mtime_ns for path in folder.rglob("[!.]*")}
     capsys.readouterr()
     assert main([*arguments, "--resume"]) == 0
     told = capsys.readouterr()
     assert "hold" in told.out and str(folder / "report.html") in told.out
     assert told.err == f"note: {folder} is complete; nothing was played\n"
-    assert {path: path.stat().st_mtime_ns for path in folder.rglob("*")} == before
+    assert {path: path.stat().st_mtime_ns for path in folder.rglob("[!.]*")} == before
     # Parts that somebody removed, of an evaluation that had no end, are played again.
     (folder / "summary.json").unlink()
     assert main([*arguments, "--resume"]) == 0

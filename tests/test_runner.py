@@ -8,16 +8,18 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import harness_policies
 import numpy as np
 import pytest
 
+from agents.commands import estimate
 from agents.commands.evaluate import main
 from agents.resolve import resolve_policy
 from space_envs.errors import ConfigurationError, PolicyError
-from space_envs.evaluation import runner
+from space_envs.evaluation import rates, runner
 from space_envs.evaluation.parallel import backend, check_backend
 from space_envs.evaluation.policy_process import TimeLimits
 from space_envs.evaluation.records import EpisodeRecord, Task, read_records, records_without_timing
@@ -52,7 +54,9 @@ def records_of(evaluated: Evaluation, folder: Path, jobs: int = 1, name: str = "
 
 def finished(evaluated: Evaluation, folder: Path) -> list[EpisodeRecord]:
     units = evaluated.units()
-    return [record for played in collect(units, timings(units, folder), folder) for record in played.records]
+    return [
+        record for played in collect(units, timings(units, folder)[0], folder) for record in played.records
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -317,7 +321,7 @@ def test_the_fastest_of_several_rounds_is_its_time(
         return PolicyTime(*one)
 
     monkeypatch.setattr(runner, "elsewhere", timed)
-    found = {entrant.policy: timing for entrant, timing in timings(units, tmp_path).items()}
+    found = {entrant.policy: timing for entrant, timing in timings(units, tmp_path)[0].items()}
     assert (found["gjm"]["planning_ms"], found["gjm"]["action_ms"]) == (planning, action)
     assert (found["hold"]["planning_ms"], found["hold"]["action_ms"]) == (None, 1.0)
     # One after the other rather than all of one policy, and no more of one that failed.
@@ -326,23 +330,37 @@ def test_the_fastest_of_several_rounds_is_its_time(
     timings(units, tmp_path)
 
 
-def test_a_dry_run_plays_nothing_and_learns_from_what_was_played(
+def test_a_dry_run_measures_what_it_does_not_know_and_writes_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("SPACE_ENVS_CACHE", str(tmp_path / "cache"))
     arguments = ["--policy", "hold", "--split", "validation", "--episodes", "3", "--no-pictures"]
-    arguments += ["--jobs", "1"]
-    output = ["--output", str(tmp_path / "out")]
-    assert main([*arguments, *output, "--dry-run"]) == 0
-    assert "never played on this machine" in capsys.readouterr().out
+    arguments += ["--jobs", "1", "--output", str(tmp_path / "out")]
+    plays = []
+    monkeypatch.setattr(estimate, "play", lambda unit: plays.append(unit) or SimpleNamespace(seconds=8.0))
+    assert main([*arguments, "--dry-run"]) == 0
     assert not (tmp_path / "out").exists()
-    assert main([*arguments, *output]) == 0
+    told = capsys.readouterr().out.replace("\n", "")
+    assert [len(unit.indices) for unit in plays] == [estimate.TRIAL]
+    assert "1 units of work; about 39 s, between 9 and 190 s: 12 s of playing with 1 jobs" in told
+    assert "24 s of timing, 3 s for the report" in told
+    # What was measured once is known.
+    assert main([*arguments, "--dry-run"]) == 0
+    assert len(plays) == 1
+    assert main(arguments) == 0
     capsys.readouterr()
-    monkeypatch.setattr(runner, "play", lambda *_: pytest.fail("an episode was played"))
-    assert main([*arguments, *output, "--dry-run"]) == 0
-    told = capsys.readouterr().out
-    assert "unknown" not in told
-    assert "1 units of work; about 0 s with 1 jobs" in told.replace("\n", "")
+    rates.remember({rates.REPORT: rates.Seconds(1.0, 2.0, 4.0)})
+    entrant = read_records(tmp_path / "out" / "records.jsonl")[0].entrant
+    for name in (rates.playing(entrant), rates.timing(entrant), rates.REPORT):
+        assert rates.recorded(name) is not None  # the evaluation told
+    rates.remember({rates.playing(entrant): rates.Seconds(1.0, 2.0, 3.0)})
+    rates.remember({rates.timing(entrant): rates.Seconds(5.0, 6.0, 7.0)})
+    assert main([*arguments, "--episodes", "30", "--jobs", "4", "--dry-run"]) == 0
+    # Two units, of 25 and of 5 episodes, on two of four processes: no less than the longer one.
+    told = capsys.readouterr().out.replace("\n", "")
+    assert (
+        "2 units of work; about 58 s, between 31 and 86 s: 50 s of playing with 4 jobs, 6 s of timing" in told
+    )
 
 
 def test_several_ids_splits_and_seeds_in_one_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -104,8 +104,7 @@ globals().update({kind.__name__: kind for kind in CLASSES.values()})
 @pytest.mark.parametrize("name", HOSTILE)
 def test_what_is_no_action_is_a_reason(name: str) -> None:
     policy = CLASSES[name](PolicyContext.from_env(CaptureVectorEnv()), 0)
-    with warnings.catch_warnings(), pytest.raises(PolicyError) as caught:
-        warnings.simplefilter("error")
+    with warnings.catch_warnings(action="error"), pytest.raises(PolicyError) as caught:
         ask(policy, np.zeros((1, 60)), None, np.array([True]), (JOINTS,))
     assert HOSTILE[name][1] in str(caught.value)
     assert len(str(caught.value)) < 1200

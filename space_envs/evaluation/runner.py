@@ -8,9 +8,9 @@ import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
-import numpy as np
 from joblib import delayed
 from tqdm import tqdm
 
@@ -108,7 +108,7 @@ class Played:
     variant: str | None
     records: tuple[EpisodeRecord, ...]
     rollout: Rollout
-    seconds: float
+    pace: tuple[float, ...]  # s an episode, of each unit
 
 
 def prepare(evaluation: Evaluation, folder: Path, resume: bool = False, overwrite: bool = False) -> bool:
@@ -207,14 +207,16 @@ def _played(number: int, unit: Unit, apart: bool) -> tuple[int, Part]:
     return number, play(unit, apart)
 
 
-def timings(units: Sequence[Unit], folder: Path) -> dict[Entrant, Timing]:
+def timings(units: Sequence[Unit], folder: Path) -> tuple[dict[Entrant, Timing], dict[Entrant, float]]:
     """Planning time and time per action of each entrant, one episode at a time on one thread.
 
     All are timed in turn, ROUNDS times, and the fastest round of each counts. A policy that raises, takes too
-    long or ends its process where it is timed has none.
+    long or ends its process where it is timed has none. Returns the times, and the seconds that it took to
+    find them.
     """
     first = {unit.entrant: unit for unit in reversed(units)}
     rounds: dict[Entrant, list[Timing]] = {unit.entrant: [] for unit in units}
+    spent = dict.fromkeys(rounds, 0.0)
     turns = [(number, entrant) for number in range(ROUNDS) for entrant in rounds]
     for number, entrant in tqdm(turns, unit="policy", desc="timing", leave=False):
         if UNTIMED in rounds[entrant]:
@@ -222,6 +224,7 @@ def timings(units: Sequence[Unit], folder: Path) -> dict[Entrant, Timing]:
         unit = replace(first[entrant], indices=first[entrant].indices[:TIMED_EPISODES])
         path = folder / PARTS / f"{unit.key}-timing-{number}.json"
         if not path.exists():
+            before = perf_counter()
             try:
                 time = elsewhere(delayed(time_unit)(unit))
                 made = Timing(
@@ -229,12 +232,14 @@ def timings(units: Sequence[Unit], folder: Path) -> dict[Entrant, Timing]:
                 )
             except (PolicyError, ProcessDiedError):
                 made = UNTIMED
-            atomic_write_text(path, json.dumps(made))
+            atomic_write_text(path, json.dumps({"seconds": perf_counter() - before, "timing": made}))
         try:
-            rounds[entrant].append(Timing(**read_object(path)))
-        except (OSError, ValueError, TypeError) as error:
+            told = read_object(path)
+            rounds[entrant].append(Timing(**told["timing"]))
+            spent[entrant] += float(told["seconds"])
+        except (OSError, ValueError, TypeError, KeyError) as error:
             raise ConfigurationError(f"{path} is damaged: {error}; remove it, then --resume") from None
-    return {entrant: fastest(told) for entrant, told in rounds.items()}
+    return {entrant: fastest(told) for entrant, told in rounds.items()}, spent
 
 
 def fastest(rounds: Sequence[Timing]) -> Timing:
@@ -262,8 +267,8 @@ def collect(units: Sequence[Unit], times: dict[Entrant, Timing], folder: Path) -
         parts = [Part.load(_path(folder, unit), unit) for unit in own]
         records = [replace(r, timing=times[entrant]) for part in parts for r in part.records]
         rollout = join([part.rollout for part in parts])
-        seconds = float(np.sum([part.seconds for part in parts]))
-        yield Played(entrant, own[0].variant, tuple(records), rollout, seconds)
+        pace = tuple(part.seconds / len(part.records) for part in parts)
+        yield Played(entrant, own[0].variant, tuple(records), rollout, pace)
 
 
 def finish(folder: Path) -> None:
