@@ -16,6 +16,7 @@ from pathlib import Path
 
 from docs.blocks import BLOCKS
 from docs.environment import environment_page
+from space_envs.command_line import ended
 from space_envs.evaluation.records import SCHEMA_VERSION
 from space_envs.evaluation.schema import schema_text
 from space_envs.files import atomic_write_text
@@ -142,4 +143,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(ended("python -m docs.generate", main))

@@ -67,17 +67,18 @@ def ended(program: str, work: Callable[[], int | None], stopped: str = "stopped"
     """
     with _terminable():
         try:
-            status = work()
-            sys.stdout.flush()
-            return status or 0
+            try:
+                return work() or 0
+            finally:
+                sys.stdout.flush()
         except SpaceEnvsError as error:
             return _said(program, str(error), INVALID)
         except KeyboardInterrupt as error:
             return _said(program, stopped, TERMINATED if isinstance(error, Terminated) else STOPPED)
         except BrokenPipeError:
             return _unread()
-        except SystemExit as error:  # rich leaves so
-            if isinstance(error.__context__, BrokenPipeError):
+        except SystemExit as error:
+            if isinstance(error.__context__, BrokenPipeError):  # rich leaves so
                 return _unread()
             raise
         except OSError as error:

@@ -184,7 +184,7 @@ def dry_run(evaluation: Evaluation, options: Options) -> None:
     console.print(
         f"{len(units)} units of work; about {total.usual:.0f} s, between {total.least:.0f} and "
         f"{total.most:.0f} s: {told.playing.usual:.0f} s of playing with {options.jobs} jobs, "
-        f"{told.timing.usual:.0f} s of timing, {told.report.usual:.0f} s for the report. Nothing was written.",
+        f"{told.timing.usual:.0f} s of timing, {told.report.usual:.0f} s for the report. Nothing was kept.",
         soft_wrap=True,
     )
 

@@ -11,6 +11,7 @@ from agents.hyperparameters import ALGORITHMS, AnyHyperparameters
 from agents.training.options import DEFAULT_ENV, OPTIONS, Options, check_device, limited, rounding
 from agents.training.runs import RunFolder, command_line
 from agents.training.validation import EPISODES
+from space_envs.command_line import Parser, ended
 from space_envs.control import CONTROL_MODES
 from space_envs.errors import ConfigurationError, SpaceEnvsError
 from space_envs.tasks.common import DIFFICULTIES
@@ -46,7 +47,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         The exit status: 0, 1 if one of several runs failed, 2 for bad input (one line says what), 130 when
         interrupted.
     """
-    parsed = _parser().parse_args(arguments)
+    return ended("train.py", lambda: _run(_parser().parse_args(arguments)))
+
+
+def _run(parsed: argparse.Namespace) -> int:
     try:
         if not parsed.resume and asked_for(parsed):
             _check_episodes(parsed)
@@ -86,7 +90,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="train.py",
         description=DESCRIPTION,
         epilog=EPILOG,
