@@ -7,10 +7,10 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from space_envs.errors import ConfigurationError, SpaceEnvsError
 
@@ -26,14 +26,23 @@ class Terminated(KeyboardInterrupt):
 class Parser(argparse.ArgumentParser):
     """A parser that names the option that is nearest to an unknown one."""
 
+    _words: Sequence[str] = ()
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """As argparse's; the words are kept for `error`."""
+        self._words = sys.argv[1:] if args is None else [*args]
+        return super().parse_known_args(args, namespace)
+
     def error(self, message: str) -> NoReturn:
         """Say what is wrong on standard error and leave with status 2."""
         known = [name for action in self._actions for name in action.option_strings]
-        hints = []
-        for word in message.split():
-            near = difflib.get_close_matches(word.partition("=")[0], known, n=1) if word[:2] == "--" else []
-            hints += [f"did you mean {near[0]}?"] if near and near[0] not in message.split() else []
-        super().error("; ".join([message, *dict.fromkeys(hints)]))
+        hints = {}
+        for word in self._words:
+            name = word.partition("=")[0]
+            if name[:2] == "--" and not any(option.startswith(name) for option in known):
+                near = difflib.get_close_matches(name, known, n=1)
+                hints |= {f"{name} is unknown, did you mean {near[0]}?": None} if near else {}
+        super().error("; ".join([message, *hints]))
 
 
 def output_path(text: str) -> Path:

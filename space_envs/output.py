@@ -20,14 +20,18 @@ MARK = ".space-capture"
 
 
 @contextmanager
-def held(folder: Path, kind: str) -> Iterator[None]:
+def held(folder: Path, kind: str, known: bool = False) -> Iterator[None]:
     """Make a folder that is for one kind of thing, and hold it against other processes until the end.
+
+    Args:
+        known: that what it holds is of this kind, whether or not it is marked.
 
     Raises:
         ConfigurationError: if it cannot be written, holds files that no command put there, is for another
             kind of thing, or another process writes to it.
     """
-    check_free(folder, kind)
+    if not known:
+        check_free(folder, kind)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         mark = os.open(folder / MARK, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)

@@ -215,7 +215,7 @@ class Trap:
     def __getattribute__(self, name):
         raise GeneratorExit
 
-    __len__ = __iter__ = __copy__ = __deepcopy__ = __reduce__ = __bool__ = __eq__ = __getattribute__
+    __len__ = __iter__ = __copy__ = __deepcopy__ = __bool__ = __getattribute__
 
 
 class Trapped(Nan):

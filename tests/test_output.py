@@ -15,6 +15,7 @@ from result_folders import episodes, write_folder
 from agents import demonstrations
 from agents.commands import replay
 from agents.commands.evaluate import main
+from agents.commands.train import main as train
 from reproduce.__main__ import main as reproduce
 from space_envs.errors import ConfigurationError
 from space_envs.evaluation.folders import read_folder
@@ -47,6 +48,7 @@ COMMANDS: dict[str, Callable[[str, Path], int]] = {
     "resume": lambda output, _: main([*QUICK, "--output", output, "--resume"]),
     "compare": lambda output, a: main(["compare", str(a), "--output", output]),
     "overwriting compare": lambda output, a: main(["compare", str(a), "--output", output, "--overwrite"]),
+    "train": lambda output, _: train(["--algo", "bc", "--steps", "1", "--output", output]),
     "reproduce": lambda output, _: reproduce(["shah2013", "--cases", "1", "--output", output]),
     "demonstrations": lambda output, _: demonstrations.main(["--count", "1", "--output", output]),
 }

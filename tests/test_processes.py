@@ -129,7 +129,7 @@ def test_mistyped_options_name_the_nearest() -> None:
     for command, said in (
         (["evaluate.py", "--polcy", "gjm"], "did you mean --policy?"),
         (["evaluate.py", "show", "a", "--srot", "x"], "did you mean --sort?"),
-        (["evaluate.py", "compare", "a", "--outptu", "b"], "did you mean --output?"),
+        (["evaluate.py", "compare", "a", "--outptu", "b"], "--outptu is unknown, did you mean --output?"),
     ):
         done = subprocess.run([sys.executable, *command], cwd=ROOT, capture_output=True, text=True)
         assert done.returncode == 2

@@ -28,7 +28,7 @@ configuration, are refused with what differs; so are records and files that were
 stands in two folders alike counts once; one with two different results is an error. Where two people call
 different policies by one name, --name appends a name to those of a folder: promp becomes `promp (Ann)`.
 
-Checksums find edits made in passing, no forgery. Whoever doubts a folder plays it again with the command in its
+Checksums find edits made in passing, no forgery. Whoever doubts a folder plays it again by the command in its
 summary.json, with --time-limit where its policy may think for longer than the others.
 """
 

@@ -239,8 +239,8 @@ def _exactly(pipe: int, size: int, deadline: float) -> bytes:
 
 def _wait(deadline: float, reading: int | None = None, writing: int | None = None) -> None:
     left = None if math.isinf(deadline) else max(deadline - time.monotonic(), 0.0)
-    wanted = [[] if pipe is None else [pipe] for pipe in (reading, writing)]
-    if not any(select.select(*wanted, [], left)):
+    to_read, to_write = ([] if pipe is None else [pipe] for pipe in (reading, writing))
+    if not any(select.select(to_read, to_write, [], left)):
         raise TimeoutError
 
 

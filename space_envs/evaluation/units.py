@@ -147,7 +147,7 @@ class Part:
             told = parse_json(found["told"].tobytes())
             arrays = {name: found[name] for name in _ARRAYS}
             records = tuple(map(EpisodeRecord.from_json, told["records"]))
-            ends = {name: told[name] for name in _ENDS}
+            ends: dict[str, Any] = {name: told[name] for name in _ENDS}
             seconds = float(told["seconds"])
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             raise ConfigurationError(f"{path} is damaged: {error}") from None
