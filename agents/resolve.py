@@ -12,6 +12,7 @@ from agents.registry import POLICIES, control_mode, make_policy
 from agents.sb3_policy import StableBaselinesPolicy, load_network
 from space_envs.errors import ConfigurationError, unknown_name
 from space_envs.evaluation.policy import DEFAULT_CONTROL_MODE, Policy, PolicyContext
+from space_envs.evaluation.strangers import undisturbed
 
 ZIP = ".zip"  # suffix of what stable-baselines3 saves
 
@@ -61,8 +62,11 @@ def resolve_policy(name: str, mode: str | None = None) -> ResolvedPolicy:
     Raises:
         ConfigurationError: if there is nothing of that name. PolicyError: if it cannot be loaded.
     """
-    if name in POLICIES or ":" in name:
+    if name in POLICIES:
         return ResolvedPolicy(name, mode or control_mode(name), name)
+    if ":" in name:
+        with undisturbed():
+            return ResolvedPolicy(name, mode or control_mode(name), name)
     if not name.strip():
         raise ConfigurationError("a policy needs a name, got an empty text")
     path = Path(name)

@@ -22,7 +22,7 @@ from space_envs.errors import ConfigurationError, PolicyError
 from space_envs.evaluation import rates, runner
 from space_envs.evaluation.parallel import backend, check_backend
 from space_envs.evaluation.policy_process import TimeLimits
-from space_envs.evaluation.records import EpisodeRecord, Task, read_records, records_without_timing
+from space_envs.evaluation.records import UNTIMED, EpisodeRecord, Task, read_records, records_without_timing
 from space_envs.evaluation.rollout import PolicyTime
 from space_envs.evaluation.runner import Evaluation, collect, play_missing, prepare, timings
 from space_envs.evaluation.units import CHUNK, Part, play
@@ -45,25 +45,26 @@ def evaluation(
     return Evaluation(players, episodes, seeds, limits=limits, paths=tuple(sys.path))
 
 
-def records_of(evaluated: Evaluation, folder: Path, jobs: int = 1, name: str = "loky") -> list[EpisodeRecord]:
+def records_of(
+    evaluated: Evaluation, folder: Path, jobs: int = 1, name: str = "loky", timed: bool = False
+) -> list[EpisodeRecord]:
     prepare(evaluated, folder, resume=False)
     units = evaluated.units()
     play_missing(units, folder, jobs, name)
-    return finished(evaluated, folder)
+    return finished(evaluated, folder, timed)
 
 
-def finished(evaluated: Evaluation, folder: Path) -> list[EpisodeRecord]:
+def finished(evaluated: Evaluation, folder: Path, timed: bool = False) -> list[EpisodeRecord]:
     units = evaluated.units()
-    return [
-        record for played in collect(units, timings(units, folder)[0], folder) for record in played.records
-    ]
+    times = timings(units, folder)[0] if timed else {unit.entrant: UNTIMED for unit in units}
+    return [record for played in collect(units, times, folder) for record in played.records]
 
 
 @pytest.fixture(scope="module")
 def usual(tmp_path_factory: pytest.TempPathFactory) -> tuple[Evaluation, list[EpisodeRecord]]:
     """Two policies, one of them stochastic, two seeds: in this process, one after the other."""
     evaluated = evaluation("gjm", "random", episodes=CHUNK + 2, seeds=(0, 3))
-    return evaluated, records_of(evaluated, tmp_path_factory.mktemp("usual"))
+    return evaluated, records_of(evaluated, tmp_path_factory.mktemp("usual"), timed=True)
 
 
 def test_records_stand_by_policy_seed_and_episode(usual) -> None:
@@ -232,9 +233,8 @@ def test_a_policy_that_cannot_be_built_is_told_before_anything_is_played(tmp_pat
 
 def test_limits_that_are_kept_change_nothing(tmp_path: Path) -> None:
     free = records_of(evaluation(f"{HARNESS}:Prints", episodes=2), tmp_path / "free")
-    held = records_of(
-        evaluation(f"{HARNESS}:Prints", episodes=2, limits=TimeLimits(60.0, 60.0)), tmp_path / "held"
-    )
+    limited = evaluation(f"{HARNESS}:Prints", episodes=2, limits=TimeLimits(60.0, 60.0))
+    held = records_of(limited, tmp_path / "held", timed=True)
     for one, other in zip(held, free, strict=True):
         assert one.outcome == other.outcome
         assert one.attitude_cost == pytest.approx(other.attitude_cost, rel=1e-9)

@@ -17,7 +17,7 @@ from agents.registry import make_policy
 from agents.resolve import resolve_policy
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import PolicyError
-from space_envs.evaluation.policy import PolicyContext, load_policy_class
+from space_envs.evaluation.policy import PolicyContext
 from space_envs.evaluation.policy_process import PolicyProcess
 from space_envs.evaluation.records import read_records
 from space_envs.evaluation.rollout import ask, roll_out
@@ -241,7 +241,7 @@ def test_a_module_that_changes_the_process_when_it_is_imported(
     text += "os.environ['PATH'] = ''\nnp.seterr(all='raise')\nsys.stdout = None\n"
     text += "signal.signal(signal.SIGTERM, signal.SIG_IGN)\nwarnings.simplefilter('error')\nclass A:\n"
     text += "    def predict(self): pass\n"
-    load_policy_class(module_of(tmp_path, monkeypatch, "chaotic_module", text) + ":A")
+    resolve_policy(module_of(tmp_path, monkeypatch, "chaotic_module", text) + ":A")
     assert before == (
         os.getcwd(),
         dict(os.environ),

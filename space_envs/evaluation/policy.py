@@ -12,7 +12,7 @@ from space_envs.control import STOP_MARGIN
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import PolicyError, unknown_name
-from space_envs.evaluation.strangers import described, undisturbed
+from space_envs.evaluation.strangers import described
 from space_envs.tasks.common import CaptureEnvelope, ObservationLayout
 
 if TYPE_CHECKING:
@@ -155,11 +155,10 @@ def load_policy_class(path: str) -> type[Policy]:
     if not all(part.isidentifier() for part in [*module_name.split("."), class_name]):
         raise PolicyError(f"a policy class is named as 'package.module:Class', got {path!r}")
     try:
-        with undisturbed():
-            module = importlib.import_module(module_name)
-            found = getattr(module, class_name, None)
-            names = [name for name, value in vars(module).items() if isinstance(value, type)]
-            acts = isinstance(found, type) and callable(getattr(found, "predict", None))
+        module = importlib.import_module(module_name)
+        found = getattr(module, class_name, None)
+        names = [name for name, value in vars(module).items() if isinstance(value, type)]
+        acts = isinstance(found, type) and callable(getattr(found, "predict", None))
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # whatever a user's module does when it is imported

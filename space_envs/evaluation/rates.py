@@ -1,4 +1,4 @@
-"""How long episodes, timing and reports took on this machine, so that a dry run can say how long others will."""
+"""How long episodes, timing and reports took on this machine, so that a dry run can say how long it will be."""
 
 import json
 import math

@@ -79,5 +79,6 @@ def undisturbed() -> Iterator[None]:
         sys.stdin, sys.stdout, sys.stderr = streams
         np.seterr(**errors)
         for number, handler in handlers.items():
+            # Handlers can be changed in the main thread alone, and so can only be put back there.
             if signal.getsignal(number) is not handler and handler is not None:
                 signal.signal(number, handler)
