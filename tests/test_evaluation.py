@@ -263,15 +263,18 @@ class Ticking(Nan):
 
 
 @pytest.mark.parametrize(
-    ("name", "built_in", "said"),
+    ("policy", "built_in", "said"),
     [
-        ("Raises", True, "in 4 episodes: it raised ValueError: a goal that I do not like (step 0)"),
-        ("Raises", False, None),
-        ("HasNoPlan", True, None),
+        (
+            "harness_policies:Raises",
+            True,
+            "in 4 episodes: it raised ValueError: a goal that I do not like (step 0)",
+        ),
+        (f"{__name__}:Raises", False, None),
+        ("harness_policies:HasNoPlan", True, None),
     ],
 )
-def test_an_exception_of_a_built_in_policy_is_no_score(name, built_in, said, tmp_path, capsys, monkeypatch):
-    policy = f"harness_policies:{name}"
+def test_an_exception_of_a_built_in_policy_is_no_score(policy, built_in, said, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(harness_policies.Well, "bad", lambda self, observation: np.ones(1, dtype=bool))
     if built_in:
         monkeypatch.setitem(POLICIES, policy, Entry(policy, "fails"))
