@@ -7,25 +7,24 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import harness_policies
 import numpy as np
 import pytest
 
-from agents.commands import estimate
 from agents.commands.evaluate import main
 from agents.resolve import resolve_policy
 from space_envs.errors import ConfigurationError, PolicyError
-from space_envs.evaluation import rates, runner
+from space_envs.evaluation import runner
 from space_envs.evaluation.parallel import backend, check_backend
 from space_envs.evaluation.policy_process import TimeLimits
 from space_envs.evaluation.records import UNTIMED, EpisodeRecord, Task, read_records, records_without_timing
-from space_envs.evaluation.rollout import PolicyTime
+from space_envs.evaluation.rollout import PolicyTime, roll_out
 from space_envs.evaluation.runner import Evaluation, collect, play_missing, prepare, timings
-from space_envs.evaluation.units import CHUNK, Part, play
+from space_envs.evaluation.units import CHUNK, Part, built, play
 from space_envs.registration import make_task
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -266,11 +265,16 @@ def test_a_policy_that_ends_its_process_loses_only_its_own_episodes(
 
 
 @pytest.mark.parametrize("name", ["Raises", "NaNs", "Shapes", "Leaves", "Well"])
-def test_a_process_of_its_own_changes_no_record(name: str) -> None:
+def test_a_process_of_its_own_changes_nothing(name: str) -> None:
     (unit,) = evaluation(f"{HARNESS}:{name}", episodes=6).units()
-    here, apart = play(unit), play(unit, apart=True)
-    assert apart.records == here.records
-    np.testing.assert_array_equal(apart.rollout.torque, here.rollout.torque)
+    indices = np.array(unit.indices)
+    here, apart = (
+        roll_out(partial(built, unit), unit.environment, SINGLE.split, indices, unit.seed, apart=away)
+        for away in (False, True)
+    )
+    assert (apart.outcome, apart.reason) == (here.outcome, here.reason)
+    np.testing.assert_array_equal(apart.torque, here.torque)
+    np.testing.assert_array_equal(apart.qpos, here.qpos)
 
 
 def test_a_policy_draws_anew_in_each_unit_and_seed() -> None:
@@ -328,39 +332,6 @@ def test_the_fastest_of_several_rounds_is_its_time(
     assert turns == ["gjm", "hold"] * len(told) + ["hold"] * (runner.ROUNDS - len(told))
     monkeypatch.setattr(runner, "elsewhere", lambda *_: pytest.fail("it was timed before"))
     timings(units, tmp_path)
-
-
-def test_a_dry_run_measures_what_it_does_not_know_and_writes_nothing(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("SPACE_ENVS_CACHE", str(tmp_path / "cache"))
-    arguments = ["--policy", "hold", "--split", "validation", "--episodes", "3", "--no-pictures"]
-    arguments += ["--jobs", "1", "--output", str(tmp_path / "out")]
-    plays = []
-    monkeypatch.setattr(estimate, "play", lambda unit: plays.append(unit) or SimpleNamespace(seconds=8.0))
-    assert main([*arguments, "--dry-run"]) == 0
-    assert not (tmp_path / "out").exists()
-    told = capsys.readouterr().out.replace("\n", "")
-    assert [len(unit.indices) for unit in plays] == [estimate.TRIAL]
-    assert "1 units of work; about 39 s, between 9 and 190 s: 12 s of playing with 1 jobs" in told
-    assert "24 s of timing, 3 s for the report" in told
-    # What was measured once is known.
-    assert main([*arguments, "--dry-run"]) == 0
-    assert len(plays) == 1
-    assert main(arguments) == 0
-    capsys.readouterr()
-    rates.remember({rates.REPORT: rates.Seconds(1.0, 2.0, 4.0)})
-    entrant = read_records(tmp_path / "out" / "records.jsonl")[0].entrant
-    for name in (rates.playing(entrant), rates.timing(entrant), rates.REPORT):
-        assert rates.recorded(name) is not None  # the evaluation told
-    rates.remember({rates.playing(entrant): rates.Seconds(1.0, 2.0, 3.0)})
-    rates.remember({rates.timing(entrant): rates.Seconds(5.0, 6.0, 7.0)})
-    assert main([*arguments, "--episodes", "30", "--jobs", "4", "--dry-run"]) == 0
-    # Two units, of 25 and of 5 episodes, on two of four processes: no less than the longer one.
-    told = capsys.readouterr().out.replace("\n", "")
-    assert (
-        "2 units of work; about 58 s, between 31 and 86 s: 50 s of playing with 4 jobs, 6 s of timing" in told
-    )
 
 
 def test_several_ids_splits_and_seeds_in_one_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,4 +1,4 @@
-"""How long episodes, timing and reports took on this machine, so that a dry run can say how long it will be."""
+"""How long episodes, timing and reports took on this machine: what a dry run tells of others."""
 
 import json
 import math
