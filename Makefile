@@ -19,7 +19,7 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 install: $(VENV)/.installed  ## create the virtual environment and install
 
 leaderboard: $(VENV)/.installed  ## every built-in policy on the test splits of SingleArm and DualArmPlanar; ends with the tables
-	$(RUN) evaluate.py --env SpaceCapture/SingleArm-v0 SpaceCapture/DualArmPlanar-v0 --policy all --split test --episodes $(EPISODES) --seed 0 --output $(OUTPUT)
+	$(RUN) evaluate.py --env SpaceCapture/SingleArm-v0 SpaceCapture/DualArmPlanar-v0 --policy all --split test --episodes $(EPISODES) --seed 0 --output $(OUTPUT) --overwrite
 
 test: $(VENV)/.installed  ## ruff, pyright, pytest
 	$(RUN) -m ruff check .

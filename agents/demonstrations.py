@@ -5,7 +5,6 @@ python -m agents.demonstrations --count 540 --output demonstrations --jobs 2 --s
 
 import argparse
 import hashlib
-import io
 import json
 import platform
 import sys
@@ -23,8 +22,12 @@ from agents.demonstrator import Demonstrations, demonstrate
 from agents.variations import BANDS, DemonstratorConfig
 from promp import ProMP
 from promp.storage import checksum
-from space_envs.errors import ConfigurationError, SpaceEnvsError
+from space_envs.command_line import Parser, ended, may_replace, output_path
+from space_envs.errors import ConfigurationError
+from space_envs.evaluation.parallel import here
 from space_envs.files import atomic_write, atomic_write_text
+from space_envs.output import held
+from space_envs.reading import parse_json, read_arrays
 from space_envs.tasks.common import DIFFICULTIES
 
 FORMAT = "space-capture-demonstrations"
@@ -42,8 +45,8 @@ def save(path: Path, demonstrations: Demonstrations, provenance: dict[str, Any])
     }
     content["provenance"] = np.array(json.dumps(provenance, sort_keys=True))
     header = {"format": np.array(FORMAT), "version": np.array(VERSION), "sha256": np.array(checksum(content))}
-    with atomic_write(path) as temporary:
-        np.savez(temporary, **header, **content)
+    with atomic_write(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, **header, **content)
 
 
 def load(path: str | Path) -> tuple[Demonstrations, dict[str, Any]]:
@@ -52,13 +55,10 @@ def load(path: str | Path) -> tuple[Demonstrations, dict[str, Any]]:
     Raises:
         ConfigurationError: if it is not whole, was changed, or is of another format.
     """
-    data = Path(path).read_bytes()
     names = [field.name for field in fields(Demonstrations)]
     try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
-            stored = {name: archive[name] for name in archive.files}
-    # Broken bytes make zipfile and numpy raise a dozen unrelated types; all of them mean the same here.
-    except Exception as error:
+        stored = read_arrays(path)
+    except ConfigurationError as error:
         raise ConfigurationError(
             f"{path}: not a file of demonstrations, or a damaged one: {error}"
         ) from error
@@ -73,9 +73,11 @@ def load(path: str | Path) -> tuple[Demonstrations, dict[str, Any]]:
             "same command makes it again"
         )
     try:
-        provenance = json.loads(str(stored["provenance"]))
-    except ValueError as error:
-        raise ConfigurationError(f"{path}: its provenance is not JSON: {error}") from None
+        provenance = parse_json(str(stored["provenance"]))
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{path}: its provenance is {error}") from None
+    if not isinstance(provenance, dict):
+        raise ConfigurationError(f"{path}: its provenance must be an object, got {provenance!r}")
     return Demonstrations(*[stored[name] for name in names]), provenance
 
 
@@ -130,7 +132,7 @@ def generate(
     }
     missing = [path for path in parts if not (resume and _belongs(path, config, seed))]
     work = (delayed(_make_part)(path, config, seed, *parts[path]) for path in missing)
-    with tqdm(total=count, unit="demonstration", disable=not progress) as bar:
+    with here(), tqdm(total=count, unit="demonstration", disable=not progress) as bar:
         bar.update(count - sum(parts[path][1] for path in missing))
         for made in Parallel(n_jobs=jobs, return_as="generator_unordered")(work):
             bar.update(made)
@@ -186,13 +188,13 @@ def _make_part(path: Path, config: DemonstratorConfig, seed: int, first: int, si
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command line; returns the exit status."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="python -m agents.demonstrations",
         description="Make demonstrations and learn a ProMP prior from them.",
     )
     parser.add_argument("--count", type=int, default=COUNT, help="how many (default %(default)s)")
     parser.add_argument(
-        "--output", type=Path, default=Path("demonstrations"), help="folder (default %(default)s)"
+        "--output", type=output_path, default=Path("demonstrations"), help="folder (default %(default)s)"
     )
     parser.add_argument("--jobs", type=int, default=1, help="processes (default %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="default %(default)s")
@@ -203,28 +205,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--resume", action=argparse.BooleanOptionalAction, default=True, help="keep what is there"
     )
     parser.add_argument(
-        "--fit", type=Path, metavar="PATH", help="write the ProMP prior there (npz, and json beside)"
+        "--fit", type=output_path, metavar="PATH", help="write the ProMP prior there (npz, and json beside)"
     )
-    options = parser.parse_args(arguments)
+    parser.add_argument("--overwrite", action="store_true", help="replace the prior that is there")
+    goes_on = "stopped; the same command goes on from here"
+    return ended("python -m agents.demonstrations", lambda: _run(parser.parse_args(arguments)), goes_on)
+
+
+def _run(options: argparse.Namespace) -> None:
     config = DemonstratorConfig(difficulty=options.difficulty, bands=options.bands)
-    try:
+    if options.fit is not None:
+        for path in (options.fit, options.fit.with_suffix(".json")):
+            may_replace(path, options.overwrite)
+    with held(options.output, "demonstrations"):
         made = generate(
             options.output, options.count, options.seed, config, options.jobs, options.resume, True
         )
-        if options.fit is not None:
-            save_prior(options.fit, fit_prior(made), provenance(config, options.seed, options.count))
-    except KeyboardInterrupt:
-        print("stopped; the same command goes on from here", file=sys.stderr)
-        return 130
-    except (SpaceEnvsError, OSError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    if options.fit is not None:
+        save_prior(options.fit, fit_prior(made), provenance(config, options.seed, options.count))
     print(f"{len(made.kind)} demonstrations in {options.output / 'demonstrations.npz'}")
     print(f"{made.attempt.sum()} drawings were not fit to learn from and were drawn anew")
     print(f"mean eq. 20 cost: {1e4 * made.cost.mean():.1f} cm^2/s (c = 1 m/rad)")
     if options.fit is not None:
         print(f"prior in {options.fit}")
-    return 0
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array, conjugate, logarithm, rotate
-from space_envs.errors import ConfigurationError, unknown_name
+from space_envs.errors import ConfigurationError, positive, unknown_name
 from space_envs.tasks.common import ObservationLayout
 
 KINDS = ("plain", "from_home", "rotation", "base_axes", "from_base", "bearing")
@@ -165,7 +165,8 @@ def feature_table(rows: Sequence[Sequence[object]]) -> tuple[Feature, ...]:
     """
     table = []
     for row in rows:
-        if len(row) != 3 or not isinstance(row[2], int | float):
+        whole = isinstance(row, list | tuple) and len(row) == 3
+        if not whole or not isinstance(row[0], str) or not isinstance(row[1], str):
             raise ConfigurationError(f"a feature must be [field, kind, scale], got {row!r}")
-        table.append(Feature(str(row[0]), str(row[1]), float(row[2])))
+        table.append(Feature(row[0], row[1], positive(f"scale of feature {row[0]}", row[2])))
     return tuple(table)

@@ -12,11 +12,12 @@ from agents.optimal_policies import drive_limits
 from agents.planning import Failure
 from agents.tracking import rows_to_plan
 from space_envs.dynamics.rotations import Array
+from space_envs.evaluation.causes import PlanState
 from space_envs.evaluation.policy import PolicyContext
 
 
 @dataclass(frozen=True, eq=False)
-class Receding:
+class Receding(PlanState):
     """What N episodes plan; never changed in place.
 
     Attributes:

@@ -1,7 +1,7 @@
 """A learned policy in one file: the network's arrays and a JSON header in an npz, without pickles."""
 
 import json
-import zipfile
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,12 +10,23 @@ import numpy as np
 
 from agents.features import Feature, FeatureView, feature_table
 from agents.network import Network
-from space_envs.errors import PolicyError, SpaceEnvsError
+from space_envs.control import CONTROL_MODES
+from space_envs.errors import ConfigurationError, PolicyError, SpaceEnvsError, unknown_name
 from space_envs.files import atomic_write
+from space_envs.reading import parse_json, read_arrays
 from space_envs.tasks.common import ObservationLayout
 
 FORMAT = 1
-_HEADER = ("format", "env_id", "control_mode", "features", "home", "activation", "squash", "notes")
+_HEADER = {
+    "format": int,
+    "env_id": str,
+    "control_mode": str,
+    "features": list,
+    "home": list,
+    "activation": str,
+    "squash": bool,
+    "notes": dict,
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +58,9 @@ class PolicyFile:
             view = FeatureView(self.features, layout, np.array(self.home))
         except SpaceEnvsError as error:
             raise PolicyError(f"the policy does not fit the observation: {error}") from error
+        joints = layout.read(np.zeros((1, layout.size)), "joint_position").shape[1]
+        if len(self.home) != joints:
+            raise PolicyError(f"home has {len(self.home)} joint angles, the observation {joints}")
         if view.size != self.network.inputs:
             raise PolicyError(
                 f"the network takes {self.network.inputs} features, the table gives {view.size}"
@@ -70,8 +84,8 @@ class PolicyFile:
             arrays[f"weight_{index}"], arrays[f"bias_{index}"] = weight, bias
         arrays["deviation_weight"] = self.network.deviation_weight
         arrays["deviation_bias"] = self.network.deviation_bias
-        with atomic_write(path) as temporary:
-            np.savez(temporary, **arrays)
+        with atomic_write(path) as temporary, temporary.open("wb") as file:
+            np.savez(file, **arrays)
 
 
 def load_policy_file(path: str | Path) -> PolicyFile:
@@ -82,35 +96,63 @@ def load_policy_file(path: str | Path) -> PolicyFile:
     """
     path = Path(path)
     try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-        header = json.loads(str(arrays.pop("header")))
-        if header["format"] != FORMAT:
-            raise PolicyError(f"{path}: format {header['format']!r} is not known, only {FORMAT}")
-        if missing := [name for name in _HEADER if name not in header]:
-            raise PolicyError(f"{path}: the header lacks {missing}")
-        if any(array.dtype != np.float32 for array in arrays.values()):
-            raise PolicyError(f"{path}: a network's parameters must be float32")
+        arrays = read_arrays(path)
+    except FileNotFoundError:
+        raise PolicyError(f"there is no policy file {path}") from None
+    except (OSError, ConfigurationError) as error:
+        raise PolicyError(f"{path} is not a policy file: {error}") from error
+    try:
+        if "header" not in arrays:
+            raise PolicyError("it has no header")
+        header = _header(str(arrays.pop("header")))
         layers = range((len(arrays) - 2) // 2)
+        _check_names(arrays, [f"{part}_{i}" for i in layers for part in ("weight", "bias")])
         network = Network(
             weights=tuple(arrays[f"weight_{i}"] for i in layers),
             biases=tuple(arrays[f"bias_{i}"] for i in layers),
             deviation_weight=arrays["deviation_weight"],
             deviation_bias=arrays["deviation_bias"],
             activation=header["activation"],
-            squash=bool(header["squash"]),
+            squash=header["squash"],
         )
         return PolicyFile(
-            env_id=str(header["env_id"]),
-            control_mode=str(header["control_mode"]),
+            env_id=header["env_id"],
+            control_mode=header["control_mode"],
             network=network,
             features=feature_table(header["features"]),
-            home=tuple(float(angle) for angle in header["home"]),
-            notes=dict(header["notes"]),
+            home=tuple(header["home"]),
+            notes=header["notes"],
         )
-    except FileNotFoundError:
-        raise PolicyError(f"there is no policy file {path}") from None
     except SpaceEnvsError as error:
         raise PolicyError(f"{path} is not a sound policy file: {error}") from error
-    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
-        raise PolicyError(f"{path} is not a policy file: {error}") from error
+
+
+def _header(text: str) -> dict[str, Any]:
+    """The header, with every field of its type.
+
+    Raises:
+        ConfigurationError, PolicyError: naming the field.
+    """
+    header = parse_json(text)
+    if not isinstance(header, dict):
+        raise PolicyError(f"its header must be an object, got {type(header).__name__}")
+    if missing := [name for name in _HEADER if name not in header]:
+        raise PolicyError(f"the header lacks {missing}")
+    for name, kind in _HEADER.items():
+        if type(header[name]) is not kind:
+            raise PolicyError(f"{name} must be {kind.__name__}, got {header[name]!r}")
+    if header["format"] != FORMAT:
+        raise PolicyError(f"format {header['format']!r} is not known, only {FORMAT}")
+    if header["control_mode"] not in CONTROL_MODES:
+        raise unknown_name("control mode", header["control_mode"], CONTROL_MODES)
+    if not all(type(angle) in (int, float) and math.isfinite(angle) for angle in header["home"]):
+        raise PolicyError(f"home must hold finite joint angles, got {header['home']!r}")
+    return header
+
+
+def _check_names(arrays: dict[str, Any], layers: list[str]) -> None:
+    wanted = [*layers, "deviation_weight", "deviation_bias"]
+    if set(arrays) != set(wanted):
+        raise PolicyError(f"it holds the arrays {sorted(arrays)}, a network has {sorted(wanted)}")
+    if any(array.dtype != np.float32 for array in arrays.values()):
+        raise PolicyError("a network's parameters must be float32")

@@ -4,8 +4,10 @@ import traceback
 from dataclasses import dataclass
 from typing import Any
 
+from space_envs.control import CONTROL_MODES
 from space_envs.errors import ConfigurationError, PolicyError, SpaceEnvsError, unknown_name
 from space_envs.evaluation.policy import DEFAULT_CONTROL_MODE, Policy, PolicyContext, load_policy_class
+from space_envs.evaluation.strangers import described
 
 
 @dataclass(frozen=True)
@@ -167,7 +169,11 @@ def control_mode(name: str) -> str:
     """The control mode that a policy acts in if nothing is said; errors as in `policy_class`."""
     if name in POLICIES:
         return POLICIES[name].control_mode
-    return getattr(policy_class(name), "control_mode", DEFAULT_CONTROL_MODE)
+    mode = getattr(policy_class(name), "control_mode", DEFAULT_CONTROL_MODE)
+    if type(mode) is not str or mode not in CONTROL_MODES:
+        shown = mode if type(mode) is str else type(mode)
+        raise PolicyError(f"policy {name!r}: {unknown_name('control mode', shown, CONTROL_MODES)}")
+    return mode
 
 
 def control_modes(name: str) -> tuple[str, ...]:
@@ -183,13 +189,16 @@ def make_policy(name: str, context: PolicyContext, seed: int) -> Policy:
             policy's, or if one that is not built in raises.
     """
     build: Any = policy_class(name)
+    if name in POLICIES:
+        return build(context, seed)
     try:
         return build(context, seed)
-    except SpaceEnvsError:
+    except KeyboardInterrupt:
         raise
-    except Exception as error:
-        if name in POLICIES:
-            raise
+    except BaseException as error:
+        message = described(error)
+        if isinstance(error, SpaceEnvsError):
+            raise PolicyError(message.partition(": ")[2] or message) from None
         last = traceback.extract_tb(error.__traceback__)[-1]
-        told = f"{type(error).__name__}: {error} (line {last.lineno} of {last.filename})"
-        raise PolicyError(f"policy {name!r} could not be built with (context, seed): {told}") from error
+        told = f"{message} (line {last.lineno} of {last.filename})"
+        raise PolicyError(f"policy {name!r} could not be built with (context, seed): {told}") from None

@@ -1,5 +1,6 @@
 """From what a user calls a policy to something that can be built."""
 
+import difflib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -9,8 +10,9 @@ from agents.learned_policy import LearnedPolicy, policy_path
 from agents.policy_file import load_policy_file
 from agents.registry import POLICIES, control_mode, make_policy
 from agents.sb3_policy import StableBaselinesPolicy, load_network
-from space_envs.errors import unknown_name
+from space_envs.errors import ConfigurationError, unknown_name
 from space_envs.evaluation.policy import DEFAULT_CONTROL_MODE, Policy, PolicyContext
+from space_envs.evaluation.strangers import undisturbed
 
 ZIP = ".zip"  # suffix of what stable-baselines3 saves
 
@@ -27,6 +29,11 @@ class ResolvedPolicy:
     name: str
     control_mode: str
     source: str | Path
+
+    @property
+    def foreign(self) -> bool:
+        """Whether it is code that is not of this project, which is called in a process of its own."""
+        return isinstance(self.source, str) and self.source not in POLICIES
 
     def build(self, context: PolicyContext, seed: int) -> Policy:
         """The policy for an environment.
@@ -55,10 +62,17 @@ def resolve_policy(name: str, mode: str | None = None) -> ResolvedPolicy:
     Raises:
         ConfigurationError: if there is nothing of that name. PolicyError: if it cannot be loaded.
     """
-    if name in POLICIES or ":" in name:
+    if name in POLICIES:
         return ResolvedPolicy(name, mode or control_mode(name), name)
+    if ":" in name:
+        with undisturbed():
+            return ResolvedPolicy(name, mode or control_mode(name), name)
+    if not name.strip():
+        raise ConfigurationError("a policy needs a name, got an empty text")
     path = Path(name)
     if not path.exists():
+        if len(path.parts) > 1 or path.suffix in (ZIP, ".npz"):
+            raise _no_path(path)
         valid = [*POLICIES, "package.module:Class", "a run's folder", f"a {ZIP} of stable-baselines3"]
         raise unknown_name("policy", name, valid)
     label = path.stem if path.is_file() else path.resolve().name
@@ -67,3 +81,13 @@ def resolve_policy(name: str, mode: str | None = None) -> ResolvedPolicy:
         return ResolvedPolicy(label, mode or DEFAULT_CONTROL_MODE, path.resolve())
     file = policy_path(path).resolve()
     return ResolvedPolicy(label, mode or load_policy_file(file).control_mode, file)
+
+
+def _no_path(path: Path) -> ConfigurationError:
+    """That there is no such run's folder or file, and the nearest that there is beside it."""
+    usual = "policy file" if path.suffix else "run's folder"
+    what = "zip of stable-baselines3" if path.suffix == ZIP else usual
+    beside = sorted(each.name for each in path.parent.iterdir()) if path.parent.is_dir() else []
+    near = difflib.get_close_matches(path.name, beside, n=1)
+    hint = f" Did you mean {str(path.parent / near[0])!r}?" if near else ""
+    return ConfigurationError(f"there is no {what} {str(path)!r}.{hint}")

@@ -6,7 +6,6 @@ arrays are read by torch's loader of arrays alone, which refuses everything else
 """
 
 import io
-import json
 import re
 import zipfile
 import zlib
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 from agents.network import Network
 from space_envs.errors import PolicyError, SpaceEnvsError
 from space_envs.evaluation.policy import PolicyContext
+from space_envs.reading import parse_json, read_bytes
 
 LARGEST = {"data": 64 * 2**20, "policy.pth": 512 * 2**20}  # bytes; no honest file of these tasks is near it
 _OTHERWISE = "load it in a class of your own and name that as package.module:Class (docs/extending.md)"
@@ -129,9 +129,9 @@ def load_network(path: str | Path) -> Network:
             perceptron with actions in [-1, 1]; the message names what was found.
     """
     try:
-        with zipfile.ZipFile(path) as archive:
+        with zipfile.ZipFile(io.BytesIO(read_bytes(path, sum(LARGEST.values()) * 4))) as archive:
             content = {name: _read(archive, name) for name in LARGEST}
-        data = json.loads(content["data"])
+        data = parse_json(content["data"])
         if not isinstance(data, dict):
             raise PolicyError("its `data` is not a JSON object")
         family = _family(data)

@@ -12,6 +12,7 @@ from agents.inverse_kinematics import JointGoals, JointMotion
 from agents.planning import Failure, JointPath
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import PolicyError
+from space_envs.evaluation.causes import PlanState
 from space_envs.evaluation.policy import PolicyContext
 
 State = TypeVar("State")
@@ -40,7 +41,7 @@ class Plan:
 
 
 @dataclass(frozen=True, eq=False)
-class Following:
+class Following(PlanState):
     """The optimal plans of N episodes; unchanged from step to step.
 
     Attributes:

@@ -7,6 +7,7 @@ import sys
 from importlib import import_module
 
 import benchmarks
+from space_envs.command_line import ended
 from space_envs.errors import unknown_name
 
 NOT_COMMANDS = ("__main__", "arguments", "machine")
@@ -44,4 +45,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(ended("python -m benchmarks", main))

@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import sys
 import time
 import warnings
 from collections.abc import Callable
@@ -12,6 +13,7 @@ import numpy as np
 
 from benchmarks.arguments import whole
 from benchmarks.machine import machine_class, markdown_table
+from space_envs.command_line import ended
 from space_envs.dynamics import (
     FloatingRobot,
     NoCompiledCodeWarning,
@@ -113,4 +115,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(ended("python -m benchmarks.attitude_cost", main))

@@ -1,6 +1,7 @@
 """A satellite whose mass and inertia are not what the planner knows: feedback against following a plan."""
 
 import argparse
+import sys
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from agents.registry import make_policy
 from agents.tracking import DURATION
 from benchmarks.arguments import split, whole
 from benchmarks.machine import machine_class, markdown_table
+from space_envs.command_line import ended
 from space_envs.dynamics.rotations import Array
 from space_envs.envs import CaptureVectorEnv
 from space_envs.evaluation.policy import PolicyContext
@@ -96,4 +98,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(ended("python -m benchmarks.mismatch", main))

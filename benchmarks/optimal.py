@@ -1,6 +1,7 @@
 """Plans in ProMP weights against the best that is known: cost, errors, planning time; which start helps."""
 
 import argparse
+import sys
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -22,6 +23,7 @@ from agents.optimal.weight_space import INTERVALS
 from agents.planning import Failure, Limits
 from benchmarks.arguments import split, whole
 from benchmarks.machine import machine_class, markdown_table
+from space_envs.command_line import ended
 from space_envs.dynamics.rotations import Array
 from space_envs.models.single_arm import single_arm_model
 from space_envs.tasks.single_arm import SingleArmTask
@@ -226,4 +228,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(ended("python -m benchmarks.optimal", main))

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from agents.commands.evaluate import main as evaluate
 from agents.registry import policies_for
 from benchmarks.arguments import env_id, split, whole
 from benchmarks.machine import machine_class, markdown_table
+from space_envs.command_line import ended
 from space_envs.evaluation.drawing import label_points
 from space_envs.evaluation.figures import BLUE, VERMILION
 from space_envs.evaluation.ticks import log_ticks
@@ -32,7 +34,7 @@ def summary(env: str, output: Path, episodes: int, split: str) -> list[dict[str,
     """Rows of all planners of an id, played on medium goals."""
     names = [name for name in policies_for(env) if name not in NO_PLANNERS]
     arguments = ["--env", env, "--policy", *names, "--split", split, "--episodes", str(episodes)]
-    status = evaluate([*arguments, "--output", str(output), "--no-pictures"])
+    status = evaluate([*arguments, "--output", str(output), "--no-pictures", "--overwrite"])
     if status != 0:
         raise SystemExit(status)
     return json.loads((output / "summary.json").read_text())["rows"]
@@ -111,4 +113,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(ended("python -m benchmarks.planners", main))

@@ -1,6 +1,7 @@
 """Planning times of the reactionless methods on the validation goals of both dual-arm tasks, one process."""
 
 import argparse
+import sys
 import time
 from collections import Counter
 
@@ -11,6 +12,7 @@ from agents.reactionless.model import PathModel
 from agents.reactionless_policies import FreePaths, Local, OptimalControl, ReactionlessPlanner, ZetaZero
 from benchmarks.arguments import whole
 from benchmarks.machine import machine_class, markdown_table, verdict
+from space_envs.command_line import ended
 from space_envs.envs import CaptureVectorEnv
 from space_envs.evaluation.policy import PolicyContext
 
@@ -82,4 +84,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(ended("python -m benchmarks.planning", main))

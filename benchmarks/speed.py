@@ -10,6 +10,7 @@ with it, in the interpreter of a virtual environment of its own:
 
 import argparse
 import subprocess
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from time import perf_counter
@@ -20,6 +21,7 @@ from tqdm import tqdm
 
 from benchmarks.arguments import whole
 from benchmarks.machine import machine_class, markdown_table, verdict
+from space_envs.command_line import ended
 from space_envs.control import CONTROL_MODES
 from space_envs.envs import CaptureEnv, CaptureVectorEnv
 from space_envs.registration import ENTRIES
@@ -184,4 +186,4 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(ended("python -m benchmarks.speed", main))

@@ -1,6 +1,7 @@
 """Stochastic feedback from a ProMP against computed torque in MuJoCo, under noise and masses that are off."""
 
 import argparse
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -16,6 +17,7 @@ from agents.optimal.weight_space import INTERVALS
 from benchmarks.arguments import seed, whole
 from benchmarks.machine import machine_class, markdown_table
 from promp import ProMP
+from space_envs.command_line import ended
 from space_envs.dynamics.rotations import Array, angle_between, from_matrix, multiply, rotate
 from space_envs.models.single_arm import ModelOptions, single_arm_model
 from space_envs.simulation import Simulation
@@ -153,4 +155,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(ended("python -m benchmarks.stochastic_feedback", main))

@@ -1,6 +1,7 @@
 """Peak base rate and momentum of plans tracked at torque level in MuJoCo, by time step and control period."""
 
 import argparse
+import sys
 
 import numpy as np
 
@@ -9,6 +10,7 @@ from agents.reactionless.tracking import FINE, Tracking, track
 from agents.reactionless_policies import FreePaths, OptimalControl, ReactionlessPlanner
 from benchmarks.arguments import whole
 from benchmarks.machine import machine_class, markdown_table
+from space_envs.command_line import ended
 from space_envs.envs import CaptureVectorEnv
 from space_envs.evaluation.policy import PolicyContext
 from space_envs.models.dual_arm import DualArmOptions
@@ -68,4 +70,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(ended("python -m benchmarks.tracking", main))

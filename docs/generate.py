@@ -19,6 +19,7 @@ from pathlib import Path
 from docs.blocks import BLOCKS
 from docs.environment import environment_page
 from docs.leaderboard import with_leaderboards
+from space_envs.command_line import ended
 from space_envs.evaluation.folders import read_folder
 from space_envs.evaluation.records import SCHEMA_VERSION
 from space_envs.evaluation.schema import schema_text
@@ -156,4 +157,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(ended("python -m docs.generate", main))

@@ -4,6 +4,7 @@ import hashlib
 import io
 import os
 import tempfile
+import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -55,14 +56,18 @@ def load_arrays(path: str | Path, names: tuple[str, ...]) -> dict[str, np.ndarra
 
     A file that does not exist or may not be read gives the usual OSError.
     """
+    if Path(path).exists() and not Path(path).is_file():
+        raise StorageError(f"{path}: not a regular file")
     content = Path(path).read_bytes()
+    if not zipfile.is_zipfile(io.BytesIO(content)):
+        raise StorageError(f"{path}: expected a ProMP file (npz), got one that is no archive")
     try:
         with np.load(io.BytesIO(content), allow_pickle=False) as archive:
             stored = {name: archive[name] for name in archive.files}
     # Broken bytes make zipfile and numpy raise a dozen unrelated types; all of them mean the same here.
     except Exception as error:
         raise StorageError(
-            f"{path}: expected a ProMP file (npz), got one that is corrupt or truncated: {error}"
+            f"{path}: expected a ProMP file (npz), got a corrupt or truncated one: {type(error).__name__}"
         ) from error
     if str(stored.pop("format", None)) != FORMAT:
         raise StorageError(f"{path}: expected a file of format {FORMAT!r}")

@@ -12,12 +12,14 @@ from rich.console import Console
 
 from reproduce.page import write_docs, write_page
 from reproduce.study import STUDIES, Options
-from space_envs.errors import ConfigurationError, SpaceEnvsError, unknown_name
+from space_envs.command_line import Parser, ended, output_path
+from space_envs.errors import ConfigurationError, unknown_name
+from space_envs.output import held
 
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
-    out = argparse.ArgumentParser(
+    out = Parser(
         prog="python -m reproduce",
         description="Reproduce a paper: its figures, its tables and its claims, each tested on the paper's "
         "own case and on many. Writes one self-contained HTML page, the same as Markdown, the figures "
@@ -26,7 +28,7 @@ def parser() -> argparse.ArgumentParser:
     )
     out.add_argument("paper", help=", ".join(STUDIES))
     out.add_argument("--quick", action="store_true", help="few cases; the page says so")
-    out.add_argument("--output", type=Path, metavar="DIR", help="folder (default results/PAPER)")
+    out.add_argument("--output", type=output_path, metavar="DIR", help="folder (default results/PAPER)")
     every = ", ".join(
         f"{study.name} {study.cases} {study.of}, quick {study.quick}" for study in STUDIES.values()
     )
@@ -45,19 +47,9 @@ def parser() -> argparse.ArgumentParser:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit status."""
-    options = parser().parse_args(arguments)
     words = sys.argv[1:] if arguments is None else arguments
-    try:
-        run(options, words)
-    except SpaceEnvsError as error:
-        print(f"python -m reproduce: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print(
-            "python -m reproduce: stopped; finished cases are kept, the same command goes on", file=sys.stderr
-        )
-        return 130
-    return 0
+    goes_on = "stopped; finished cases are kept, the same command goes on"
+    return ended("python -m reproduce", lambda: run(parser().parse_args(arguments), words), goes_on)
 
 
 def run(options: argparse.Namespace, words: list[str]) -> None:
@@ -75,11 +67,7 @@ def run(options: argparse.Namespace, words: list[str]) -> None:
             raise ConfigurationError(f"{name} must be at least {least}, got {value}")
     if options.docs is not None and not options.docs.is_dir():
         raise ConfigurationError(f"--docs must name a folder that is there, got {options.docs}")
-    output = options.output or Path("results") / study.name
-    try:
-        output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigurationError(f"cannot write to {output}: {error.strerror}") from None
+    output = (options.output or Path("results") / study.name).absolute()
     started = perf_counter()
     asked = Options(
         output=output,
@@ -89,8 +77,9 @@ def run(options: argparse.Namespace, words: list[str]) -> None:
         quick=options.quick,
         command=shlex.join(["python", "-m", "reproduce", *words]),
     )
-    page = importlib.import_module(f"reproduce.{study.name}").reproduce(asked)
-    paths = write_page(page, output)
+    with held(output, f"reproduction of {study.name}"):
+        page = importlib.import_module(f"reproduce.{study.name}").reproduce(asked)
+        paths = write_page(page, output)
     if options.docs is not None:
         paths["Documentation"] = write_docs(page, options.docs)
     console = Console()

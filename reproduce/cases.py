@@ -15,6 +15,7 @@ from joblib import Parallel, delayed
 from tqdm import tqdm
 
 from space_envs.errors import ConfigurationError
+from space_envs.evaluation.parallel import here
 
 Record = dict[str, Any]
 
@@ -73,7 +74,8 @@ def run_cases(
         file = path.open("ab")
     except OSError as error:
         raise ConfigurationError(f"cannot write to {path.parent}: {error.strerror}") from None
-    with file, tqdm(total=count, initial=count - len(missing), unit="case", disable=not progress) as bar:
+    shown = tqdm(total=count, initial=count - len(missing), unit="case", disable=not progress)
+    with file, here(), shown as bar:
         # A line that was cut off gets an end of its own, so that it spoils no other.
         if file.tell() and not _ends_with_newline(path):
             file.write(b"\n")

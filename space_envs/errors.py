@@ -117,8 +117,9 @@ def unknown_id(got: object, valid: Iterable[str]) -> UnknownIdError:
 
 def _hint(got: object, valid: Iterable[str]) -> str:
     names = list(valid)
-    close = difflib.get_close_matches(
-        got[:_SHOWN] if isinstance(got, str) else shown(got), names, n=1, cutoff=0.5
-    )
+    text = got[:_SHOWN] if isinstance(got, str) else shown(got)
+    close = difflib.get_close_matches(text, names, n=1, cutoff=0.5)
+    if not close and len(text) > 2:
+        close = [name for name in names if text.lower() in name.lower()][:1]
     hint = f" Did you mean {close[0]!r}?" if close else ""
     return f"valid are {', '.join(map(repr, names))}.{hint}"

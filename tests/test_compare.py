@@ -310,7 +310,7 @@ def test_the_command_writes_what_an_evaluation_writes(
     [
         (["a", "a/../a", "--output", "c"], "a is given twice"),
         (["a", "b", "--output", "b"], "--output b is one of the folders"),
-        (["a", "b", "--output", "run"], "--output run holds an evaluation"),
+        (["a", "b", "--output", "run"], "run holds files, and no .space-capture"),
         (["a", "b", "--output", "c", "--name", "bb=Ann"], "unknown folder in --name 'bb'"),
         (["a", "b", "--output", "c", "--name", "Ann"], "--name takes RESULTS=NAME, got 'Ann'"),
         (["a", "b", "--output", "c", "--name", "b="], "--name takes RESULTS=NAME"),

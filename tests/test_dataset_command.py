@@ -97,6 +97,7 @@ def test_minari_has_a_root_of_its_own(tmp_path, monkeypatch):
     assert run(tmp_path / "out", *words) == 0
     assert (folder(tmp_path / "m", policy="hold") / "data" / "main_data.hdf5").is_file()
     assert [path.name for path in sorted(folder(tmp_path / "out", policy="hold").iterdir())] == [
+        ".space-capture",
         "README.md",
         "dataset.json",
     ]
@@ -117,7 +118,7 @@ def test_jobs_leave_the_bytes_alone(tmp_path, monkeypatch):
     words = ["--policy", "gjm", "random", "--episodes", "5"]
     assert run(tmp_path / "one", *words) == 0
     assert run(tmp_path / "two", *words, jobs="2") == 0
-    assert len(contents(tmp_path / "one")) == 6
+    assert len(contents(tmp_path / "one")) == 8
     assert contents(tmp_path / "one") == contents(tmp_path / "two")
 
 

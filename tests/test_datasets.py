@@ -117,7 +117,7 @@ def test_npz_needs_no_project_to_be_read(made):
     ("change", "message"),
     [
         ({"schema": np.int64(2)}, "schema 2, this version reads 1"),
-        ({"about": np.array([{"a": 1}], dtype=object)}, "allow_pickle=False"),
+        ({"about": np.array([{"a": 1}], dtype=object)}, "holds objects of Python"),
         ({"actions": np.full((3, 7), 2.0, dtype=np.float32)}, "actions must have length"),
         ({"step_start": np.array([0, 5, 6])}, "do not divide the arrays"),
         ({"captured": np.array([True, False])}, "captured and outcome disagree"),

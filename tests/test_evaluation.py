@@ -1,5 +1,6 @@
 """evaluate.py: records that repeat, metrics that obey physics, policies of a user's own, clear errors."""
 
+import itertools
 import json
 import sys
 from types import SimpleNamespace
@@ -13,6 +14,7 @@ from agents.planning import Cause, Failure
 from agents.registry import POLICIES, Entry
 from agents.resolve import resolve_policy
 from space_envs.evaluation import runner
+from space_envs.evaluation.causes import PlanState
 from space_envs.evaluation.leaderboard import cost_times_duration
 from space_envs.evaluation.metrics import episode_metrics, episode_records
 from space_envs.evaluation.records import NO_PLAN_CAUSES, Entrant, Task, read_records, records_without_timing
@@ -161,13 +163,20 @@ def test_a_policy_that_returns_nan_loses_that_episode_only():
     assert np.isfinite(rollout.qpos).all()
 
 
+class Told(PlanState):
+    """A state that says which episodes have no plan."""
+
+    def __init__(self, failures):
+        self.failures = failures
+
+
 class Planless(Nan):
     """Has no plan for odd rows, and says so in its state."""
 
     def predict(self, observation, state=None, episode_start=None, deterministic=True):
         told = [None, Failure("mine", Cause.JOINT_LIMIT, "joint 3 at 2.1 rad"), "out of ideas"]
         failures = [told[row % 3] for row in range(len(observation))]
-        return np.zeros((len(observation), self.size)), SimpleNamespace(failures=failures)
+        return np.zeros((len(observation), self.size)), Told(failures)
 
 
 class Malformed(Nan):
@@ -176,14 +185,14 @@ class Malformed(Nan):
     def predict(self, observation, state=None, episode_start=None, deterministic=True):
         told = [SimpleNamespace(cause="out of luck", reason="the stars"), 3, ValueError()]
         failures = [told[row % 3] for row in range(len(observation))]
-        return np.zeros((len(observation), self.size)), SimpleNamespace(failures=failures)
+        return np.zeros((len(observation), self.size)), Told(failures)
 
 
 class Miscounted(Nan):
     """Says in its state why there is no plan, for another number of episodes."""
 
     def predict(self, observation, state=None, episode_start=None, deterministic=True):
-        return np.zeros((len(observation), self.size)), SimpleNamespace(failures=["out of ideas"])
+        return np.zeros((len(observation), self.size)), Told(["out of ideas"])
 
 
 @pytest.mark.parametrize("apart", [False, True])
@@ -201,6 +210,45 @@ def test_what_a_policy_says_malformed_is_counted_as_no_plan_or_as_nothing():
     assert rollout.reason[1] == "the policy gave a int for a reason"
     rollout, _ = rollout_of(f"{__name__}:Miscounted", horizon=5)
     assert rollout.cause == ["timeout"] * 6
+
+
+class Endless(Nan):
+    """Says so for ever."""
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        return np.zeros((len(observation), self.size)), Told(itertools.repeat("out of ideas"))
+
+
+class Namesake(Nan):
+    """Has a state of its own with an attribute of that name, which is none of the harness's business."""
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        failures = ["out of ideas"] * len(observation)
+        return np.zeros((len(observation), self.size)), SimpleNamespace(failures=failures)
+
+
+class Trap:
+    """A state that raises whatever is asked of it."""
+
+    def __getattribute__(self, name):
+        raise GeneratorExit
+
+    __len__ = __iter__ = __copy__ = __deepcopy__ = __bool__ = __getattribute__
+
+
+class Trapped(Nan):
+    """Has such a state."""
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        return np.zeros((len(observation), self.size)), Trap()
+
+
+@pytest.mark.parametrize("apart", [False, True])
+@pytest.mark.parametrize("name", ["Endless", "Namesake", "Trapped"])
+def test_other_states_are_not_looked_at(name, apart):
+    rollout, _ = rollout_of(f"{__name__}:{name}", episodes=2, horizon=3, apart=apart)
+    assert rollout.cause == ["timeout"] * 2
+    assert rollout.reason == [None] * 2
 
 
 def test_every_cause_of_a_planner_is_one_of_the_records():
@@ -233,15 +281,18 @@ class Ticking(Nan):
 
 
 @pytest.mark.parametrize(
-    ("name", "built_in", "said"),
+    ("policy", "built_in", "said"),
     [
-        ("Raises", True, "in 4 episodes: it raised ValueError: a goal that I do not like (step 0)"),
-        ("Raises", False, None),
-        ("HasNoPlan", True, None),
+        (
+            "harness_policies:Raises",
+            True,
+            "in 4 episodes: it raised ValueError: a goal that I do not like (step 0)",
+        ),
+        (f"{__name__}:Raises", False, None),
+        ("harness_policies:HasNoPlan", True, None),
     ],
 )
-def test_an_exception_of_a_built_in_policy_is_no_score(name, built_in, said, tmp_path, capsys, monkeypatch):
-    policy = f"harness_policies:{name}"
+def test_an_exception_of_a_built_in_policy_is_no_score(policy, built_in, said, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(harness_policies.Well, "bad", lambda self, observation: np.ones(1, dtype=bool))
     if built_in:
         monkeypatch.setitem(POLICIES, policy, Entry(policy, "fails"))
@@ -279,7 +330,15 @@ def test_timing_tells_planning_from_acting(monkeypatch, first, planning):
         (["--seeds", "4-2"], "seeds are numbers and ranges"),
         (["--jobs", "0"], "jobs must be at least 1"),
         (["--backend", "lokey"], "Did you mean 'loky'"),
-        (["--time-limit", "-1"], "must be positive"),
+        (["--time-limit", "-1"], "--time-limit must be a finite positive number, got -1.0"),
+        (["--time-limit", "nan"], "--time-limit must be a finite positive number"),
+        (["--time-limit", "1", "--planning-limit", "0"], "--planning-limit must be a finite positive number"),
+        (["--policy", "runs/none"], "there is no run's folder 'runs/none'"),
+        (["--policy", "model.zip"], "there is no zip of stable-baselines3 'model.zip'"),
+        (["--policy", "agents/data/policies/SingleArm-v0/bd.npz"], "SingleArm-v0/bc.npz'?"),
+        (["--policy", ""], "a policy needs a name"),
+        (["sohw"], "unknown command 'sohw'; there are compare, show, replay, dataset"),
+        (["cmpare", "a"], "Did you mean 'compare'?"),
         (["--planning-limit", "1"], "goes with --time-limit"),
         (["--control-mode", "torque"], "Did you mean 'joint_torque'"),
         (["--policy", "hold", "gjm", "--control-mode", "joint_torque"], "control mode 'joint_velocity'"),
@@ -298,13 +357,13 @@ def test_a_complete_evaluation_is_not_played_again_by_resume(tmp_path, capsys):
     folder = tmp_path / "out"
     arguments = ["--policy", "hold", *QUICK, "--output", str(folder)]
     assert main(arguments) == 0
-    before = {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
+    before = {path: path.stat().st_mtime_ns for path in folder.rglob("[!.]*")}
     capsys.readouterr()
     assert main([*arguments, "--resume"]) == 0
     told = capsys.readouterr()
     assert "hold" in told.out and str(folder / "report.html") in told.out
     assert told.err == f"note: {folder} is complete; nothing was played\n"
-    assert {path: path.stat().st_mtime_ns for path in folder.rglob("*")} == before
+    assert {path: path.stat().st_mtime_ns for path in folder.rglob("[!.]*")} == before
     # Parts that somebody removed, of an evaluation that had no end, are played again.
     (folder / "summary.json").unlink()
     assert main([*arguments, "--resume"]) == 0
@@ -316,16 +375,17 @@ def test_a_restart_that_was_killed_is_not_complete(tmp_path, monkeypatch):
     task = Task(SINGLE, "medium", "test")
     evaluation = Evaluation(((task, resolve_policy("hold")),), 4, (3,))
     (tmp_path / "summary.json").write_text("{}")  # of an evaluation before
-    assert prepare(evaluation, tmp_path, resume=False)
+    assert prepare(evaluation, tmp_path)
+    (tmp_path / "parts").rmdir()  # it had come to its end
+    assert not prepare(evaluation, tmp_path, resume=True)
 
-    def killed(path, **_):
-        path.rmdir()
+    def killed(*_):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patched:
-        patched.setattr(runner.shutil, "rmtree", killed)
+        patched.setattr(runner, "remove_files", killed)
         with pytest.raises(KeyboardInterrupt):
-            prepare(evaluation, tmp_path, resume=False)
+            prepare(evaluation, tmp_path, overwrite=True)
     assert prepare(evaluation, tmp_path, resume=True)
 
 

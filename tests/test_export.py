@@ -207,7 +207,7 @@ def test_command_says_in_one_line_what_is_wrong(
     printed = capsys.readouterr()
     assert printed.out == ""
     assert message in printed.err
-    assert printed.err.startswith("error: ")
+    assert printed.err.startswith("python -m space_envs.models.export: ")
     assert printed.err.count("\n") == 1
 
 

@@ -59,6 +59,15 @@ def test_records_of_another_schema_are_refused(tmp_path: Path) -> None:
         read_folder(a)
 
 
+@pytest.mark.parametrize("schema", [99, 1, None, "3", 2.5])
+def test_summaries_of_another_schema_are_refused(tmp_path: Path, schema: object) -> None:
+    a = write_folder(tmp_path / "a", episodes(2))
+    told = json.loads((a / "summary.json").read_text())
+    (a / "summary.json").write_text(json.dumps(told | {"schema": schema}))
+    with pytest.raises(ConfigurationError, match=r"summary\.json: its schema is .*reads schema \d"):
+        read_folder(a)
+
+
 def test_folders_that_are_none_or_incomplete_say_so(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match="none does not exist"):
         read_folder(tmp_path / "none")
@@ -95,7 +104,8 @@ def test_folders_that_are_none_or_incomplete_say_so(tmp_path: Path) -> None:
         '{"provenance": {"configurations": {"x": 3}}}',
         '{"checksums": 3}',
         "3",
-        "[" * 10_000,
+        "[" * 100_000,
+        "null",
     ],
 )
 def test_malformed_summaries_are_refused(tmp_path: Path, text: str) -> None:

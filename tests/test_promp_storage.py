@@ -98,7 +98,7 @@ def rewrite(path, **changes):
         ({"format": np.array("other")}, "expected a file of format"),
         ({"covariance": None}, "expected the arrays"),
         ({"extra": np.ones(1)}, "expected the arrays"),
-        ({"mean": np.array([{"a": 1}], dtype=object)}, "corrupt or truncated"),  # a pickle inside
+        ({"mean": np.array([{"a": 1}], dtype=object)}, "corrupt or truncated one"),  # a pickle inside
     ],
 )
 def test_altered_content_is_refused(tmp_path, changes, message):

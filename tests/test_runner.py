@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +21,10 @@ from space_envs.errors import ConfigurationError, PolicyError
 from space_envs.evaluation import runner
 from space_envs.evaluation.parallel import backend, check_backend
 from space_envs.evaluation.policy_process import TimeLimits
-from space_envs.evaluation.records import EpisodeRecord, Task, read_records, records_without_timing
-from space_envs.evaluation.rollout import PolicyTime
+from space_envs.evaluation.records import UNTIMED, EpisodeRecord, Task, read_records, records_without_timing
+from space_envs.evaluation.rollout import PolicyTime, roll_out
 from space_envs.evaluation.runner import Evaluation, collect, play_missing, prepare, timings
-from space_envs.evaluation.units import CHUNK, Part, play
+from space_envs.evaluation.units import CHUNK, Part, built, play
 from space_envs.registration import make_task
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -43,23 +44,26 @@ def evaluation(
     return Evaluation(players, episodes, seeds, limits=limits, paths=tuple(sys.path))
 
 
-def records_of(evaluated: Evaluation, folder: Path, jobs: int = 1, name: str = "loky") -> list[EpisodeRecord]:
+def records_of(
+    evaluated: Evaluation, folder: Path, jobs: int = 1, name: str = "loky", timed: bool = False
+) -> list[EpisodeRecord]:
     prepare(evaluated, folder, resume=False)
     units = evaluated.units()
     play_missing(units, folder, jobs, name)
-    return finished(evaluated, folder)
+    return finished(evaluated, folder, timed)
 
 
-def finished(evaluated: Evaluation, folder: Path) -> list[EpisodeRecord]:
+def finished(evaluated: Evaluation, folder: Path, timed: bool = False) -> list[EpisodeRecord]:
     units = evaluated.units()
-    return [record for played in collect(units, timings(units, folder), folder) for record in played.records]
+    times = timings(units, folder)[0] if timed else {unit.entrant: UNTIMED for unit in units}
+    return [record for played in collect(units, times, folder) for record in played.records]
 
 
 @pytest.fixture(scope="module")
 def usual(tmp_path_factory: pytest.TempPathFactory) -> tuple[Evaluation, list[EpisodeRecord]]:
     """Two policies, one of them stochastic, two seeds: in this process, one after the other."""
     evaluated = evaluation("gjm", "random", episodes=CHUNK + 2, seeds=(0, 3))
-    return evaluated, records_of(evaluated, tmp_path_factory.mktemp("usual"))
+    return evaluated, records_of(evaluated, tmp_path_factory.mktemp("usual"), timed=True)
 
 
 def test_records_stand_by_policy_seed_and_episode(usual) -> None:
@@ -228,9 +232,8 @@ def test_a_policy_that_cannot_be_built_is_told_before_anything_is_played(tmp_pat
 
 def test_limits_that_are_kept_change_nothing(tmp_path: Path) -> None:
     free = records_of(evaluation(f"{HARNESS}:Prints", episodes=2), tmp_path / "free")
-    held = records_of(
-        evaluation(f"{HARNESS}:Prints", episodes=2, limits=TimeLimits(60.0, 60.0)), tmp_path / "held"
-    )
+    limited = evaluation(f"{HARNESS}:Prints", episodes=2, limits=TimeLimits(60.0, 60.0))
+    held = records_of(limited, tmp_path / "held", timed=True)
     for one, other in zip(held, free, strict=True):
         assert one.outcome == other.outcome
         assert one.attitude_cost == pytest.approx(other.attitude_cost, rel=1e-9)
@@ -262,11 +265,16 @@ def test_a_policy_that_ends_its_process_loses_only_its_own_episodes(
 
 
 @pytest.mark.parametrize("name", ["Raises", "NaNs", "Shapes", "Leaves", "Well"])
-def test_a_process_of_its_own_changes_no_record(name: str) -> None:
+def test_a_process_of_its_own_changes_nothing(name: str) -> None:
     (unit,) = evaluation(f"{HARNESS}:{name}", episodes=6).units()
-    here, apart = play(unit), play(unit, apart=True)
-    assert apart.records == here.records
-    np.testing.assert_array_equal(apart.rollout.torque, here.rollout.torque)
+    indices = np.array(unit.indices)
+    here, apart = (
+        roll_out(partial(built, unit), unit.environment, SINGLE.split, indices, unit.seed, apart=away)
+        for away in (False, True)
+    )
+    assert (apart.outcome, apart.reason) == (here.outcome, here.reason)
+    np.testing.assert_array_equal(apart.torque, here.torque)
+    np.testing.assert_array_equal(apart.qpos, here.qpos)
 
 
 def test_a_policy_draws_anew_in_each_unit_and_seed() -> None:
@@ -317,32 +325,13 @@ def test_the_fastest_of_several_rounds_is_its_time(
         return PolicyTime(*one)
 
     monkeypatch.setattr(runner, "elsewhere", timed)
-    found = {entrant.policy: timing for entrant, timing in timings(units, tmp_path).items()}
+    found = {entrant.policy: timing for entrant, timing in timings(units, tmp_path)[0].items()}
     assert (found["gjm"]["planning_ms"], found["gjm"]["action_ms"]) == (planning, action)
     assert (found["hold"]["planning_ms"], found["hold"]["action_ms"]) == (None, 1.0)
     # One after the other rather than all of one policy, and no more of one that failed.
     assert turns == ["gjm", "hold"] * len(told) + ["hold"] * (runner.ROUNDS - len(told))
     monkeypatch.setattr(runner, "elsewhere", lambda *_: pytest.fail("it was timed before"))
     timings(units, tmp_path)
-
-
-def test_a_dry_run_plays_nothing_and_learns_from_what_was_played(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("SPACE_ENVS_CACHE", str(tmp_path / "cache"))
-    arguments = ["--policy", "hold", "--split", "validation", "--episodes", "3", "--no-pictures"]
-    arguments += ["--jobs", "1"]
-    output = ["--output", str(tmp_path / "out")]
-    assert main([*arguments, *output, "--dry-run"]) == 0
-    assert "never played on this machine" in capsys.readouterr().out
-    assert not (tmp_path / "out").exists()
-    assert main([*arguments, *output]) == 0
-    capsys.readouterr()
-    monkeypatch.setattr(runner, "play", lambda *_: pytest.fail("an episode was played"))
-    assert main([*arguments, *output, "--dry-run"]) == 0
-    told = capsys.readouterr().out
-    assert "unknown" not in told
-    assert "1 units of work; about 0 s with 1 jobs" in told.replace("\n", "")
 
 
 def test_several_ids_splits_and_seeds_in_one_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -246,7 +246,8 @@ def test_damaged_files(ppo: Path, tmp_path: Path) -> None:
     with pytest.raises(PolicyError, match=r"holds no `data`.*a.npy"):
         load_network(tmp_path / "arrays.zip")
     for member, content, message in (
-        ("data", b"{", "not a whole zip"),
+        ("data", b"{", "not JSON"),
+        ("data", b"[" * 100_000, "not JSON"),
         ("data", b"[]", "not a JSON object"),
         ("policy_pth", b"nonsense", "damaged"),
         ("policy_pth", saved([1, 2]), "named arrays"),

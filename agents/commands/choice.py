@@ -1,12 +1,14 @@
 """Which policies a command means, and whether they fit the environments they are to play in."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from agents.registry import POLICIES, check_task, policies_for
 from agents.resolve import ResolvedPolicy, resolve_policy
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError
 from space_envs.evaluation.policy import PolicyContext
+from space_envs.evaluation.policy_process import PolicyProcess
 
 NO_EXPERTS = ("agents.baselines", "agents.learned_policy")  # modules of policies that do not plan
 
@@ -48,13 +50,22 @@ def choose_policies(
     return chosen
 
 
-def check_fit(policy: ResolvedPolicy, env: CaptureVectorEnv) -> None:
+def check_fit(policy: ResolvedPolicy, env_id: str, keywords: Mapping[str, Any]) -> None:
     """Build a policy for an environment, so that one that does not fit says so before the first episode.
+
+    Args:
+        keywords: of the environment's task.
 
     Raises:
         ConfigurationError, PolicyError: as the policy says.
     """
-    policy.build(PolicyContext.from_env(env), 0)
+    environment = {"env_id": env_id, "control_mode": policy.control_mode, **keywords}
+    env = CaptureVectorEnv(num_envs=1, **environment)
+    if not policy.foreign:
+        policy.build(PolicyContext.from_env(env), 0)
+        return
+    with PolicyProcess(policy.factory(0), environment) as process:
+        process.build()
 
 
 def distinct(title: str, names: Sequence[str]) -> None:

@@ -2,19 +2,21 @@
 
 import argparse
 import shlex
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 from agents.commands.choice import expert_names
 from agents.commands.show import show
-from space_envs.errors import ConfigurationError, SpaceEnvsError, unknown_name
+from space_envs.command_line import Parser, ended, output_path
+from space_envs.errors import ConfigurationError, unknown_name
 from space_envs.evaluation.folders import read_folder
 from space_envs.evaluation.merging import Source, merge
 from space_envs.evaluation.provenance import versions
+from space_envs.evaluation.records import RECORDS
 from space_envs.evaluation.report import write_report
-from space_envs.evaluation.runner import PARTS, PLAN
+from space_envs.output import check_free, held
 
+COMPARISON = "comparison"  # kind of the folder
 DESCRIPTION = """\
 Merge result folders of several people into one leaderboard with a report of its own.
 
@@ -25,19 +27,24 @@ Every record is validated. Records of another version, difficulty or split, or o
 configuration, are refused with what differs; so are records and files that were edited. An episode that
 stands in two folders alike counts once; one with two different results is an error. Where two people call
 different policies by one name, --name appends a name to those of a folder: promp becomes `promp (Ann)`.
+
+Checksums find edits made in passing, no forgery. Whoever doubts a folder plays it again by the command in its
+summary.json, with --time-limit where its policy may think for longer than the others.
 """
 
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
-    out = argparse.ArgumentParser(
+    out = Parser(
         prog="evaluate.py compare",
         description=DESCRIPTION,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = out.add_argument
     add("results", nargs="+", type=Path, metavar="RESULTS", help="folders that evaluate.py left")
-    add("--output", type=Path, required=True, metavar="FOLDER", help="where the merged result goes")
+    what = "where the merged result goes"
+    add("--output", type=output_path, required=True, metavar="FOLDER", help=what)
+    add("--overwrite", action="store_true", help="replace the comparison that the folder holds")
     what = "append NAME to the names of a folder's policies; can be given several times"
     add("--name", action="append", default=[], metavar="RESULTS=NAME", help=what)
     what = "accept folders that share no version, difficulty or split, as tables of their own"
@@ -47,28 +54,30 @@ def parser() -> argparse.ArgumentParser:
 
 def main(arguments: list[str]) -> int:
     """Run the command; returns the exit status."""
-    options = parser().parse_args(arguments)
-    try:
-        folders = _distinct(options.results)
-        names = _names(options.name, folders)
-        _check_output(options.output, folders)
-        sources = [Source(read_folder(path), names.get(path.resolve(), "")) for path in folders]
-        about = {
-            "command": shlex.join(["evaluate.py", "compare", *arguments]),
-            "seeds": sorted({record.seed for source in sources for record in source.folder.records}),
-            "versions": versions(),
-        }
-        result, notes = merge(sources, about, options.separate)
-        result = replace(result, experts=expert_names())
+    return ended("evaluate.py compare", lambda: _run(parser().parse_args(arguments), arguments))
+
+
+def _run(options: argparse.Namespace, arguments: list[str]) -> None:
+    folders = _distinct(options.results)
+    names = _names(options.name, folders)
+    if options.output.resolve() in [folder.resolve() for folder in folders]:
+        raise ConfigurationError(f"--output {options.output} is one of the folders that are merged")
+    check_free(options.output, COMPARISON)
+    if (options.output / RECORDS).exists() and not options.overwrite:
+        raise ConfigurationError(
+            f"{options.output} holds a comparison already; --overwrite replaces it, or name another folder"
+        )
+    sources = [Source(read_folder(path), names.get(path.resolve(), "")) for path in folders]
+    about = {
+        "command": shlex.join(["evaluate.py", "compare", *arguments]),
+        "seeds": sorted({record.seed for source in sources for record in source.folder.records}),
+        "versions": versions(),
+    }
+    result, notes = merge(sources, about, options.separate)
+    result = replace(result, experts=expert_names())
+    with held(options.output, COMPARISON):
         write_report(result, options.output)
-        show(result.records, options.output, notes=notes)
-    except SpaceEnvsError as error:
-        print(f"evaluate.py compare: {error}", file=sys.stderr)
-        return 2
-    except OSError as error:
-        print(f"evaluate.py compare: cannot write to {options.output}: {error.strerror}", file=sys.stderr)
-        return 2
-    return 0
+    show(result.records, options.output, notes=notes)
 
 
 def _distinct(paths: list[Path]) -> list[Path]:
@@ -93,11 +102,3 @@ def _names(given: list[str], folders: list[Path]) -> dict[Path, str]:
             raise ConfigurationError(f"--name names {place} twice")
         names[path] = name.strip()
     return names
-
-
-def _check_output(output: Path, folders: list[Path]) -> None:
-    """The merged result overwrites neither what it is made of nor another evaluation."""
-    if output.resolve() in [folder.resolve() for folder in folders]:
-        raise ConfigurationError(f"--output {output} is one of the folders that are merged; name another")
-    if any((output / name).exists() for name in (PARTS, PLAN)):
-        raise ConfigurationError(f"--output {output} holds an evaluation of evaluate.py; name another folder")

@@ -3,8 +3,8 @@
 import argparse
 import os
 import shlex
-import sys
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -15,20 +15,24 @@ from rich.text import Text
 
 from agents.commands.choice import check_fit, choose_policies, distinct
 from agents.commands.dataset_making import Places, Request, complete, make
+from space_envs.command_line import Parser, ended, output_path
 from space_envs.control import CONTROL_MODES
-from space_envs.errors import ConfigurationError, SpaceEnvsError, unknown_name
+from space_envs.errors import ConfigurationError, unknown_name
 from space_envs.evaluation.datasets_card import read_card
 from space_envs.evaluation.datasets_minari import ROOT_VARIABLE, require_minari
 from space_envs.evaluation.names import display_name
 from space_envs.evaluation.parallel import check_backend
 from space_envs.evaluation.records import Task
 from space_envs.evaluation.tables import print_at, width_of
+from space_envs.evaluation.units import task_keywords
 from space_envs.models.parameters import VARIANTS
+from space_envs.output import check_free, held
 from space_envs.registration import ENTRIES
 from space_envs.tasks.common import DIFFICULTIES, SPLITS
 
 LEARNED_FROM = ("train", "validation")  # splits; what a policy is tested on is in no dataset
 FORMATS = ("npz", "minari")
+DATASET = "dataset"  # kind of the folder
 TOLD = 5  # episodes left out of a dataset that the terminal names
 DESCRIPTION = """\
 Write policies' episodes as datasets: observations, actions, rewards, how each episode ended.
@@ -50,7 +54,7 @@ docs/datasets.md says how to load them.
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
-    out = argparse.ArgumentParser(
+    out = Parser(
         prog="evaluate.py dataset",
         description=DESCRIPTION,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -79,9 +83,10 @@ def parser() -> argparse.ArgumentParser:
     add("--captured-only", action="store_true", help="keep the episodes that captured; by default all are")
     what = f"{' and '.join(FORMATS)}, or one of them (default npz)"
     add("--format", nargs="+", default=["npz"], metavar="NAME", help=what)
-    add("--output", type=Path, default=Path("results/datasets"), help="folder (default %(default)s)")
+    default_folder = Path("results/datasets")
+    add("--output", type=output_path, default=default_folder, help="folder (default %(default)s)")
     what = f"folder that Minari shall find its datasets in, its {ROOT_VARIABLE} (default: that of --output)"
-    add("--minari-root", type=Path, metavar="FOLDER", help=what)
+    add("--minari-root", type=output_path, metavar="FOLDER", help=what)
     cores = len(os.sched_getaffinity(0))
     add("--jobs", type=int, default=cores, metavar="N", help=f"processes (default {cores}, the cores)")
     return out
@@ -89,20 +94,22 @@ def parser() -> argparse.ArgumentParser:
 
 def main(arguments: list[str]) -> int:
     """Run the command; returns the exit status: 1 if a dataset was left with no episode."""
-    options = parser().parse_args(arguments)
-    try:
-        requests = _requests(options)
-        places = Places(options.output, options.minari_root or options.output)
-        missing = [request for request in requests if not complete(request, places)]
-        places.prepare()
-        empty = _show(requests, missing, make(missing, places, options.jobs), places)
-    except SpaceEnvsError as error:
-        print(f"evaluate.py dataset: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("evaluate.py dataset: stopped; the same command goes on from here", file=sys.stderr)
-        return 130
-    return int(empty)
+    goes_on = "stopped; the same command goes on from here"
+    return ended("evaluate.py dataset", lambda: _run(parser().parse_args(arguments)), goes_on)
+
+
+def _run(options: argparse.Namespace) -> int:
+    requests = _requests(options)
+    output = options.output.absolute()
+    places = Places(output, (options.minari_root or output).absolute())
+    missing = [request for request in requests if not complete(request, places)]
+    for request in missing:
+        check_free(places.folder(request), DATASET)
+    places.prepare()
+    with ExitStack() as stack:
+        for request in missing:
+            stack.enter_context(held(places.folder(request), DATASET))
+        return int(_show(requests, missing, make(missing, places, options.jobs), places))
 
 
 def _requests(options: argparse.Namespace) -> list[Request]:
@@ -153,7 +160,7 @@ def _requests(options: argparse.Namespace) -> list[Request]:
     ]
     distinct("name of a dataset", [request.id for request in requests])
     for request in requests:
-        check_fit(request.policy, request.make_env())
+        check_fit(request.policy, request.task.env_id, task_keywords(request.task, request.variant))
         request.units(())  # says what is wrong with the number of episodes
     return requests
 

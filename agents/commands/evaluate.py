@@ -1,6 +1,7 @@
 """`evaluate.py`: play policies on splits of ids and write records, tables and a report."""
 
 import argparse
+import difflib
 import os
 import sys
 from dataclasses import replace
@@ -12,15 +13,16 @@ from agents.commands.evaluation import Options, dry_run, run
 from agents.registry import POLICIES
 from agents.resolve import ResolvedPolicy
 from agents.seeds import parse_seeds
+from space_envs.command_line import Parser, ended, output_path
 from space_envs.control import CONTROL_MODES
-from space_envs.envs import CaptureVectorEnv
-from space_envs.errors import ConfigurationError, SpaceEnvsError, unknown_name
+from space_envs.errors import ConfigurationError, positive, unknown_name
 from space_envs.evaluation.parallel import BACKENDS, check_backend
 from space_envs.evaluation.policy_process import TimeLimits
 from space_envs.evaluation.records import Task
-from space_envs.evaluation.runner import Evaluation
+from space_envs.evaluation.runner import EVALUATION, Evaluation
 from space_envs.evaluation.units import task_keywords
 from space_envs.models.parameters import VARIANTS
+from space_envs.output import check_free
 from space_envs.registration import ENTRIES
 from space_envs.tasks.common import DIFFICULTIES, SPLITS
 
@@ -33,6 +35,7 @@ and a self-contained HTML report.
   evaluate.py --policy gjm promp runs/mine my_package.planner:Planner --episodes 200
   evaluate.py --env all --split test ood --seeds 0-4 --jobs 8
   evaluate.py ... --resume              go on with an evaluation that was stopped or killed
+  evaluate.py ... --overwrite           begin anew in the folder of another evaluation
 
   evaluate.py show RESULTS              print the table again
   evaluate.py compare RESULTS...        merge result folders into one leaderboard
@@ -46,7 +49,7 @@ shape, or takes too long, loses that episode, and the rest goes on.
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
-    out = argparse.ArgumentParser(
+    out = Parser(
         prog="evaluate.py", description=DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     add = out.add_argument
@@ -69,8 +72,13 @@ def parser() -> argparse.ArgumentParser:
     add("--episodes", type=int, default=100, help="different goals of each split, a seed (default 100)")
     what = "of goals and policies, such as 3, 0-4 or 0,2,5-7; strata of the intervals (default 0)"
     add("--seeds", "--seed", default="0", metavar="LIST", help=what)
-    add("--output", type=Path, default=Path("results/evaluation"), help="folder (default %(default)s)")
-    add("--resume", action="store_true", help="go on with what the folder holds of the same evaluation")
+    default = Path("results/evaluation")
+    add("--output", type=output_path, default=default, metavar="FOLDER", help="default %(default)s")
+    again = out.add_mutually_exclusive_group()
+    what = "go on with what the folder holds of the same evaluation"
+    again.add_argument("--resume", action="store_true", help=what)
+    what = "replace the evaluation that the folder holds"
+    again.add_argument("--overwrite", action="store_true", help=what)
     cores = len(os.sched_getaffinity(0))
     add("--jobs", type=int, default=cores, metavar="N", help=f"processes (default {cores}, the cores)")
     add("--backend", default="loky", help=f"{', '.join(BACKENDS)} (default loky: this machine)")
@@ -91,23 +99,26 @@ def main(arguments: list[str] | None = None) -> int:
     given = sys.argv[1:] if arguments is None else arguments
     if given and given[0] in COMMANDS:
         return import_module(f"agents.commands.{given[0]}").main(given[1:])
+    goes_on = "stopped; what is done is kept, and the same command with --resume goes on from here"
+    return ended("evaluate.py", lambda: _run(given), goes_on)
+
+
+def _run(given: list[str]) -> int:
+    if given and not given[0].startswith("-"):
+        near = difflib.get_close_matches(given[0], COMMANDS, n=1)
+        hint = f" Did you mean {near[0]!r}?" if near else ""
+        raise ConfigurationError(
+            f"unknown command {given[0]!r}; there are {', '.join(COMMANDS)}, and options to evaluate.{hint}"
+        )
     options = parser().parse_args(given)
-    try:
-        if options.list:
-            _list()
-            return 0
-        evaluation, chosen = _checked(options, given)
-        if options.dry_run:
-            dry_run(evaluation, chosen)
-        else:
-            return run(evaluation, chosen)
-    except SpaceEnvsError as error:
-        print(f"evaluate.py: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("evaluate.py: stopped; the same command with --resume goes on from here", file=sys.stderr)
-        return 130
-    return 0
+    if options.list:
+        _list()
+        return 0
+    evaluation, chosen = _checked(options, given)
+    if options.dry_run:
+        dry_run(evaluation, chosen)
+        return 0
+    return run(evaluation, chosen)
 
 
 def _checked(options: argparse.Namespace, arguments: list[str]) -> tuple[Evaluation, Options]:
@@ -129,11 +140,13 @@ def _checked(options: argparse.Namespace, arguments: list[str]) -> tuple[Evaluat
     if options.control_mode is not None and options.control_mode not in CONTROL_MODES:
         raise unknown_name("control mode", options.control_mode, CONTROL_MODES)
     check_backend(options.jobs, options.backend, options.address)
+    limits = _limits(options)
+    check_free(options.output, EVALUATION)
     entrants: list[tuple[Task, ResolvedPolicy]] = []
     for env_id in env_ids:
         for policy in choose_policies(options.policy, env_id, env_ids, options.control_mode):
             keywords = task_keywords(Task(env_id, options.difficulty[0], options.split[0]), options.variant)
-            check_fit(policy, CaptureVectorEnv(env_id, 1, policy.control_mode, **keywords))
+            check_fit(policy, env_id, keywords)
             for difficulty in options.difficulty:
                 for split in options.split:
                     entrants.append((Task(env_id, difficulty, split), policy))
@@ -144,13 +157,14 @@ def _checked(options: argparse.Namespace, arguments: list[str]) -> tuple[Evaluat
         options.episodes,
         parse_seeds(options.seeds),
         options.variant,
-        _limits(options),
+        limits,
         tuple(path or os.getcwd() for path in sys.path),
     )
     evaluation.units()  # says what is wrong with the number of episodes
     chosen = Options(
-        options.output,
+        options.output.absolute(),
         options.resume,
+        options.overwrite,
         options.jobs,
         options.backend,
         options.address,
@@ -170,6 +184,9 @@ def _order(task: Task, env_ids: list[str], options: argparse.Namespace) -> tuple
 
 
 def _limits(options: argparse.Namespace) -> TimeLimits | None:
+    for name, value in (("--time-limit", options.time_limit), ("--planning-limit", options.planning_limit)):
+        if value is not None:
+            positive(name, value)
     if options.time_limit is None:
         if options.planning_limit is not None:
             raise ConfigurationError("--planning-limit goes with --time-limit")

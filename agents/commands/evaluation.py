@@ -2,7 +2,7 @@
 
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -17,6 +17,7 @@ from rich.text import Text
 
 from agents.commands.choice import expert_names
 from agents.commands.defects import defects
+from agents.commands.estimate import estimate
 from agents.commands.show import show
 from agents.registry import POLICIES
 from space_envs.evaluation.folders import read_folder
@@ -25,15 +26,25 @@ from space_envs.evaluation.metrics import config_hash, configuration, episode_tr
 from space_envs.evaluation.names import display_name
 from space_envs.evaluation.pictures import capture_pictures
 from space_envs.evaluation.provenance import provenance
-from space_envs.evaluation.rates import record_rates, recorded_rate
+from space_envs.evaluation.rates import REPORT, Seconds, playing, recorded, remember, timing
 from space_envs.evaluation.records import Entrant, EpisodeRecord, EvaluationResult
 from space_envs.evaluation.replays import Replay, make_replays
 from space_envs.evaluation.report import BOOTSTRAP_SEED, ReportPaths, write_report
-from space_envs.evaluation.runner import Evaluation, Played, collect, finish, play_missing, prepare, timings
+from space_envs.evaluation.runner import (
+    EVALUATION,
+    Evaluation,
+    Played,
+    collect,
+    finish,
+    play_missing,
+    prepare,
+    timings,
+)
 from space_envs.evaluation.states import States, states_of
 from space_envs.evaluation.tables import to_terminal
 from space_envs.evaluation.traces import Traces
 from space_envs.evaluation.units import Unit, task_keywords
+from space_envs.output import held
 from space_envs.registration import make_task
 
 
@@ -43,6 +54,7 @@ class Options:
 
     output: Path
     resume: bool = False
+    overwrite: bool = False
     jobs: int = 1
     backend: str = "loky"
     address: str | None = None
@@ -60,20 +72,37 @@ def run(evaluation: Evaluation, options: Options) -> int:
     Raises:
         SpaceEnvsError: if the folder cannot be used or read, or a process dies with its policy.
     """
+    with held(options.output, EVALUATION):
+        return _held(evaluation, options)
+
+
+def _held(evaluation: Evaluation, options: Options) -> int:
     started = perf_counter()
     folder = options.output
-    if not prepare(evaluation, folder, options.resume):
+    if not prepare(evaluation, folder, options.resume, options.overwrite):
         records = read_folder(folder).records
         show(records, folder, notes=(f"{folder} is complete; nothing was played",))
         return _told(evaluation, records)
     units = evaluation.units()
     play_missing(units, folder, options.jobs, options.backend, options.address)
-    times = timings(units, folder)
-    result = _result(evaluation, units, list(collect(units, times, folder)), options, started)
+    times, spent = timings(units, folder)
+    played = list(collect(units, times, folder))
+    before = perf_counter()
+    result = _result(evaluation, units, played, options, started)
     paths = write_report(result, folder, videos=options.videos)
     finish(folder)
+    _remember(played, spent, (perf_counter() - before) / len(played))
     _show(result, paths)
     return _told(evaluation, result.records)
+
+
+def _remember(played: Sequence[Played], spent: Mapping[Entrant, float], report: float) -> None:
+    """What all this took, for a dry run of another evaluation."""
+    rates = {playing(one.entrant): Seconds.of(one.pace) for one in played}
+    rates |= {timing(entrant): Seconds.of([seconds]) for entrant, seconds in spent.items()}
+    before = recorded(REPORT)
+    known = [report] if before is None else [report, before.least, before.most]
+    remember(rates | {REPORT: Seconds(min(known), report, max(known))})
 
 
 def _told(evaluation: Evaluation, records: Sequence[EpisodeRecord]) -> int:
@@ -109,7 +138,6 @@ def _result(
             frames, note = capture_pictures(task, {one.entrant: one.rollout})
             pictures |= frames
             notes |= {note} if note else set()
-    record_rates(played)
     note = "Pictures were switched off with --no-pictures."
     if options.pictures:
         note = "" if pictures else " ".join(sorted(notes))
@@ -139,25 +167,24 @@ def _about(evaluation: Evaluation, units: list[Unit], options: Options, started:
 
 
 def dry_run(evaluation: Evaluation, options: Options) -> None:
-    """Say what would be played and, from what episodes took on this machine, how long that takes."""
+    """Say what would be played and, from what was measured on this machine, how long that takes."""
     units, console = evaluation.units(), Console()
-    total, unknown = 0.0, 0
+    told = estimate(units, options.jobs)
     for task in dict.fromkeys(unit.task for unit in units):
         table = Table("policy", box=box.SIMPLE_HEAD, title=str(task), title_justify="left")
         for title in ("episodes", "s an episode", "s on one core"):
             table.add_column(title, justify="right")
         for entrant in dict.fromkeys(unit.entrant for unit in units if unit.task == task):
             episodes = sum(len(unit.indices) for unit in units if unit.entrant == entrant)
-            rate = recorded_rate(entrant)
-            total += 0.0 if rate is None else rate * episodes
-            unknown += rate is None
-            told = ("unknown", "unknown") if rate is None else (f"{rate:.3g}", f"{rate * episodes:.3g}")
-            table.add_row(Text(display_name(entrant.policy)), str(episodes), *told)
+            seconds = told.episode[entrant].usual
+            cells = (str(episodes), f"{seconds:.3g}", f"{seconds * episodes:.3g}")
+            table.add_row(Text(display_name(entrant.policy)), *cells)
         console.print(table)
-    rest = f", and {unknown} policies that were never played on this machine" if unknown else ""
+    total = told.total
     console.print(
-        f"{len(units)} units of work; about {total / options.jobs:.0f} s with {options.jobs} jobs{rest}. "
-        "Timing and pictures come on top. Nothing was played.",
+        f"{len(units)} units of work; about {total.usual:.0f} s, between {total.least:.0f} and "
+        f"{total.most:.0f} s: {told.playing.usual:.0f} s of playing with {options.jobs} jobs, "
+        f"{told.timing.usual:.0f} s of timing, {told.report.usual:.0f} s for the report. Nothing was kept.",
         soft_wrap=True,
     )
 

@@ -1,13 +1,13 @@
 """`evaluate.py replay`: look at a recorded episode in MuJoCo's viewer, or write a video of it."""
 
 import argparse
-import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from space_envs.errors import ConfigurationError, RenderingError, SpaceEnvsError, unknown_name
+from space_envs.command_line import Parser, ended, may_replace, output_path
+from space_envs.errors import ConfigurationError, RenderingError, unknown_name
 from space_envs.evaluation.exports import write_video
 from space_envs.evaluation.folders import ResultFolder, read_folder
 from space_envs.evaluation.names import display_name
@@ -41,7 +41,7 @@ _CHOICES: dict[str, tuple[str, str, type]] = {
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
-    out = argparse.ArgumentParser(
+    out = Parser(
         prog="evaluate.py replay",
         description=DESCRIPTION,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -52,7 +52,8 @@ def parser() -> argparse.ArgumentParser:
         if option != "episode":
             out.add_argument(f"--{option}", type=kind, metavar=kind.__name__.upper(), help=what)
     what = f"write a video in place of opening a window ({', '.join(SUFFIXES)})"
-    out.add_argument("--video", type=Path, metavar="FILE", help=what)
+    out.add_argument("--video", type=output_path, metavar="FILE", help=what)
+    out.add_argument("--overwrite", action="store_true", help="replace a video that is there")
     what = "of the model to look through (default %(default)s)"
     out.add_argument("--camera", default="overview", metavar="NAME", help=what)
     return out
@@ -60,32 +61,25 @@ def parser() -> argparse.ArgumentParser:
 
 def main(arguments: list[str]) -> int:
     """Run the command; returns the exit status."""
-    options = parser().parse_args(arguments)
-    try:
-        if options.video is not None and options.video.suffix not in SUFFIXES:
+    return ended("evaluate.py replay", lambda: _run(parser().parse_args(arguments)))
+
+
+def _run(options: argparse.Namespace) -> None:
+    if options.video is not None:
+        if options.video.suffix not in SUFFIXES:
             raise unknown_name("kind of video", options.video.suffix, SUFFIXES)
-        folder = read_folder(options.results)
-        asked = {
-            field: getattr(options, option.replace("-", "_")) for option, (field, _, _) in _CHOICES.items()
-        }
-        record = choose(folder.records, asked)
-        replay = recorded(folder, record)
-        for line in said(record):
-            print(line)
-        if options.video is None:
-            watch(replay, options.camera)
-        else:
-            write_video(replay, options.video, options.camera)
-            print(f"Video: {options.video}")
-    except SpaceEnvsError as error:
-        print(f"evaluate.py replay: {error}", file=sys.stderr)
-        return 2
-    except OSError as error:
-        print(f"evaluate.py replay: cannot write {options.video}: {error.strerror}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        return 130
-    return 0
+        may_replace(options.video, options.overwrite)
+    folder = read_folder(options.results)
+    asked = {field: getattr(options, option.replace("-", "_")) for option, (field, _, _) in _CHOICES.items()}
+    record = choose(folder.records, asked)
+    replay = recorded(folder, record)
+    for line in said(record):
+        print(line)
+    if options.video is None:
+        watch(replay, options.camera)
+    else:
+        write_video(replay, options.video, options.camera)
+        print(f"Video: {options.video}")
 
 
 def choose(records: Sequence[EpisodeRecord], asked: dict[str, Any]) -> EpisodeRecord:

@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,8 @@ from agents.learned_policy import shipped_path
 from agents.policy_file import load_policy_file
 from agents.training.runs import RunFolder
 from agents.training.validation import Validator
-from space_envs.errors import ConfigurationError, SpaceEnvsError
+from space_envs.command_line import ended
+from space_envs.errors import ConfigurationError
 from space_envs.files import atomic_write_text
 
 TEST_EPISODES = 512
@@ -26,14 +26,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("run", help="folder of a finished run")
     parser.add_argument("name", help="name of the policy, as the registry has it")
-    parsed = parser.parse_args(arguments)
-    try:
-        written = ship(RunFolder(Path(parsed.run)), parsed.name)
-    except SpaceEnvsError as error:
-        print(f"ship: {error}", file=sys.stderr)
-        return 2
+    return ended("python -m agents.commands.ship", lambda: _run(parser.parse_args(arguments)))
+
+
+def _run(parsed: argparse.Namespace) -> None:
+    written = ship(RunFolder(Path(parsed.run)), parsed.name)
     print(json.dumps(written["test"], indent=2))
-    return 0
 
 
 def ship(run: RunFolder, name: str) -> dict[str, Any]:

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from space_envs.errors import SpaceEnvsError, unknown_name
+from space_envs.command_line import Parser, ended
+from space_envs.errors import unknown_name
 from space_envs.evaluation.columns import COLUMNS, column_named
 from space_envs.evaluation.folders import read_folder
 from space_envs.evaluation.leaderboard import Row, build_rows
@@ -23,7 +24,7 @@ DESCRIPTION = "Print the table of a folder that evaluate.py, or evaluate.py comp
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
-    out = argparse.ArgumentParser(prog="evaluate.py show", description=DESCRIPTION)
+    out = Parser(prog="evaluate.py show", description=DESCRIPTION)
     out.add_argument("results", type=Path, metavar="RESULTS", help="folder")
     what = f"{', '.join(column.key for column in COLUMNS)}: best first (default: as in the report)"
     out.add_argument("--sort", metavar="COLUMN", help=what)
@@ -34,15 +35,13 @@ def parser() -> argparse.ArgumentParser:
 
 def main(arguments: list[str]) -> int:
     """Run the command; returns the exit status."""
-    options = parser().parse_args(arguments)
-    try:
-        folder = read_folder(options.results)
-        records = of_tasks(folder.records, options.task)
-        show(records, folder.path, options.sort, folder.notes)
-    except SpaceEnvsError as error:
-        print(f"evaluate.py show: {error}", file=sys.stderr)
-        return 2
-    return 0
+    return ended("evaluate.py show", lambda: _run(parser().parse_args(arguments)))
+
+
+def _run(options: argparse.Namespace) -> None:
+    folder = read_folder(options.results)
+    records = of_tasks(folder.records, options.task)
+    show(records, folder.path, options.sort, folder.notes)
 
 
 def show(

@@ -11,10 +11,13 @@ from agents.hyperparameters import ALGORITHMS, AnyHyperparameters
 from agents.training.options import DEFAULT_ENV, OPTIONS, Options, check_device, limited, rounding
 from agents.training.runs import RunFolder, command_line
 from agents.training.validation import EPISODES
+from space_envs.command_line import Parser, ended, output_path
 from space_envs.control import CONTROL_MODES
 from space_envs.errors import ConfigurationError, SpaceEnvsError
+from space_envs.output import check_free, held
 from space_envs.tasks.common import DIFFICULTIES
 
+RUN = "training run"  # kind of the folder
 DESCRIPTION = """\
 Train a policy and keep the best one on the validation split (the held-out part of the train split).
 
@@ -46,7 +49,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         The exit status: 0, 1 if one of several runs failed, 2 for bad input (one line says what), 130 when
         interrupted.
     """
-    parsed = _parser().parse_args(arguments)
+    return ended("train.py", lambda: _run(_parser().parse_args(arguments)))
+
+
+def _run(parsed: argparse.Namespace) -> int:
     try:
         if not parsed.resume and asked_for(parsed):
             _check_episodes(parsed)
@@ -61,7 +67,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not parsed.quiet:
         print(f"run folder: {folder.path}")
     try:
-        summary = learn(folder, parsed.validation_episodes, parsed.quiet)
+        with held(folder.path, RUN, known=True):
+            summary = learn(folder, parsed.validation_episodes, parsed.quiet)
     except SpaceEnvsError as error:
         print(f"train.py: {error}", file=sys.stderr)
         return 2
@@ -86,7 +93,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="train.py",
         description=DESCRIPTION,
         epilog=EPILOG,
@@ -115,6 +122,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--control-mode", metavar="NAME", help=f"{', '.join(CONTROL_MODES)}; default joint_velocity")
     add(
         "--output",
+        type=output_path,
         metavar="FOLDER",
         help="run folder, default runs/ALGO-ID-TIME; of several runs what holds their folders, default "
         "runs/ALGO-ID or runs/ and the sweep file's name",
@@ -143,6 +151,8 @@ def _begun(parsed: argparse.Namespace) -> RunFolder:
     settings, parameters = Options(**{name: getattr(parsed, name) for name in OPTIONS}).settle()
     name = f"{settings.algorithm}-{settings.env_id.split('/')[-1]}-{datetime.now(UTC):%Y%m%d-%H%M%S}"
     folder = RunFolder(Path(parsed.output or Path("runs") / name))
+    if not folder.exists():
+        check_free(folder.path, RUN)
     folder.begin(settings, parameters)
     folder.note_command(command_line())
     _tell_rounding(parameters, parsed)

@@ -20,6 +20,7 @@ from agents.optimal.promp_optimal import BROKEN, Planner, one_step
 from agents.optimal.sqp import MISS, minimise
 from agents.planning import Limits
 from space_envs.checks import count, flag
+from space_envs.command_line import ended
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError, SpaceEnvsError
 from space_envs.evaluation.provenance import commit, machine, versions
@@ -249,4 +250,4 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(ended("python -m agents.optimal.demonstrations", main))

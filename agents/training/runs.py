@@ -16,6 +16,7 @@ from agents.hyperparameters import AnyHyperparameters, from_json, to_json
 from agents.learned_policy import POLICY_FILE
 from space_envs.errors import ConfigurationError
 from space_envs.files import atomic_write_text
+from space_envs.reading import read_object
 
 CONFIG, CHECKPOINT, VALIDATION, SUMMARY = "config.json", "checkpoint.npz", "validation.json", "summary.json"
 _PACKAGES = ("gymnasium", "mujoco", "numpy", "stable-baselines3", "torch")
@@ -104,12 +105,12 @@ class RunFolder:
             ConfigurationError: if there is no run here, or its configuration is damaged.
         """
         try:
-            config = json.loads((self.path / CONFIG).read_text(encoding="utf-8"))
+            config = read_object(self.path / CONFIG)
         except FileNotFoundError:
             raise ConfigurationError(f"{self.path} holds no run: there is no {CONFIG}") from None
         except (OSError, ValueError) as error:
             raise ConfigurationError(f"{self.path / CONFIG} cannot be read: {error}") from None
-        if not isinstance(config, dict) or not {"settings", "hyperparameters", "commands"} <= config.keys():
+        if not {"settings", "hyperparameters", "commands"} <= config.keys():
             raise ConfigurationError(f"{self.path / CONFIG} is not the configuration of a run")
         return config
 
@@ -143,7 +144,7 @@ class RunFolder:
     def summary(self) -> dict[str, Any] | None:
         """What a finished run ended with, or None if it has not finished."""
         path = self.path / SUMMARY
-        return json.loads(path.read_text(encoding="utf-8")) if path.exists() else None
+        return read_object(path) if path.exists() else None
 
     def write_summary(self, summary: dict[str, Any]) -> None:
         """Mark the run as finished."""

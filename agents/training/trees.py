@@ -1,7 +1,6 @@
 """Nested dictionaries, lists, numbers and arrays in one npz without pickles: what a checkpoint is made of."""
 
 import json
-import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +9,7 @@ import torch as th
 
 from space_envs.errors import ConfigurationError
 from space_envs.files import atomic_write
+from space_envs.reading import parse_json, read_arrays
 
 _TREE = "tree"
 
@@ -26,8 +26,8 @@ def save_tree(path: str | Path, tree: Any) -> None:
     """
     arrays: dict[str, Any] = {}
     text = json.dumps(_encoded(tree, arrays))
-    with atomic_write(path) as temporary:
-        np.savez(temporary, **{_TREE: np.array(text)}, **arrays)
+    with atomic_write(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, **{_TREE: np.array(text)}, **arrays)
 
 
 def load_tree(path: str | Path) -> Any:
@@ -37,9 +37,9 @@ def load_tree(path: str | Path) -> Any:
         ConfigurationError: if it is no such file.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
-            return _decoded(json.loads(str(file[_TREE])), file)
-    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+        arrays = read_arrays(path)
+        return _decoded(parse_json(str(arrays[_TREE])), arrays)
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise ConfigurationError(f"{path} is not a sound checkpoint: {error}") from error
 
 

@@ -1,8 +1,12 @@
 """Why an episode failed: one label each, so that failures can be counted."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from space_envs.evaluation.records import NO_PLAN_CAUSES, OWN_CAUSES
 
@@ -18,13 +22,26 @@ class MissingPlan:
     reason: str
 
 
+class PlanState:
+    """Base of a policy's state that says which of its N episodes have no plan, and why.
+
+    Attributes:
+        failures: N entries, None where there is a plan. Any other has a `cause`, one of NO_PLAN_CAUSES, and a
+            `reason`, a sentence, or is that sentence alone.
+    """
+
+    failures: Sequence[Any] | NDArray[np.object_]
+
+
 def missing_plans(state: Any, episodes: int) -> list[MissingPlan | None]:
-    """What a policy's state says about each of its episodes, in its attribute `failures`, if there is one.
+    """What a policy's state says about each of its episodes, if it is a `PlanState`.
 
     A state is a stranger's data: whatever in it is malformed, or raises when it is looked at, says nothing.
     """
+    if not issubclass(type(state), PlanState):
+        return [None] * episodes
     try:
-        told = list(state.failures)
+        told = list(islice(state.failures, episodes + 1))
     except KeyboardInterrupt:
         raise
     except BaseException:

@@ -1,6 +1,5 @@
 """Datasets: whole episodes, each replayed from its actions before it is kept, as arrays in one npz file."""
 
-import io
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError
 from space_envs.files import atomic_write
+from space_envs.reading import parse_json, read_arrays
 
 SCHEMA_VERSION = 1
 
@@ -196,14 +196,17 @@ class Dataset:
             ConfigurationError: naming the file, if it is no dataset or one of another schema.
         """
         try:
-            with np.load(io.BytesIO(Path(path).read_bytes()), allow_pickle=False) as archive:
-                arrays = {name: archive[name] for name in archive.files}
+            arrays = read_arrays(path)
             schema = int(arrays.pop("schema"))
             if schema != SCHEMA_VERSION:
                 raise ConfigurationError(f"schema {schema}, this version reads {SCHEMA_VERSION}")
-            about = json.loads(str(arrays.pop("about")))
+            about = parse_json(str(arrays.pop("about")))
+            if not isinstance(about, dict) or not all(isinstance(text, str) for text in about.values()):
+                raise ConfigurationError(f"about must be an object of texts, got {about!r}")
+            if set(arrays) != set(_ARRAYS):
+                raise ConfigurationError(f"holds {sorted(arrays)}, expected {sorted(_ARRAYS)}")
             return cls(about=about, **arrays)
-        except Exception as error:  # whatever a damaged archive makes numpy raise
+        except (OSError, ValueError, KeyError, TypeError) as error:
             raise ConfigurationError(f"{path}: not a dataset: {error}") from error
 
 

@@ -13,6 +13,7 @@ from space_envs.evaluation.datasets import SCHEMA_VERSION, Dataset
 from space_envs.evaluation.datasets_recording import LeftOut
 from space_envs.evaluation.metrics import configuration, configuration_hash
 from space_envs.files import atomic_write_text
+from space_envs.reading import read_object
 
 EPISODES, CARD, README = "episodes.npz", "dataset.json", "README.md"
 REPLAY = (
@@ -103,7 +104,7 @@ def read_card(folder: Path) -> dict[str, Any] | None:
     if not path.exists():
         return None
     try:
-        card = json.loads(path.read_text(encoding="utf-8"))
+        card = read_object(path)
         files = dict(card["files"])
         schema, _ = card["schema"], dict(card["request"])
     except (OSError, ValueError, KeyError, TypeError) as error:

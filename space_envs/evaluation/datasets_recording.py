@@ -1,7 +1,8 @@
 """Trajectories of a policy: recorded side by side, then each replayed alone in an environment of its own."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,8 @@ from numpy.typing import NDArray
 from space_envs.envs import CaptureEnv, CaptureVectorEnv
 from space_envs.errors import PolicyError
 from space_envs.evaluation.datasets import Trajectory, first_difference
-from space_envs.evaluation.policy import Policy, PolicyContext
-from space_envs.evaluation.rollout import ask
+from space_envs.evaluation.policy import Policy
+from space_envs.evaluation.rollout import ask, made_anew
 from space_envs.evaluation.units import Unit, built, prepared
 
 
@@ -39,15 +40,15 @@ def record(unit: Unit) -> Recorded:
     """
     with prepared(unit):
         environment = {**unit.environment, "threads": 1}
-        context = PolicyContext.from_env(CaptureVectorEnv(num_envs=1, **environment))
         kept, left_out = [], []
         env = CaptureEnv(**environment)
-        for row, played in _played(unit, context, environment):
-            reason = played if isinstance(played, str) else check(played, env)
-            if isinstance(played, str) or reason is not None:
-                left_out.append(LeftOut(unit.first + row, unit.indices[row], str(reason)))
-            else:
-                kept.append(played)
+        with made_anew(partial(built, unit), environment, unit.player.foreign) as fresh:
+            for row, played in _played(unit, fresh, environment):
+                reason = played if isinstance(played, str) else check(played, env)
+                if isinstance(played, str) or reason is not None:
+                    left_out.append(LeftOut(unit.first + row, unit.indices[row], str(reason)))
+                else:
+                    kept.append(played)
         return Recorded(tuple(kept), tuple(left_out))
 
 
@@ -85,12 +86,12 @@ def check(trajectory: Trajectory, env: CaptureEnv) -> str | None:
 
 
 def _played(
-    unit: Unit, context: PolicyContext, environment: dict[str, Any]
+    unit: Unit, fresh: Callable[[], Policy], environment: dict[str, Any]
 ) -> Iterator[tuple[int, Trajectory | str]]:
     """Row and trajectory of each episode, or why it was lost."""
     rows = np.arange(len(unit.indices))
     try:
-        yield from enumerate(_side_by_side(unit, context, environment, rows))
+        yield from enumerate(_side_by_side(unit, fresh(), environment, rows))
         return
     except PolicyError as error:
         if len(rows) == 1:
@@ -98,13 +99,13 @@ def _played(
             return
     for row in rows:
         try:
-            yield int(row), _side_by_side(unit, context, environment, rows[row : row + 1])[0]
+            yield int(row), _side_by_side(unit, fresh(), environment, rows[row : row + 1])[0]
         except PolicyError as error:
             yield int(row), str(error)
 
 
 def _side_by_side(
-    unit: Unit, context: PolicyContext, environment: dict[str, Any], rows: NDArray[np.int64]
+    unit: Unit, policy: Policy, environment: dict[str, Any], rows: NDArray[np.int64]
 ) -> list[Trajectory]:
     """Episodes of some rows of a unit.
 
@@ -113,7 +114,6 @@ def _side_by_side(
     """
     n = len(rows)
     env = CaptureVectorEnv(num_envs=n, autoreset_mode="disabled", **environment)
-    policy = built(unit, context)
     index = np.array(unit.indices)[rows]
     seeds = [unit.seed + unit.first + int(row) for row in rows]
     observation, _ = env.reset(seed=list(seeds), options={"split": unit.task.split, "index": index})

@@ -1,6 +1,5 @@
 """Plots and videos as files beside the page."""
 
-import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,6 @@ WIDTH, HEIGHT = 960, 720  # of videos
 
 def write_plots(plots: Mapping[Task, Sequence[Plot]], folder: Path) -> list[Path]:
     """Write each panel as SVG and as PNG into a folder for each task; older plots there are removed."""
-    shutil.rmtree(folder, ignore_errors=True)
     panels = [
         (folder / joined_file_name(task.env_id, task.difficulty, task.split), panel)
         for task, group in plots.items()
@@ -35,6 +33,8 @@ def write_plots(plots: Mapping[Task, Sequence[Plot]], folder: Path) -> list[Path
         with atomic_write(path.with_suffix(".png")) as temporary:
             temporary.write_bytes(panel.png())
         written += [path, path.with_suffix(".png")]
+    for path in {*folder.glob("*/*.svg"), *folder.glob("*/*.png")} - set(written):
+        path.unlink()
     return written
 
 

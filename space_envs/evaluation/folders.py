@@ -1,7 +1,6 @@
 """Result folders as others left them: read, validated, and checked against the checksums beside them."""
 
 import hashlib
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,11 +8,20 @@ from typing import Any
 
 from space_envs.errors import ConfigurationError
 from space_envs.evaluation.metrics import configuration_hash
-from space_envs.evaluation.records import RECORDS, SUMMARY, Entrant, EpisodeRecord, read_records
+from space_envs.evaluation.records import (
+    RECORDS,
+    SCHEMA_VERSION,
+    SUMMARY,
+    Entrant,
+    EpisodeRecord,
+    read_records,
+)
 from space_envs.evaluation.report import entrant_stem
-from space_envs.evaluation.runner import PARTS, PLAN
+from space_envs.evaluation.runner import PARTS, PLAN, progress
 from space_envs.evaluation.states import States
 from space_envs.evaluation.traces import Traces
+from space_envs.output import holder
+from space_envs.reading import read_bytes, read_object
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +102,8 @@ def read_folder(path: str | Path) -> ResultFolder:
         what = "is a file" if path.exists() else "does not exist"
         raise ConfigurationError(f"{path} {what}; expected a folder that evaluate.py left")
     if not records.is_file():
+        if (writer := holder(path)) is not None:
+            raise ConfigurationError(f"{writer} is evaluating into {path}: {progress(path)}")
         if interrupted or (path / PLAN).is_file():
             raise ConfigurationError(
                 f"{path} holds an evaluation that was interrupted; run the same command with --resume"
@@ -110,7 +120,9 @@ def read_folder(path: str | Path) -> ResultFolder:
         raise ConfigurationError(f"{records} is empty")
     notes = []
     if interrupted:
-        notes.append(f"an evaluation into {path} was interrupted; these are the results from before it")
+        writer = holder(path)
+        told_of = "was interrupted" if writer is None else f"by {writer} is running, {progress(path)}"
+        notes.append(f"an evaluation into {path} {told_of}; these are the results from before it")
     if not told:
         notes.append(f"{path} has no {SUMMARY}: neither its configuration nor that nobody edited it is known")
     return ResultFolder(path, tuple(found), told, tuple(notes))
@@ -119,14 +131,19 @@ def read_folder(path: str | Path) -> ResultFolder:
 def _read_summary(path: Path) -> dict[str, Any]:
     """What summary.json says, with everything that is used later checked for its type."""
     try:
-        told = json.loads(path.read_text(encoding="utf-8"))
+        told = read_object(path)
         provenance = told.get("provenance", {})
         configurations = provenance.get("configurations", {})
         for each in (provenance, configurations, told.get("checksums", {}), *configurations.values()):
             if not isinstance(each, dict):
                 raise ValueError(f"expected an object, got {each!r}")
-    except (OSError, ValueError, AttributeError, RecursionError) as error:
+    except (OSError, ValueError, AttributeError) as error:
         raise ConfigurationError(f"{path}: not a summary of results: {error}") from error
+    if told.get("schema") != SCHEMA_VERSION:
+        raise ConfigurationError(
+            f"{path}: its schema is {told.get('schema')!r}; this version reads schema {SCHEMA_VERSION}: "
+            "evaluate again with it"
+        )
     for name, configuration in configurations.items():
         digest = configuration_hash(configuration)
         if digest != name:
@@ -140,9 +157,9 @@ def _verify(folder: Path, name: str, summary: Mapping[str, Any]) -> None:
     if wanted is None:
         return
     try:
-        got = hashlib.sha256((folder / name).read_bytes()).hexdigest()
-    except OSError as error:
-        raise ConfigurationError(f"{folder / name}: cannot be read: {error.strerror or error}") from error
+        got = hashlib.sha256(read_bytes(folder / name)).hexdigest()
+    except (OSError, ConfigurationError) as error:
+        raise ConfigurationError(f"{folder / name}: cannot be read: {error}") from error
     if got != wanted:
         raise ConfigurationError(
             f"{folder / name} is not what was written: its SHA-256 is {got}, {SUMMARY} has {wanted}: "

@@ -1,9 +1,10 @@
 """Work spread over processes by joblib: on this machine (loky), or on a Ray or Dask cluster."""
 
 import logging
+import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from importlib.util import find_spec
 from itertools import islice
 from typing import Any
@@ -11,6 +12,7 @@ from typing import Any
 from joblib import Parallel, parallel_config
 
 from space_envs.errors import ConfigurationError, unknown_name
+from space_envs.processes import watch
 
 BACKENDS = ("loky", "ray", "dask")
 PATIENCE = 10.0  # s, until a cluster has to answer
@@ -73,7 +75,8 @@ def backend(jobs: int, name: str = "loky", address: str | None = None) -> Iterat
         with _dask(jobs, address):
             yield lambda calls: _watched(_at_once(jobs, calls), KilledWorker)
     else:
-        yield lambda calls: _watched(_at_once(jobs, calls), BrokenProcessPool)
+        with here():
+            yield lambda calls: _watched(_at_once(jobs, calls), BrokenProcessPool)
 
 
 def elsewhere(call: Any) -> Any:
@@ -82,7 +85,8 @@ def elsewhere(call: Any) -> Any:
     Raises:
         ProcessDiedError: if it dies. What the call raises.
     """
-    (result,) = _watched(_at_once(2, [call]), BrokenProcessPool)  # two, since one job is done in this process
+    with here():  # of two, since one job is done in this process
+        (result,) = _watched(_at_once(2, [call]), BrokenProcessPool)
     return result
 
 
@@ -91,6 +95,11 @@ def _watched(results: Iterator[Any], death: type[Exception]) -> Iterator[Any]:
         yield from results
     except death as error:
         raise ProcessDiedError(_first_line(error)) from error
+
+
+def here() -> AbstractContextManager[Any]:
+    """joblib's processes of this machine, which end with this one, however it ends."""
+    return parallel_config(backend="loky", initializer=watch, initargs=(os.getpid(),))
 
 
 def _at_once(jobs: int, calls: Iterable[Any]) -> Iterator[Any]:

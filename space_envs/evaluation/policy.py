@@ -12,6 +12,7 @@ from space_envs.control import STOP_MARGIN
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import PolicyError, unknown_name
+from space_envs.evaluation.strangers import described
 from space_envs.tasks.common import CaptureEnvelope, ObservationLayout
 
 if TYPE_CHECKING:
@@ -43,9 +44,8 @@ class Policy(Protocol):
                 None means all rows if there is no state yet, otherwise none.
             deterministic: whether a stochastic policy shall give its mean action.
 
-        A state may have an attribute `failures`, N entries that are None where there is a plan. Any other
-        has a `cause`, one of `space_envs.evaluation.records.NO_PLAN_CAUSES`, and a `reason`, a sentence, or
-        is that sentence alone; records of episodes that failed then give both.
+        A state that is a `space_envs.evaluation.causes.PlanState` says which episodes have no plan; records
+        of episodes that failed then give the cause and the reason. No other state is looked at.
         """
         ...
 
@@ -156,14 +156,17 @@ def load_policy_class(path: str) -> type[Policy]:
         raise PolicyError(f"a policy class is named as 'package.module:Class', got {path!r}")
     try:
         module = importlib.import_module(module_name)
-    except Exception as error:  # whatever a user's module does when it is imported
+        found = getattr(module, class_name, None)
+        names = [name for name, value in vars(module).items() if isinstance(value, type)]
+        acts = isinstance(found, type) and callable(getattr(found, "predict", None))
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # whatever a user's module does when it is imported
         raise PolicyError(
-            f"module {module_name!r} of policy {path!r} cannot be imported: {error!r}"
-        ) from error
-    if not hasattr(module, class_name):
-        classes = [name for name, value in vars(module).items() if isinstance(value, type)]
-        raise PolicyError(str(unknown_name(f"class of module {module_name!r}", class_name, classes)))
-    found = getattr(module, class_name)
-    if not isinstance(found, type) or not callable(getattr(found, "predict", None)):
+            f"module {module_name!r} of policy {path!r} cannot be imported: {described(error)}"
+        ) from None
+    if found is None:
+        raise PolicyError(str(unknown_name(f"class of module {module_name!r}", class_name, names)))
+    if not acts:
         raise PolicyError(f"{path!r} is not a class with a method `predict`")
     return cast("type[Policy]", found)

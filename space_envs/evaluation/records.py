@@ -22,6 +22,7 @@ from space_envs.evaluation.states import States
 from space_envs.evaluation.stills import Still
 from space_envs.evaluation.traces import Traces
 from space_envs.files import atomic_write_text
+from space_envs.reading import read_bytes
 
 SCHEMA_VERSION = 3
 RECORDS, SUMMARY, REPORT = "records.jsonl", "summary.json", "report.html"  # in a result folder
@@ -239,9 +240,9 @@ def read_records(path: str | Path) -> list[EpisodeRecord]:
     path = Path(path)
     try:
         # Bytes are split at line feeds alone: str.splitlines also splits at U+2028, which JSON allows.
-        lines = path.read_bytes().split(b"\n")
-    except OSError as error:
-        raise ConfigurationError(f"{path}: cannot be read: {error.strerror or error}") from error
+        lines = read_bytes(path).split(b"\n")
+    except (OSError, ConfigurationError) as error:
+        raise ConfigurationError(f"{path}: cannot be read: {error}") from error
     if lines[-1] != b"":
         raise ConfigurationError(f"{path}:{len(lines)}: the last line has no end; the file was cut short")
     records = []

@@ -4,7 +4,8 @@ Where a policy raises or returns no actions, its episodes are played again one a
 are lost in which it does so by itself.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
@@ -19,6 +20,7 @@ from space_envs.evaluation.causes import cause_of, missing_plans
 from space_envs.evaluation.integrals import Integrals, Totals
 from space_envs.evaluation.policy import Policy, PolicyContext
 from space_envs.evaluation.policy_process import PolicyProcess, TimeLimits
+from space_envs.evaluation.strangers import actions_and_state, described
 from space_envs.tasks.common import Goals
 
 PLANS = 10.0  # a call that finds its code and data cold takes up to three times as long
@@ -95,27 +97,39 @@ def roll_out(
         indices: (K,) goals of the split.
         seed: of the environment's generators.
         limits: of the policy's calls, which are then made for one episode at a time in a process of its own.
-        apart: call the policy in a process of its own, with the same actions, since it may end it.
+        apart: call the policy in a process of its own, with the same actions, since it is a stranger's, or
+            may end it.
     """
     if limits is not None:
         with PolicyProcess(factory, environment, limits) as policy:
             return join([_played(policy, environment, split, one, seed) for one in indices[:, None]])
+    with made_anew(factory, environment, apart) as fresh:
+        try:
+            return _played(fresh(), environment, split, indices, seed)
+        except PolicyError:
+            return join([_played(fresh(), environment, split, one, seed) for one in indices[:, None]])
+
+
+@contextmanager
+def made_anew(
+    factory: PolicyFactory, environment: dict[str, Any], apart: bool
+) -> Iterator[Callable[[], Policy]]:
+    """Yield what gives a policy that remembers nothing, each time that it is called.
+
+    Args:
+        factory, environment, apart: as in `roll_out`.
+    """
     if apart:
+        with PolicyProcess(factory, environment) as process:
 
-        def once(some: NDArray[np.int64]) -> Rollout:
-            with PolicyProcess(factory, environment) as policy:
-                return _played(policy, environment, split, some, seed)
+            def renewed() -> Policy:
+                process.renew()
+                return process
 
+            yield renewed
     else:
         context = PolicyContext.from_env(CaptureVectorEnv(**{**environment, "num_envs": 1}))
-
-        def once(some: NDArray[np.int64]) -> Rollout:
-            return _played(factory(context), environment, split, some, seed)
-
-    try:
-        return once(indices)
-    except PolicyError:
-        return join([once(one) for one in indices[:, None]])
+        yield lambda: factory(context)
 
 
 def _played(
@@ -225,22 +239,16 @@ def ask(
         observation: (N, d); the policy gets a copy. start: (N,) where an episode begins.
 
     Raises:
-        PolicyError: if the policy raises, leaves the program, or returns another shape.
+        PolicyError: if the policy raises anything but KeyboardInterrupt, which is the user's, or returns no
+            pair of actions of that shape and state.
     """
     try:
-        action, state = policy.predict(
-            observation.copy(), state=state, episode_start=start, deterministic=True
-        )
-        action = np.array(action, dtype=np.float64)
-    except PolicyError:
+        returned = policy.predict(observation.copy(), state=state, episode_start=start, deterministic=True)
+        return actions_and_state(returned, (len(observation), shape[0]))
+    except (PolicyError, KeyboardInterrupt):
         raise
-    except (Exception, SystemExit) as error:
-        raise PolicyError(f"it raised {type(error).__name__}: {error}") from error
-    if action.shape != (len(observation), *shape):
-        raise PolicyError(
-            f"it returned actions of shape {action.shape}, expected {(len(observation), *shape)}"
-        )
-    return action, state
+    except BaseException as error:
+        raise PolicyError(f"it raised {described(error)}") from error
 
 
 def join(parts: Sequence[Rollout]) -> Rollout:
@@ -281,6 +289,7 @@ def time_policy(
     indices: NDArray[np.int64],
     limits: TimeLimits | None = None,
     steps: int = 20,
+    apart: bool = False,
 ) -> PolicyTime:
     """Time a policy's calls on one thread, apart from the simulation; the first episode is not counted.
 
@@ -288,7 +297,7 @@ def time_policy(
         PolicyError: if the policy raises, or takes too long.
     """
     environment = {**environment, "threads": 1}
-    if limits is not None:
+    if limits is not None or apart:
         with PolicyProcess(factory, environment, limits) as policy:
             return _timed(policy, environment, split, indices, steps)
     policy = factory(PolicyContext.from_env(CaptureVectorEnv(**environment)))
@@ -310,7 +319,8 @@ def _timed(
                 policy, observation, state, np.array([step == 0]), env.single_action_space.shape
             )
             # A policy in a process of its own says itself how long it took.
-            durations.append(getattr(policy, "seconds", perf_counter() - before))
+            passed = perf_counter() - before
+            durations.append(policy.seconds if isinstance(policy, PolicyProcess) else passed)
             observation, *_ = env.step(np.nan_to_num(action))
         later = float(np.median(durations[1:]))
         acting.append(later)

@@ -5,13 +5,12 @@ What is finished is written to the folder by `collect`'s caller; then the parts 
 """
 
 import json
-import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
-import numpy as np
 from joblib import delayed
 from tqdm import tqdm
 
@@ -20,6 +19,7 @@ from space_envs.evaluation.parallel import ProcessDiedError, backend, elsewhere
 from space_envs.evaluation.policy_process import TimeLimits
 from space_envs.evaluation.provenance import commit, processor, versions
 from space_envs.evaluation.records import (
+    RECORDS,
     SCHEMA_VERSION,
     SUMMARY,
     UNTIMED,
@@ -31,9 +31,12 @@ from space_envs.evaluation.records import (
 from space_envs.evaluation.rollout import Rollout, join, split_indices
 from space_envs.evaluation.units import CHUNK, Part, Player, Unit, play, task_keywords, time_unit
 from space_envs.files import atomic_write_text
+from space_envs.output import remove_files
+from space_envs.reading import read_object
 from space_envs.registration import make_task
 
 PLAN, PARTS = "run.json", "parts"
+EVALUATION = "evaluation"  # kind of the folder
 TIMED_EPISODES = 5
 ROUNDS = 2  # of timing, apart in time: what else a machine does slows a policy down for seconds
 
@@ -105,11 +108,15 @@ class Played:
     variant: str | None
     records: tuple[EpisodeRecord, ...]
     rollout: Rollout
-    seconds: float
+    pace: tuple[float, ...]  # s an episode, of each unit
 
 
-def prepare(evaluation: Evaluation, folder: Path, resume: bool) -> bool:
+def prepare(evaluation: Evaluation, folder: Path, resume: bool = False, overwrite: bool = False) -> bool:
     """Write down what is played, or check that the folder holds the same.
+
+    Args:
+        folder: that nobody else writes to (space_envs/output.py). resume: go on with what it holds.
+        overwrite: replace what it holds; without either, it must hold no evaluation.
 
     Returns:
         Whether there is anything to do; not where the folder that is resumed holds all of it.
@@ -118,13 +125,18 @@ def prepare(evaluation: Evaluation, folder: Path, resume: bool) -> bool:
         ConfigurationError: if the folder cannot be written, or what it holds is something else.
     """
     plan, path = evaluation.plan(), folder / PLAN
+    if not (resume or overwrite) and any((folder / name).exists() for name in (PLAN, PARTS, RECORDS)):
+        raise ConfigurationError(
+            f"{folder} holds an evaluation already: --resume goes on with it, --overwrite begins anew, or "
+            "name another --output"
+        )
     if resume:
         try:
-            before = json.loads(path.read_text(encoding="utf-8"))
+            before = read_object(path)
         except FileNotFoundError:
             before = plan  # killed before it began
-        except (OSError, ValueError) as error:
-            raise ConfigurationError(f"{path} cannot be read: {error}") from None
+        except (OSError, ConfigurationError) as error:
+            raise ConfigurationError(f"{path} cannot be read: {error}; --overwrite begins anew") from None
         if before != plan:
             names = [name for name in plan if before.get(name) != plan[name]]
             told = "; ".join(f"{name} was {before.get(name)}, is {plan[name]}" for name in names)
@@ -136,12 +148,23 @@ def prepare(evaluation: Evaluation, folder: Path, resume: bool) -> bool:
         if not resume:
             # First, since a plan without parts says that all of it was played.
             path.unlink(missing_ok=True)
-            shutil.rmtree(folder / PARTS, ignore_errors=True)
+            _remove_parts(folder)
         (folder / PARTS).mkdir(exist_ok=True)
         atomic_write_text(path, json.dumps(plan, indent=2) + "\n")
     except OSError as error:
         raise ConfigurationError(f"cannot write to {folder}: {error.strerror}") from None
     return True
+
+
+def progress(folder: Path) -> str:
+    """How far the evaluation in a folder is, in words."""
+    done = len(list((folder / PARTS).glob("*.npz")))
+    try:
+        plan = read_object(folder / PLAN)
+        units = len(plan["entrants"]) * len(plan["seeds"]) * -(-plan["episodes"] // CHUNK)
+    except (OSError, ConfigurationError, KeyError, TypeError):
+        return f"{done} units of {CHUNK} episodes are played"
+    return f"{done} of {units} units of {CHUNK} episodes are played"
 
 
 def play_missing(
@@ -184,14 +207,16 @@ def _played(number: int, unit: Unit, apart: bool) -> tuple[int, Part]:
     return number, play(unit, apart)
 
 
-def timings(units: Sequence[Unit], folder: Path) -> dict[Entrant, Timing]:
+def timings(units: Sequence[Unit], folder: Path) -> tuple[dict[Entrant, Timing], dict[Entrant, float]]:
     """Planning time and time per action of each entrant, one episode at a time on one thread.
 
     All are timed in turn, ROUNDS times, and the fastest round of each counts. A policy that raises, takes too
-    long or ends its process where it is timed has none.
+    long or ends its process where it is timed has none. Returns the times, and the seconds that it took to
+    find them.
     """
     first = {unit.entrant: unit for unit in reversed(units)}
     rounds: dict[Entrant, list[Timing]] = {unit.entrant: [] for unit in units}
+    spent = dict.fromkeys(rounds, 0.0)
     turns = [(number, entrant) for number in range(ROUNDS) for entrant in rounds]
     for number, entrant in tqdm(turns, unit="policy", desc="timing", leave=False):
         if UNTIMED in rounds[entrant]:
@@ -199,6 +224,7 @@ def timings(units: Sequence[Unit], folder: Path) -> dict[Entrant, Timing]:
         unit = replace(first[entrant], indices=first[entrant].indices[:TIMED_EPISODES])
         path = folder / PARTS / f"{unit.key}-timing-{number}.json"
         if not path.exists():
+            before = perf_counter()
             try:
                 time = elsewhere(delayed(time_unit)(unit))
                 made = Timing(
@@ -206,12 +232,14 @@ def timings(units: Sequence[Unit], folder: Path) -> dict[Entrant, Timing]:
                 )
             except (PolicyError, ProcessDiedError):
                 made = UNTIMED
-            atomic_write_text(path, json.dumps(made))
+            atomic_write_text(path, json.dumps({"seconds": perf_counter() - before, "timing": made}))
         try:
-            rounds[entrant].append(Timing(**json.loads(path.read_text(encoding="utf-8"))))
-        except (ValueError, TypeError) as error:
+            told = read_object(path)
+            rounds[entrant].append(Timing(**told["timing"]))
+            spent[entrant] += float(told["seconds"])
+        except (OSError, ValueError, TypeError, KeyError) as error:
             raise ConfigurationError(f"{path} is damaged: {error}; remove it, then --resume") from None
-    return {entrant: fastest(told) for entrant, told in rounds.items()}
+    return {entrant: fastest(told) for entrant, told in rounds.items()}, spent
 
 
 def fastest(rounds: Sequence[Timing]) -> Timing:
@@ -239,13 +267,18 @@ def collect(units: Sequence[Unit], times: dict[Entrant, Timing], folder: Path) -
         parts = [Part.load(_path(folder, unit), unit) for unit in own]
         records = [replace(r, timing=times[entrant]) for part in parts for r in part.records]
         rollout = join([part.rollout for part in parts])
-        seconds = float(np.sum([part.seconds for part in parts]))
-        yield Played(entrant, own[0].variant, tuple(records), rollout, seconds)
+        pace = tuple(part.seconds / len(part.records) for part in parts)
+        yield Played(entrant, own[0].variant, tuple(records), rollout, pace)
 
 
 def finish(folder: Path) -> None:
     """Remove the parts, once everything made of them is written."""
-    shutil.rmtree(folder / PARTS, ignore_errors=True)
+    _remove_parts(folder)
+
+
+def _remove_parts(folder: Path) -> None:
+    # What a kill left half-written has a name that begins with a dot.
+    remove_files(folder / PARTS, "*.npz", "*.json", ".*.npz", ".*.json")
 
 
 def _path(folder: Path, unit: Unit) -> Path:

@@ -1,6 +1,5 @@
 """Recorded states: every episode of an entrant as qpos over time, in npz files without pickles."""
 
-import io
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 
 from space_envs.errors import ConfigurationError, positive
 from space_envs.files import atomic_write
+from space_envs.reading import parse_json, read_arrays
 from space_envs.registration import make_task
 from space_envs.tasks.base import CaptureTask
 from space_envs.tasks.common import Goals
@@ -150,15 +150,17 @@ class States:
     def load(cls, path: str | Path) -> Self:
         """Read what `save` wrote. Raises ConfigurationError that names the file; never unpickles anything."""
         try:
-            with np.load(io.BytesIO(Path(path).read_bytes()), allow_pickle=False) as archive:
-                arrays = {name: archive[name] for name in archive.files}
-                about = json.loads(str(arrays.pop("about")))
-                period = float(arrays.pop("period"))
-                goal = {
-                    name[len(_GOAL) :]: arrays.pop(name) for name in list(arrays) if name.startswith(_GOAL)
-                }
-                return cls(about=about, period=period, goal=goal, **arrays)
-        except Exception as error:  # whatever a damaged archive makes numpy raise
+            arrays = read_arrays(path)
+            about = parse_json(str(arrays.pop("about")))
+            period = float(arrays.pop("period"))
+            names = [name for name in arrays if name.startswith(_GOAL)]
+            goal = {name[len(_GOAL) :]: arrays.pop(name) for name in names}
+            if set(arrays) != set(_ARRAYS):
+                raise ConfigurationError(f"holds {sorted(arrays)}, expected {sorted(_ARRAYS)}")
+            if not isinstance(about, dict):
+                raise ConfigurationError(f"about must be an object, got {about!r}")
+            return cls(about=about, period=period, goal=goal, **arrays)
+        except (OSError, ValueError, KeyError, TypeError) as error:
             raise ConfigurationError(f"{path}: not a file of states: {error}") from error
 
 

@@ -1,7 +1,5 @@
 """Traces: how the first episodes of a policy went in time, stored as npz without pickles."""
 
-import zipfile
-import zlib
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Self
@@ -10,6 +8,7 @@ import numpy as np
 
 from space_envs.errors import ConfigurationError
 from space_envs.files import atomic_write
+from space_envs.reading import read_arrays
 
 # Shape of each array in terms of K episodes, T steps and n joints.
 _SHAPES: dict[str, tuple[str | int, ...]] = {
@@ -79,13 +78,9 @@ class Traces:
     def load(cls, path: str | Path) -> Self:
         """Read what `save` wrote. Raises ConfigurationError that names the file; never unpickles anything."""
         try:
-            # Opened here, since np.load leaves a file that is no archive open.
-            with Path(path).open("rb") as file:
-                archive = np.load(file, allow_pickle=False)
-                if not isinstance(archive, np.lib.npyio.NpzFile):
-                    raise ValueError("not an npz archive")
-                if set(archive.files) != set(_SHAPES):
-                    raise ValueError(f"holds {sorted(archive.files)}, expected {sorted(_SHAPES)}")
-                return cls(**{name: archive[name] for name in _SHAPES})
-        except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+            arrays = read_arrays(path)
+            if set(arrays) != set(_SHAPES):
+                raise ConfigurationError(f"holds {sorted(arrays)}, expected {sorted(_SHAPES)}")
+            return cls(**arrays)
+        except (OSError, ConfigurationError) as error:
             raise ConfigurationError(f"{path}: not a file of traces: {error}") from error

@@ -5,7 +5,6 @@ sums over a batch may differ in their last digit from those over another.
 """
 
 import contextlib
-import io
 import json
 import sys
 from collections.abc import Iterator
@@ -26,6 +25,7 @@ from space_envs.evaluation.policy_process import TimeLimits
 from space_envs.evaluation.records import UNTIMED, Entrant, EpisodeRecord, Task
 from space_envs.evaluation.rollout import PolicyTime, Rollout, roll_out, time_policy
 from space_envs.files import atomic_write
+from space_envs.reading import parse_json, read_arrays
 from space_envs.registration import make_task
 from space_envs.threads import on_one_thread
 
@@ -45,6 +45,11 @@ class Player(Protocol):
     @property
     def control_mode(self) -> str:
         """That it acts in."""
+        ...
+
+    @property
+    def foreign(self) -> bool:
+        """Whether it is code of a stranger, which is called in a process of its own."""
         ...
 
     def build(self, context: PolicyContext, seed: int) -> Policy:
@@ -138,17 +143,18 @@ class Part:
             ConfigurationError: if the file is damaged, or of other episodes.
         """
         try:
-            with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as archive:
-                told = json.loads(archive["told"].tobytes())
-                arrays = {name: archive[name] for name in _ARRAYS}
-        except Exception as error:  # whatever a damaged archive makes numpy raise
+            found = read_arrays(path)
+            told = parse_json(found["told"].tobytes())
+            arrays = {name: found[name] for name in _ARRAYS}
+            records = tuple(map(EpisodeRecord.from_json, told["records"]))
+            ends: dict[str, Any] = {name: told[name] for name in _ENDS}
+            seconds = float(told["seconds"])
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             raise ConfigurationError(f"{path} is damaged: {error}") from None
         if tuple(arrays["index"].tolist()) != unit.indices:
             raise ConfigurationError(f"{path} holds other episodes")
         goals = make_task(unit.task.env_id, unit.keywords).goals(unit.task.split, arrays["index"])
-        ends = {name: told[name] for name in _ENDS}
-        rollout = Rollout(goals=goals, **ends, **arrays)
-        return cls(tuple(map(EpisodeRecord.from_json, told["records"])), rollout, told["seconds"])
+        return cls(records, Rollout(goals=goals, **ends, **arrays), seconds)
 
 
 def task_keywords(task: Task, variant: str | None) -> dict[str, Any]:
@@ -168,7 +174,7 @@ def play(unit: Unit, apart: bool = False) -> Part:
             np.array(unit.indices),
             unit.seed,
             unit.limits,
-            apart,
+            apart or unit.player.foreign,
         )
         task = make_task(unit.task.env_id, unit.keywords)
         records = episode_records(rollout, task, unit.entrant, unit.seed, unit.first, UNTIMED)
@@ -184,6 +190,7 @@ def time_unit(unit: Unit) -> PolicyTime:
             unit.task.split,
             np.array(unit.indices),
             unit.limits,
+            apart=unit.player.foreign,
         )
 
 

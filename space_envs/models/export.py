@@ -9,12 +9,12 @@ import argparse
 import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
-from pathlib import Path
 
 import mujoco
 import numpy as np
 
-from space_envs.errors import ConfigurationError, SpaceEnvsError, unknown_name
+from space_envs.command_line import Parser, ended, may_replace, output_path
+from space_envs.errors import ConfigurationError, unknown_name
 from space_envs.files import atomic_write_text
 from space_envs.models.dual_arm import END_EFFECTORS, DualArmOptions, dual_arm_spec
 from space_envs.models.parameters import DUAL_ARM_PLANAR, DUAL_ARM_SPATIAL, SINGLE_ARM, VARIANTS
@@ -176,7 +176,7 @@ def export(file_format: str, options: Options = ModelOptions()) -> str:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="python -m space_envs.models.export",
         description="Write a robot's model for other tools.",
         epilog="Lengths in m, masses in kg, angles in rad. See docs/physics.md for frames and variants.",
@@ -202,8 +202,9 @@ def _parser() -> argparse.ArgumentParser:
         "--visual", action="store_true", help="with the drawn geometry, lights and cameras (mjcf)"
     )
     parser.add_argument(
-        "-o", "--output", type=Path, metavar="FILE", help="where to write (default: print it)"
+        "-o", "--output", type=output_path, metavar="FILE", help="where to write (default: print it)"
     )
+    parser.add_argument("--overwrite", action="store_true", help="replace a file that is there")
     return parser
 
 
@@ -219,17 +220,17 @@ def _options(robot: str, variant: str | None, visual: bool) -> Options:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit status, 2 after an error that is the user's to mend."""
-    options = _parser().parse_args(arguments)
-    try:
-        text = export(options.format, _options(options.robot, options.variant, options.visual))
-        if options.output is None:
-            sys.stdout.write(text)
-        else:
-            atomic_write_text(options.output, text)
-    except (SpaceEnvsError, OSError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    return 0
+    return ended("python -m space_envs.models.export", lambda: _run(_parser().parse_args(arguments)))
+
+
+def _run(options: argparse.Namespace) -> None:
+    if options.output is not None:
+        may_replace(options.output, options.overwrite)
+    text = export(options.format, _options(options.robot, options.variant, options.visual))
+    if options.output is None:
+        sys.stdout.write(text)
+    else:
+        atomic_write_text(options.output, text)
 
 
 if __name__ == "__main__":

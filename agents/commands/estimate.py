@@ -1,0 +1,63 @@
+"""How long an evaluation will take, from what was measured on this machine."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from tqdm import tqdm
+
+from space_envs.evaluation.rates import REPORT, Seconds, playing, recorded, remember, timing
+from space_envs.evaluation.records import Entrant
+from space_envs.evaluation.runner import ROUNDS, TIMED_EPISODES
+from space_envs.evaluation.units import Unit, play
+
+TRIAL = 2  # episodes that are played of a policy of which nothing was measured
+_WIDE = (0.5, 3.0)  # of what so few say, the interval
+_STEPS = 0.1  # share of an episode's steps that is timed, beside its plan
+_UNMEASURED_REPORT = Seconds(1.0, 3.0, 10.0)  # s an entrant, until one was written
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Seconds of an evaluation: an episode of each entrant on one core, and of all that is done."""
+
+    episode: dict[Entrant, Seconds]
+    playing: Seconds
+    timing: Seconds
+    report: Seconds
+
+    @property
+    def total(self) -> Seconds:
+        """All together."""
+        return self.playing + self.timing + self.report
+
+
+def estimate(units: Sequence[Unit], jobs: int) -> Estimate:
+    """What an evaluation will take; a few episodes are played of policies of which nothing was measured."""
+    first = {unit.entrant: unit for unit in reversed(units)}
+    unknown = [entrant for entrant in first if recorded(playing(entrant)) is None]
+    for entrant in tqdm(unknown, unit="policy", desc="measuring", leave=False):
+        remember({playing(entrant): _measured(first[entrant])})
+    nothing = Seconds(0.0, 0.0, 0.0)
+    episode = {entrant: recorded(playing(entrant)) or nothing for entrant in first}
+    work = [episode[unit.entrant] * len(unit.indices) for unit in units]
+    share = sum(work, nothing) * (1.0 / min(jobs, len(units)))
+    # Nothing is done before its longest part.
+    longest = Seconds(*(max(getattr(one, name) for one in work) for name in ("least", "usual", "most")))
+    played = Seconds(*(max(getattr(one, n) for one in (share, longest)) for n in ("least", "usual", "most")))
+    timed = sum((_timing(entrant, episode[entrant]) for entrant in first), nothing)
+    return Estimate(episode, played, timed, (recorded(REPORT) or _UNMEASURED_REPORT) * len(first))
+
+
+def _measured(unit: Unit) -> Seconds:
+    some = replace(unit, indices=unit.indices[:TRIAL])
+    seconds = play(some).seconds / len(some.indices)
+    return Seconds(_WIDE[0] * seconds, seconds, _WIDE[1] * seconds)
+
+
+def _timing(entrant: Entrant, episode: Seconds) -> Seconds:
+    known = recorded(timing(entrant))
+    if known is not None:
+        return known
+    # Between an episode that is all plan, and one that is all steps; one more is played to warm up.
+    count = ROUNDS * (TIMED_EPISODES + 1)
+    return Seconds(_STEPS * count * episode.least, 0.5 * count * episode.usual, count * episode.most)

@@ -1,0 +1,44 @@
+"""A dry run says how long an evaluation takes, from what was measured on this machine, and keeps nothing."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from agents.commands import estimate
+from agents.commands.evaluate import main
+from space_envs.evaluation import rates
+from space_envs.evaluation.records import read_records
+
+
+def test_a_dry_run_measures_what_it_does_not_know_and_writes_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SPACE_ENVS_CACHE", str(tmp_path / "cache"))
+    arguments = ["--policy", "hold", "--split", "validation", "--episodes", "3", "--no-pictures"]
+    arguments += ["--jobs", "1", "--output", str(tmp_path / "out")]
+    plays = []
+    monkeypatch.setattr(estimate, "play", lambda unit: plays.append(unit) or SimpleNamespace(seconds=8.0))
+    assert main([*arguments, "--dry-run"]) == 0
+    assert not (tmp_path / "out").exists()
+    told = capsys.readouterr().out.replace("\n", "")
+    assert [len(unit.indices) for unit in plays] == [estimate.TRIAL]
+    assert "1 units of work; about 39 s, between 9 and 190 s: 12 s of playing with 1 jobs" in told
+    assert "24 s of timing, 3 s for the report" in told
+    # What was measured once is known.
+    assert main([*arguments, "--dry-run"]) == 0
+    assert len(plays) == 1
+    assert main(arguments) == 0
+    capsys.readouterr()
+    rates.remember({rates.REPORT: rates.Seconds(1.0, 2.0, 4.0)})
+    entrant = read_records(tmp_path / "out" / "records.jsonl")[0].entrant
+    for name in (rates.playing(entrant), rates.timing(entrant), rates.REPORT):
+        assert rates.recorded(name) is not None  # the evaluation told
+    rates.remember({rates.playing(entrant): rates.Seconds(1.0, 2.0, 3.0)})
+    rates.remember({rates.timing(entrant): rates.Seconds(5.0, 6.0, 7.0)})
+    assert main([*arguments, "--episodes", "30", "--jobs", "4", "--dry-run"]) == 0
+    # Two units, of 25 and of 5 episodes, on two of four processes: no less than the longer one.
+    told = capsys.readouterr().out.replace("\n", "")
+    assert (
+        "2 units of work; about 58 s, between 31 and 86 s: 50 s of playing with 4 jobs, 6 s of timing" in told
+    )
