@@ -162,6 +162,7 @@ def improvement_plot(rows: Sequence[Row], metric: str, found: Improvement) -> Pl
     names = [row_name(row, rows) for row in rows]
     roomy = count <= _ROOMY
     cell = (72 * LONE - _NAMES) / count  # points
+    small = min(7.0, 0.18 * cell)  # of letters, nine of which have to fit
 
     def lines(i: int, j: int) -> list[tuple[str, float, str]]:
         """Text, size and weight of each line of a cell."""
@@ -169,7 +170,7 @@ def improvement_plot(rows: Sequence[Row], metric: str, found: Improvement) -> Pl
             return [("-", 8, "normal")]
         size = 10 if roomy else min(10.0, 0.42 * cell)  # of bold letters, three of which have to fit
         told = [(f"{100 * value[i, j]:.0f}", size, "bold" if better[i, j] or worse[i, j] else "normal")]
-        told += [(f"{100 * low[i, j]:.0f} to {100 * high[i, j]:.0f}", 7, "normal")] if roomy else []
+        told += [(f"{100 * low[i, j]:.0f} to {100 * high[i, j]:.0f}", small, "normal")] if roomy else []
         return told + ([(f"of {goals[i, j]}", min(7.0, 0.28 * cell), "normal")] if cost else [])
 
     def draw(axes: Axes) -> None:

@@ -16,7 +16,7 @@ from matplotlib.ticker import MaxNLocator
 
 from space_envs.evaluation.columns import column_named
 from space_envs.evaluation.drawing import INK, LONE, Panel, draw_panel, label_points
-from space_envs.evaluation.leaderboard import Row
+from space_envs.evaluation.leaderboard import HEADLINE, Row
 from space_envs.evaluation.names import display_name, figure_name
 from space_envs.evaluation.normalised import SCORES, Scores
 from space_envs.evaluation.statistics import Estimate
@@ -93,9 +93,9 @@ def heading_of(key: str) -> str:
 
 
 def intervals_plot(rows: Sequence[Row], shade: Mapping[str, Look]) -> Plot:
-    """Success and final attitude with their 95 % intervals, one line for each row."""
+    """Score, success and final attitude with their 95 % intervals, one line for each row."""
     panels = []
-    for key in ("success", "capture@1deg", "final_attitude"):
+    for key in (HEADLINE, "success", "final_attitude"):
         estimates = [row.figures[key] for row in rows]
 
         def dress(axes: Axes, key: str = key, estimates: list[Estimate] = estimates) -> None:
@@ -108,8 +108,11 @@ def intervals_plot(rows: Sequence[Row], shade: Mapping[str, Look]) -> Plot:
         panels.append(
             _interval_panel(f"intervals-{key}", heading_of(key), rows, estimates, scale, shade, dress)
         )
-    caption = "Dots are the figures of the table, bars their 95 % intervals. Failures count."
-    return Plot("intervals", "Success and attitude", caption, tuple(panels))
+    caption = (
+        "Dots are the figures of the table, bars their 95 % intervals. Failures count in score and success; "
+        "the attitude is over captures."
+    )
+    return Plot("intervals", "Score, success and attitude", caption, tuple(panels))
 
 
 def scores_plot(rows: Sequence[Row], scores: Scores, shade: Mapping[str, Look]) -> Plot | None:
