@@ -108,7 +108,7 @@ def environment_page(env_id: str) -> str:
         _keywords(env),
         _reset(env),
         _info(),
-        _versions(env_id),
+        _versions(env),
     ]
     return "\n\n".join(parts) + "\n"
 
@@ -388,6 +388,10 @@ def _info() -> str:
     )
 
 
-def _versions(env_id: str) -> str:
-    version = env_id.rpartition("-")[2]
-    return f"## Versions\n\n- {version}: the first."
+def _versions(env: CaptureVectorEnv) -> str:
+    version = env.env_id.rpartition("-")[2]
+    return (
+        f"## Versions\n\n- {version}: the first. Until it is released, what moves a score raises the task "
+        "version in the [records](../records.md), which `evaluate.py compare` refuses to mix; "
+        f"it is {env.task.version}."
+    )
