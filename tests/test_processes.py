@@ -57,7 +57,7 @@ def evaluating(tmp_path: Path):
         "            signal.signal(number, signal.SIG_IGN)\n"
         "    def predict(self, observation, state=None, episode_start=None, deterministic=True):\n"
         "        open(f'{os.path.dirname(__file__)}/asked-{os.getpid()}', 'w').close()\n"
-        "        while True: pass\n"
+        "        while True: time.sleep(1.0)\n"
     )
     arguments = ["--policy", "slow_policy:Slow", "--episodes", "50", "--jobs", "2", "--no-pictures"]
     process = subprocess.Popen(
