@@ -305,6 +305,15 @@ def test_the_command_writes_what_an_evaluation_writes(
     assert "is not what was written" in capsys.readouterr().err
 
 
+def test_a_column_that_there_is_not_names_the_nearest(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    a = write_folder(tmp_path / "a", episodes(2))
+    for name, nearest in (("cost", "attitude_cost"), ("sucess", "success")):
+        assert show([str(a), "--sort", name]) == 2
+        assert f"Did you mean {nearest!r}?" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("given", "said"),
     [

@@ -150,7 +150,8 @@ class Cheats(Returns):
     """Looks for the environment in everything that there is, and says that it captured."""
 
     def misbehave(self, observation: np.ndarray) -> Any:
-        for found in gc.get_objects():
+        objects, self.what = ([] if self.what else gc.get_objects()), "once"
+        for found in objects:
             if type(found).__name__ == "CaptureVectorEnv":
                 found.simulation.qpos[:] = np.nan
                 found.step = lambda action: os._exit(7)
@@ -213,6 +214,7 @@ def test_a_stranger_reaches_neither_the_environment_nor_the_harness(
     """With one job, where the harness plays in this process; results come to where they were asked for."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(Path(__file__).parent))
+    monkeypatch.setattr("space_envs.evaluation.runner.ROUNDS", 1)
     policies = [f"{__name__}:Cheats", f"{__name__}:Chaotic", "hold"]
     arguments = ["--policy", *policies, "--episodes", "2", "--no-pictures", "--jobs", "1"]
     assert main([*arguments, "--output", "out"]) == 0

@@ -145,7 +145,7 @@ class Part:
         try:
             found = read_arrays(path)
             told = parse_json(found["told"].tobytes())
-            arrays = {name: found[name] for name in _ARRAYS}
+            arrays: dict[str, Any] = {name: found[name] for name in _ARRAYS}
             records = tuple(map(EpisodeRecord.from_json, told["records"]))
             ends: dict[str, Any] = {name: told[name] for name in _ENDS}
             seconds = float(told["seconds"])
