@@ -53,8 +53,7 @@ class ModelOptions:
         if self.variant not in VARIANTS:
             raise unknown_name("model variant", self.variant, VARIANTS)
         flag("visual", self.visual)
-        if not positive("timestep", self.timestep) <= 0.1:
-            raise ConfigurationError(f"timestep must lie in (0, 0.1] s, got {self.timestep!r}")
+        positive("timestep", self.timestep, 0.1)
         count("obstacles", self.obstacles, 100)
 
 
