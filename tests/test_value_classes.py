@@ -218,10 +218,11 @@ def test_limits_of_another_robot_are_refused(method: str) -> None:
 
 def test_limits_are_copies_that_say_what_is_wrong() -> None:
     bounds = np.tile([-1.0, 1.0], (7, 1))
-    limits = Limits(position=bounds.tolist(), rate=np.float32(0.5))
+    limits = Limits(position=bounds.tolist(), rate=np.float32(0.5))  # type: ignore[arg-type]
     bounds[0] = 5.0
     assert limits.position[0].tolist() == [-1.0, 1.0] and limits.rate == 0.5
-    assert Limits(position=np.array([[-np.inf, np.inf]])).position.shape == (1, 2)
+    without_end = Limits(position=np.array([[-np.inf, np.inf]])).position
+    assert without_end is not None and without_end.shape == (1, 2)
     with pytest.raises(ConfigurationError, match=r"limit of rate must be a finite positive number, got -1"):
         Limits(rate=-1)
     with pytest.raises(ConfigurationError, match=r"from lowest to highest, got \[1.0, -1.0\] of joint 2"):
