@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from space_envs.checks import count, flag
-from space_envs.errors import ConfigurationError, positive, unknown_name
+from space_envs.errors import positive, unknown_name
 from space_envs.models.appearance import draw_environment, draw_keep_out, draw_robot, draw_target
 from space_envs.models.capsules import SINGLE_ARM_SHAPE, add_point_sensors
 from space_envs.models.parameters import (
