@@ -28,6 +28,7 @@ def first_actions(planners: list[tuple[str, str]]) -> dict[str, dict[str, Any]]:
         seen, *_ = env.step(first)
         second, state = policy.predict(seen, state, np.zeros(1, dtype=bool))
         failure = next(iter(getattr(state, "failures", ())), None)
+        failure = None if failure is None else str(failure)
         actions[f"{env_id} {name}"] = {"actions": [first[0].tolist(), second[0].tolist()], "failure": failure}
     return actions
 

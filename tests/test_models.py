@@ -231,9 +231,9 @@ def test_what_is_drawn_stands_where_the_frames_say() -> None:
     ("keywords", "message"),
     [
         ({"variant": "papre"}, "Did you mean 'paper'"),
-        ({"timestep": 0.0}, "timestep must lie in"),
-        ({"timestep": float("nan")}, "timestep must lie in"),
-        ({"timestep": 0.2}, "timestep must lie in"),
+        ({"timestep": 0.0}, "timestep must be a finite positive number of at most 0.1"),
+        ({"timestep": float("nan")}, "timestep must be a finite positive number of at most 0.1"),
+        ({"timestep": 0.2}, "timestep must be a finite positive number of at most 0.1"),
     ],
 )
 def test_bad_options_are_refused(keywords: dict, message: str) -> None:

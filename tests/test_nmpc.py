@@ -273,7 +273,7 @@ def test_policy_rests_and_says_why_where_there_is_no_plan() -> None:
     lost[:, TASK.layout.slices["goal_position"]] = [0.0, 30.0, 0.0]
     action, state = policy.predict(np.concatenate([lost, observation]))
     assert not action[0].any() and action[1].any()
-    assert state.failures[0].startswith("out_of_reach") and state.failures[1] is None
+    assert state.failures[0].cause == "out_of_reach" and state.failures[1] is None
     before = state.horizons[1]
     alone = policy.predict(observation)[0]
     np.testing.assert_array_equal(alone[0], action[1])

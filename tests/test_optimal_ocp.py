@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 from agents.optimal.check import check
+from agents.optimal.library import shipped_library
 from agents.optimal.ocp import plan_ocp
 from agents.optimal.ocp_model import SingleArm
-from agents.optimal.ocp_solver import Programs, Solution, Solver, Unsolved
+from agents.optimal.ocp_solver import INTERVALS, Programs, Solution, Solver, Unsolved
 from agents.optimal.problem import Motion, Reach
+from agents.optimal.promp_optimal import Planner
 from agents.optimal_policies import OptimalControl
 from agents.planning import Cause, Failure, Limits
 from space_envs.dynamics import FloatingRobot, roll_out_base
@@ -210,6 +212,23 @@ def test_derivatives_of_the_program_agree_with_differences(loads: tuple[bool, ..
     np.testing.assert_allclose(
         bend, (slopes[0] - slopes[1]) / 2e-6, rtol=1e-4, atol=1e-5 * np.abs(bend).max()
     )
+
+
+@pytest.mark.parametrize("number", [2, 3])
+def test_no_motion_in_weights_costs_less(number: int) -> None:
+    """The one that it starts from is fitted closely, base included, and improved."""
+    reach = reach_of(number, True).checked(robot())
+    weights = Planner(robot(), drives(), shipped_library(True)).plan(reach)
+    assert isinstance(weights, Motion)
+    solver = Solver(robot(), reach, drives())
+    begin = solver.fitted(weights)
+    motion = solver.motion(Solution(0.0, begin))
+    time = np.linspace(0.0, 10.0, 201)
+    np.testing.assert_allclose(motion.sample(time)[0], weights.sample(time)[0], atol=2e-3)
+    gibbs = begin[-3 * INTERVALS :].reshape(-1, 3)
+    base = roll_out_base(robot(), *weights.sample(np.linspace(0.0, 10.0, 801))[:2], 10.0 / 800)[1][40::40]
+    np.testing.assert_allclose(gibbs, base[:, 1:] / base[:, :1], atol=2e-4)
+    assert planned(reach, drives(), 1).cost <= weights.cost
 
 
 def test_model_is_that_of_the_robot() -> None:

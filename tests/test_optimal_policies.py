@@ -73,7 +73,7 @@ def test_failures_reach_the_record_and_the_arm_rests() -> None:
     observation, _ = env.reset(options={"split": "validation", "index": np.arange(4)})
     action, state = policy.predict(observation)
     assert state.failures[1] is None
-    assert state.failures[2] == "solver: does not want to"
+    assert (state.failures[2].cause, state.failures[2].reason) == ("solver", "does not want to")
     assert np.abs(action[2]).max() == 0.0
 
 

@@ -136,24 +136,27 @@ class _Search:
         if isinstance(ends, Failure):
             return ends
         at = self._solver.abscissae
-        paths = self._near_optimum(at)
-        paths += starting_paths(self._robot, self.reach, ends, self._starts - len(paths), self._seed, at)
-        solved = [self._solver.solve(self._solver.variables(path)) for path in paths]
+        near = self._near_optimum()
+        wanted = self._starts - len(near)
+        paths = starting_paths(self._robot, self.reach, ends, max(wanted, 1), self._seed, at)
+        begins = near + [self._solver.variables(path) for path in paths[:wanted]]
+        solved = [self._solver.solve(begin) for begin in begins]
         blocked = not any(isinstance(s, Solution) for s in solved)
         if blocked and self.reach.spheres is not None:
             # A way straight through a ball has no side to give way to: random ones have.
             more = starting_paths(self._robot, self.reach, ends, 2 * AROUND, self._seed + 1, at)[1::2]
-            paths += more
-            solved += [self._solver.solve(self._solver.variables(path)) for path in more]
+            others = [self._solver.variables(path) for path in more]
+            begins += others
+            solved += [self._solver.solve(begin) for begin in others]
         converged = [s for s in solved if isinstance(s, Solution)]
         if not converged:
             return self._unsolved(paths[0], [s for s in solved if isinstance(s, Unsolved)])
-        motion = self._best(converged, len(paths))
+        motion = self._best(converged, len(begins))
         if isinstance(motion, Failure) and self._solver.loaded:
             # Limits on torques are added where they were passed; the starts may lead elsewhere with them.
-            solved = [self._solver.solve(self._solver.variables(path)) for path in paths]
+            solved = [self._solver.solve(begin) for begin in begins]
             converged = [s for s in solved if isinstance(s, Solution)]
-            return self._best(converged, len(paths)) if converged else motion
+            return self._best(converged, len(begins)) if converged else motion
         return motion
 
     def _best(self, converged: list[Solution], starts: int) -> Motion | Failure:
@@ -171,12 +174,12 @@ class _Search:
             failures.append(motion)
         return failures[0]
 
-    def _near_optimum(self, at: Array) -> list[Array]:
-        """The path of the weight-space planner, which knows the best basins, if it has a motion."""
+    def _near_optimum(self) -> list[Array]:
+        """Variables of the weight-space planner's motion, which knows the best basins, if it has one."""
         reach, limited = self.reach, self._limits.rate is not None
         library = shipped_library(reach.keep_attitude, limited)
         plan = Planner(self._robot, self._limits, library).plan(reach)
-        return [plan.sample(at * reach.duration)[0]] if isinstance(plan, Motion) else []
+        return [self._solver.fitted(plan)] if isinstance(plan, Motion) else []
 
     def at(self, duration: float) -> Motion | Failure:
         """The motion with another duration, from the best one found so far."""

@@ -9,14 +9,15 @@ import numpy as np
 from agents.optimal.ocp_model import SingleArm, Torque
 from agents.optimal.ocp_transcription import GIVEN, SCALE, Program, build
 from agents.optimal.problem import Motion, Reach
-from agents.planning import Limits
+from agents.planning import JointPath, Limits
 from agents.splines import DEGREE, Mesh
-from space_envs.dynamics import FloatingRobot
+from space_envs.dynamics import FloatingRobot, roll_out_base
 from space_envs.dynamics.rotations import Array, to_matrix
 from space_envs.models.parameters import SINGLE_ARM
 
 METHOD = "ocp"
 INTERVALS = 20  # of the splines: 0.5 s each where a motion takes 10 s
+STEPS = 10  # of a roll-out, in an interval
 ROOM = 1e-6  # relative, that is kept from the limits
 CLEAR = 0.002  # m, that is kept from balls at the nodes at first: between them a link may come nearer
 MORE = 1.5  # times what a limit was passed by is taken off it
@@ -104,6 +105,20 @@ class Solver:
     def variables(self, path: Array) -> Array:
         """The program's variables from joint angles (size, n) at the splines' abscissae; no attitude yet."""
         return np.concatenate([path[GIVEN:-1].ravel(), np.zeros(3 * INTERVALS)])
+
+    def fitted(self, path: JointPath) -> Array:
+        """The program's variables whose splines come nearest to a joint motion, with the attitudes that
+        they lead to."""
+        mesh, t = self._programs.mesh, self.reach.duration
+        value = mesh.basis(mesh.nodes)
+        free = np.column_stack([value[:, GIVEN:-2], value[:, -2:].sum(axis=1)])
+        angles, _, _ = path.sample(mesh.nodes * t)
+        coefficients = np.linalg.lstsq(free, angles - value[:, :GIVEN] @ self._given)[0]
+        time = np.linspace(0.0, 1.0, INTERVALS * STEPS + 1)
+        all_of_them = np.concatenate([self._given, coefficients, coefficients[-1:]])
+        q, rate = (mesh.basis(time, k) @ all_of_them / t**k for k in range(2))
+        attitude = roll_out_base(self._robot, q, rate, float(time[1]) * t)[1][STEPS::STEPS]
+        return np.concatenate([coefficients.ravel(), (attitude[:, 1:] / attitude[:, :1]).ravel()])
 
     @property
     def loaded(self) -> bool:

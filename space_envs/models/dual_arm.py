@@ -51,8 +51,7 @@ class DualArmOptions:
         if self.kind not in KINDS:
             raise unknown_name("kind of dual-arm robot", self.kind, KINDS)
         flag("visual", self.visual)
-        if not positive("timestep", self.timestep) <= 0.1:
-            raise ConfigurationError(f"timestep must lie in (0, 0.1] s, got {self.timestep!r}")
+        positive("timestep", self.timestep, 0.1)
         if self.mounts is not None:
             if self.kind != "planar":
                 raise ConfigurationError("mounts can be chosen for the planar robot only")

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from space_envs.checks import count, flag
-from space_envs.errors import ConfigurationError, positive, unknown_name
+from space_envs.errors import positive, unknown_name
 from space_envs.models.appearance import draw_environment, draw_keep_out, draw_robot, draw_target
 from space_envs.models.capsules import SINGLE_ARM_SHAPE, add_point_sensors
 from space_envs.models.parameters import (
@@ -53,8 +53,7 @@ class ModelOptions:
         if self.variant not in VARIANTS:
             raise unknown_name("model variant", self.variant, VARIANTS)
         flag("visual", self.visual)
-        if not positive("timestep", self.timestep) <= 0.1:
-            raise ConfigurationError(f"timestep must lie in (0, 0.1] s, got {self.timestep!r}")
+        positive("timestep", self.timestep, 0.1)
         count("obstacles", self.obstacles, 100)
 
 
