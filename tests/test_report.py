@@ -24,18 +24,11 @@ from synthetic_results import CHARACTERS, HOSTILE, Character, entrant, make_reco
 from space_envs.errors import ConfigurationError
 from space_envs.evaluation import figures
 from space_envs.evaluation.columns import COLUMNS, RULES
+from space_envs.evaluation.drawing import Panel
 from space_envs.evaluation.leaderboard import FIGURES, Row, build_rows
 from space_envs.evaluation.names import csv_name, display_name, file_name, latex_name, markdown_name
-from space_envs.evaluation.page import (
-    NO_PICTURES,
-    NONE_HERE,
-    NOTHING_CAPTURED,
-    SCRIPTS,
-    TOO_MANY,
-    highlights,
-    make_plots,
-    to_html,
-)
+from space_envs.evaluation.page import SCRIPTS, highlights, make_plots, to_html
+from space_envs.evaluation.page_pictures import NO_PICTURES, NONE_HERE, NOTHING_CAPTURED, TOO_MANY
 from space_envs.evaluation.page_scores import all_scores
 from space_envs.evaluation.records import (
     CAUSES,
@@ -558,6 +551,20 @@ def test_room_for_pictures_is_shared_among_tasks(tmp_path: Path) -> None:
     many = {row.entrant: [Still(0.0, noise)] * 30 for row in rows}
     text = to_html(EvaluationResult(records, pictures=many), rows, {row.task: [] for row in rows})
     assert text.count(TOO_MANY) == 8 and "OpenGL" not in text and "<img" not in text
+
+
+def test_room_for_plots_is_shared_among_tasks() -> None:
+    records = [make_record(difficulty=difficulty) for difficulty in ("easy", "medium", "hard")]
+    rows = rows_of(records)
+
+    def plot(key: str, letters: int) -> figures.Plot:
+        return figures.Plot(key, key.capitalize(), "", (Panel(f"<svg><!--{'x' * letters}--></svg>", key),))
+
+    sizes = {"attitude": 900_000, "pareto": 1_100_000, "cost": 900_000}
+    plots = {row.task: [plot(key, size) for key, size in sizes.items()] for row in rows}
+    text = to_html(EvaluationResult(records), rows, plots)
+    assert [text.count(f"<h4>{key.capitalize()}</h4>") for key in sizes] == [0, 3, 0]
+    assert text.count("stand only in the folder plots/: attitude, cost.") == 3
 
 
 def test_eq_20_has_one_name_and_one_unit(paths: ReportPaths, drawn: dict[str, figures.Plot]) -> None:

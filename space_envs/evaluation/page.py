@@ -4,20 +4,16 @@ Names are escaped by the template engine, data by `packing.json_text`, and a con
 the page's own scripts run, known by their hashes.
 """
 
-import base64
-import io
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import groupby
+from itertools import chain, groupby
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup
-from PIL import Image
 
-from space_envs.errors import ConfigurationError
 from space_envs.evaluation import figures
 from space_envs.evaluation.columns import ABLE, COLUMNS, NOTE, RULES, Column, column_named, leaders
 from space_envs.evaluation.comparison_figures import comparison_plots
@@ -25,25 +21,16 @@ from space_envs.evaluation.drawing import prefixed
 from space_envs.evaluation.leaderboard import HEADLINE, Row
 from space_envs.evaluation.names import display_name
 from space_envs.evaluation.normalised import Scores
+from space_envs.evaluation.page_pictures import page_pictures, why_no_pictures
 from space_envs.evaluation.page_replays import page_replays
 from space_envs.evaluation.page_scores import score_table
 from space_envs.evaluation.records import Entrant, EpisodeRecord, EvaluationResult, Task
-from space_envs.evaluation.stills import Still
 from space_envs.evaluation.tables import by_task, cause_called, failures_told, modes_told, row_name
 from space_envs.evaluation.templating import make_environment, read_template, script_hash
 from space_envs.registration import ENTRIES
 
 SCRIPTS = ("pages.js", "table.js", "scrolling.js", "scene.js", "webgl.js", "painter.js", "player.js")
-PLOT_LETTERS, PICTURE_LETTERS = 4_200_000, 1_000_000  # of a page of ten million
-# How many policies of each task are shown in pictures, and how wide these are, in pixels: the first that fit.
-_PICTURED = ((3, 480), (2, 480), (2, 320), (1, 320), (1, 200), (1, 120))
-TOO_MANY = "There are no pictures: those of so many tasks would make this page too large."
-NOTHING_CAPTURED = "There are no pictures, since no policy captured anything here."
-NONE_HERE = "There are no pictures of this task among these results."
-NO_PICTURES = (
-    "There are no pictures: none came with these results. They need a machine that can draw (OpenGL through "
-    "EGL or OSMesa); the figures above do not."
-)
+PLOT_LETTERS = 4_200_000  # of a page of ten million
 
 
 def make_plots(
@@ -127,7 +114,7 @@ def _pages(
     shade = _shade(rows)
     tasks = by_task(rows)
     replays = page_replays(tasks, result.replays, shade)
-    pictures = _pictures(tasks, result)
+    pictures = page_pictures(tasks, result.pictures)
     fitting = _fitting(plots)
     pages = []
     numbered = [(number, task, group) for number, (task, group) in enumerate(tasks)]
@@ -144,7 +131,7 @@ def _pages(
                 "left_out": [plot.title for plot in plots[task] if plot not in fitting[task]],
                 "replays": watched,
                 "pictures": pictures[task],
-                "no_pictures": _no_pictures(result, mine),
+                "no_pictures": why_no_pictures(mine, result.pictures, result.pictures_note),
                 "scores": score_table(mine, scores),
             }
             sections.append(section)
@@ -162,17 +149,19 @@ def _pages(
 
 
 def _fitting(plots: Mapping[Task, Sequence[figures.Plot]]) -> dict[Task, list[figures.Plot]]:
-    """The plots for which the page has room: those of all policies together before those of each alone."""
-    room = PLOT_LETTERS
-    fitting: dict[Task, list[figures.Plot]] = {task: [] for task in plots}
-    for single in (False, True):
-        for task, group in plots.items():
-            for plot in group:
-                size = sum(len(panel.svg) for panel in plot.panels)
-                if (plot.key in ("attitude", "motion")) == single and size <= room:
-                    room -= size
-                    fitting[task].append(plot)
-    return fitting
+    """The plots for which the page has room, each kind for all tasks or for none.
+
+    Kinds in which all policies stand together come before those in which each stands alone.
+    """
+    sizes: dict[str, int] = {}
+    for plot in chain.from_iterable(plots.values()):
+        sizes[plot.key] = sizes.get(plot.key, 0) + sum(len(panel.svg) for panel in plot.panels)
+    room, kinds = PLOT_LETTERS, set()
+    for key in sorted(sizes, key=lambda key: key in ("attitude", "motion")):
+        if sizes[key] <= room:
+            room -= sizes[key]
+            kinds.add(key)
+    return {task: [plot for plot in group if plot.key in kinds] for task, group in plots.items()}
 
 
 def _choices(sections: Sequence[Mapping[str, Any]]) -> dict[str, list[str]]:
@@ -313,58 +302,6 @@ def _flat(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
         else:
             flat.append((name, "-" if value is None else display_name(str(value), 1000)))
     return flat
-
-
-_Film = tuple[str, list[tuple[str, str]]]  # a policy's name; the time in s and the data URL of each still
-
-
-def _pictures(tasks: Sequence[tuple[Task, list[Row]]], result: EvaluationResult) -> dict[Task, list[_Film]]:
-    """Pictures of the first policies of each task: of as many and as large as every task has room for."""
-    for count, width in _PICTURED:
-        films = _films(tasks, result, count, width)
-        if films is not None:
-            return films
-    return {task: [] for task, _ in tasks}
-
-
-def _films(
-    tasks: Sequence[tuple[Task, list[Row]]], result: EvaluationResult, count: int, width: int
-) -> dict[Task, list[_Film]] | None:
-    """Pictures of `count` policies of each task, `width` pixels wide; None where the page has no room."""
-    room = PICTURE_LETTERS
-    films: dict[Task, list[_Film]] = {task: [] for task, _ in tasks}
-    for task, rows in tasks:
-        pictured = [(row, stills) for row in rows if (stills := result.pictures.get(row.entrant))]
-        for row, stills in pictured[:count]:
-            film = [(f"{still.time:.1f}", _jpeg(row.policy, still, width)) for still in stills]
-            room -= sum(len(url) for _, url in film)
-            if room < 0:
-                return None
-            films[task].append((display_name(row_name(row, rows)), film))
-    return films
-
-
-def _no_pictures(result: EvaluationResult, rows: Sequence[Row]) -> str:
-    """Why a task is shown without pictures."""
-    if not result.pictures:
-        return result.pictures_note or NO_PICTURES
-    if any(result.pictures.get(row.entrant) for row in rows):
-        return TOO_MANY
-    return NONE_HERE if any(row.outcomes["captured"] for row in rows) else NOTHING_CAPTURED
-
-
-def _jpeg(policy: str, still: Still, width: int) -> str:
-    """A picture as a data URL, no wider than `width` pixels."""
-    frame = np.asarray(still.frame)
-    if frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[-1] != 3:
-        raise ConfigurationError(
-            f"pictures of {policy!r} must be uint8 (height, width, 3), got {frame.dtype} {frame.shape}"
-        )
-    buffer = io.BytesIO()
-    picture = Image.fromarray(frame)
-    picture.thumbnail((width, picture.height))
-    picture.save(buffer, format="JPEG", quality=85)
-    return "data:image/jpeg;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
 
 
 def _shade(rows: Sequence[Row]) -> dict[str, figures.Look]:
