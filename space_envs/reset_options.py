@@ -134,8 +134,24 @@ def choose_start(
     """How rows (k,) of len(generators) begin; what the options leave open comes from each row's generator.
 
     Raises:
-        ConfigurationError: for a value that is not valid. GoalError: for a goal that cannot be reached.
+        ConfigurationError: for a value that is not valid. GoalError: for a goal that cannot be reached. The
+            generators are then as they were.
     """
+    before = [generators[row].bit_generator.state for row in rows]
+    try:
+        return _start(task, options, rows, generators)
+    except Exception:  # a goal may be drawn before something else is refused
+        for row, state in zip(rows, before, strict=True):
+            generators[row].bit_generator.state = state
+        raise
+
+
+def _start(
+    task: CaptureTask,
+    options: Mapping[str, Any],
+    rows: NDArray[np.int64],
+    generators: Sequence[np.random.Generator],
+) -> Start:
     n = len(generators)
     joints, velocity = (
         _joint_option(task, options, name, rows, n) if name in options else None

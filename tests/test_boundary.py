@@ -19,12 +19,13 @@ from boundary import (
     check,
     gym_make,
     gym_make_vec,
+    pair,
     soon,
 )
 
 from space_envs.control import CONTROL_MODES
 from space_envs.envs import CaptureVectorEnv
-from space_envs.errors import ConfigurationError, GoalError
+from space_envs.errors import ConfigurationError, GoalError, SpaceEnvsError
 from space_envs.registration import ENTRIES
 
 IDS = sorted(ENTRIES)
@@ -259,3 +260,26 @@ def test_the_fastest_target_stays_in_the_space(env_id):
     for _ in range(40):
         assert env.observation_space.contains(observation)
         observation = env.step(np.zeros(env.action_space.shape))[0]
+
+
+@every_id
+def test_what_is_refused_after_a_goal_was_drawn_leaves_the_generators_alone(env_id):
+    """Starts that cannot brake, or that touch something, are found out only once the goal is known."""
+    env, twin = pair(env_id)
+    robot, parameters = env.task.robot, env.task.parameters
+    fast = {
+        "joint_position": robot.range[:, 1] - 0.11,
+        "joint_velocity": np.full(robot.n_joints, parameters.rate_limit),
+    }
+    for options in (fast, {"joint_position": robot.range[:, 1]}):
+        with pytest.raises(SpaceEnvsError):
+            env.reset(options=options)
+        np.testing.assert_array_equal(env.reset()[0], twin.reset()[0])
+    env, twin = (gym_make(PLANAR, mounts=[[0.5, 0.0], [0.5, 0.0]]) for _ in range(2))
+    for each in (env, twin):
+        with pytest.raises(GoalError):
+            each.reset(seed=1)
+    state = env.np_random.bit_generator.state
+    with pytest.raises(GoalError):
+        env.reset()
+    assert env.np_random.bit_generator.state == state

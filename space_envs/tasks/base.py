@@ -91,7 +91,7 @@ class CaptureTask:
         for name in ("control_period", "attitude_limit", "c"):
             object.__setattr__(self, name, positive(name, getattr(self, name), LARGEST.get(name)))
         if self.timestep is not None:
-            positive("timestep", self.timestep)
+            object.__setattr__(self, "timestep", positive("timestep", self.timestep))
             if not LEAST_TIMESTEP <= self.timestep <= self.largest_timestep:
                 raise ConfigurationError(
                     f"timestep must lie in {LEAST_TIMESTEP:g} to {self.largest_timestep:g} s, the largest "
