@@ -13,6 +13,7 @@ from space_envs.dynamics.rotations import Array
 from space_envs.tasks.contacts import Contacts
 
 MARGIN = 0.002  # m, that a plan keeps beyond what the simulation asks for, for its drives' errors
+COARSE = 5
 
 
 def least_gaps(contacts: Contacts, arm: FloatingRobot, path: Array) -> Array:
@@ -41,5 +42,8 @@ def touching(
 
 
 def first_clear(contacts: Contacts, arm: FloatingRobot, paths: Array, order: Sequence[int]) -> int | None:
-    """The first of motions (K, T, n) rad, in an order, that is clear of the satellite, if there is one."""
-    return next((k for k in order if least_gaps(contacts, arm, paths[k]) > MARGIN), None)
+    """The first of motions (K, T, n) rad, in an order, that is clear of the satellite, if there is one.
+
+    Looked at on every `COARSE`-th sample: to choose by, not to be sure.
+    """
+    return next((k for k in order if least_gaps(contacts, arm, paths[k, ::COARSE]) > MARGIN), None)
