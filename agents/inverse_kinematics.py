@@ -5,7 +5,8 @@ base frame that is predicted for the end of the very motion that will be execute
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,6 +60,16 @@ class JointGoals:
     converged: NDArray[np.bool_]
     position_residual: Array
     orientation_residual: Array
+
+    def take(self, rows: NDArray[Any]) -> "JointGoals":
+        """The goals of rows, by number or mask."""
+        return JointGoals(**{name: value[rows] for name, value in vars(self).items()})
+
+    def given_up(self, rows: Rows, rest: Array) -> "JointGoals":
+        """The same with the goals of rows (k,) given up for joint angles `rest` (k, n) rad."""
+        position, converged = self.position.copy(), self.converged.copy()
+        position[rows], converged[rows] = rest, False
+        return replace(self, position=position, converged=converged)
 
 
 Motion = Callable[[Array, Rows], JointMotion]  # from joint goals (k, n) of rows (k,)

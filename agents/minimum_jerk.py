@@ -43,8 +43,14 @@ def minimum_jerk_profile(times: Array) -> Profile:
     )
 
 
-def profile_goals(context: PolicyContext, observation: Array, profile: Profile) -> JointGoals:
-    """Joint goals to which `profile` leads from what is observed, so that the inertial goal is met."""
+def profile_goals(
+    context: PolicyContext, observation: Array, profile: Profile, preferred: Array | None = None
+) -> JointGoals:
+    """Joint goals to which `profile` leads from what is observed, so that the inertial goal is met.
+
+    Args:
+        preferred: (N, n) rad, joint angles that the redundancy draws the goals to; None is the start.
+    """
 
     def read(name: str) -> Array:
         return context.layout.read(observation, name)
@@ -61,7 +67,7 @@ def profile_goals(context: PolicyContext, observation: Array, profile: Profile) 
         motion,
         read("base_position"),
         read("base_quaternion"),
-        start,
+        start if preferred is None else preferred,
         context.joint_limits,
     )
 
@@ -73,9 +79,9 @@ class MinimumJerk(TrajectoryPolicy):
         super().__init__(context, seed)
         self._profile = minimum_jerk_profile(motion_times(context))
 
-    def plan(self, observation: Array) -> tuple[JointMotion, JointGoals]:
+    def plan(self, observation: Array, preferred: Array | None = None) -> tuple[JointMotion, JointGoals]:
         """The quintic motions to the corrected joint goals."""
         read = self.context.layout.read
-        goals = profile_goals(self.context, observation, self._profile)
+        goals = profile_goals(self.context, observation, self._profile, preferred)
         start, rate = read(observation, "joint_position"), read(observation, "joint_velocity")
         return self._profile.motion(start, rate, goals.position), goals

@@ -34,10 +34,10 @@ class ModelPredictive(TrajectoryPolicy):
             transition[:, 0, 0], transition[:, 1, 0], transition[:, 0, 1], transition[:, 1, 1], dt
         )
 
-    def plan(self, observation: Array) -> tuple[JointMotion, JointGoals]:
+    def plan(self, observation: Array, preferred: Array | None = None) -> tuple[JointMotion, JointGoals]:
         """The motions that the controller expects to make, and its joint goals."""
         read = self.context.layout.read
-        goals = profile_goals(self.context, observation, self._profile)
+        goals = profile_goals(self.context, observation, self._profile, preferred)
         start, rate = read(observation, "joint_position"), read(observation, "joint_velocity")
         return self._profile.motion(start, rate, goals.position), goals
 

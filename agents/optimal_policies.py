@@ -6,6 +6,7 @@ import numpy as np
 from joblib import Parallel, delayed
 from numpy.typing import NDArray
 
+from agents.clearance import touching
 from agents.gjm import resolved_rate
 from agents.optimal.library import shipped_library
 from agents.optimal.ocp import plan_ocp
@@ -91,7 +92,15 @@ class OptimalPolicy:
         read = self.context.layout.read
         plans = self.plan(reaches(self.context, observation, self.keep_attitude))
         rest, start = read(observation, "joint_position"), read(observation, "time")[:, 0]
-        return following(rest, plans, motion_times(self.context), start)
+        times = motion_times(self.context)
+        return following(rest, [self._checked(plan, times) for plan in plans], times, start)
+
+    def _checked(self, plan: Motion | Failure, times: Array) -> Motion | Failure:
+        """The plan, or why it is none: a motion that puts a link into the satellite is not followed."""
+        if isinstance(plan, Failure):
+            return plan
+        path = plan.sample(times)[0]
+        return touching(plan.method, self.context.contacts, self.context.arm, times, path) or plan
 
     def predict(
         self,

@@ -37,9 +37,9 @@ class PrompFeedback(ConditionalMean):
         )
         self._rng = np.random.default_rng(seed)
 
-    def plan(self, observation: Array) -> tuple[JointMotion, JointGoals]:
+    def plan(self, observation: Array, preferred: Array | None = None) -> tuple[JointMotion, JointGoals]:
         """The conditional mean as accelerations that are held for a control period lead along it."""
-        motion, goals = super().plan(observation)
+        motion, goals = super().plan(observation, preferred)
         moved = 0.5 * motion.dt * (motion.velocity[:, 1:] + motion.velocity[:, :-1]).cumsum(axis=1)
         position = np.concatenate([motion.position[:, :1], motion.position[:, :1] + moved], axis=1)
         return JointMotion(position, motion.velocity, motion.dt), goals

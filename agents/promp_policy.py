@@ -5,6 +5,7 @@ from importlib.resources import as_file, files
 
 import numpy as np
 
+from agents.clearance import first_clear
 from agents.inverse_kinematics import JointGoals, JointMotion, Motion, Rows, floating_inverse_kinematics
 from agents.tracking import TrajectoryPolicy, motion_times
 from promp import ProMP, ViaPoint
@@ -106,7 +107,7 @@ class ProMPPolicy(TrajectoryPolicy):
         self._offset_motion = self._prior.motion(offsets, self._every)
         self._offset_acceleration = self._prior.acceleration(offsets, self._every)
 
-    def plan(self, observation: Array) -> tuple[JointMotion, JointGoals]:
+    def plan(self, observation: Array, preferred: Array | None = None) -> tuple[JointMotion, JointGoals]:
         """Steps of sec. V-D for each row, then the correction of the chosen motion's end."""
         read = self.context.layout.read
         start, rate = read(observation, "joint_position"), read(observation, "joint_velocity")
@@ -115,7 +116,7 @@ class ProMPPolicy(TrajectoryPolicy):
         def mean_motion(goal: Array, rows: Rows) -> JointMotion:
             return prior.motion(prior.weights(start[rows], rate[rows], goal), self._every)
 
-        goals = self._solve(observation, mean_motion, start)
+        goals = self._solve(observation, mean_motion, start if preferred is None else preferred)
         weights = self._chosen(prior.weights(start, rate, goals.position))
 
         # The base ends elsewhere under the chosen motion than under the mean.
@@ -149,8 +150,14 @@ class ProMPPolicy(TrajectoryPolicy):
         broken |= (np.abs(velocity) > context.rate_limit).any(axis=(2, 3))
         broken |= (np.abs(acceleration) > context.acceleration_limit).any(axis=(2, 3))
         cost[broken] = np.inf
-        chosen = cost.argmin(axis=1)
-        kept = ~broken[np.arange(len(mean)), chosen]
+        chosen, kept = np.zeros(len(mean), dtype=np.int64), np.zeros(len(mean), dtype=bool)
+        for row, costs in enumerate(cost):
+            order = [int(k) for k in np.argsort(costs, kind="stable") if not broken[row, k]]
+            if context.contacts is not None:
+                best = first_clear(context.contacts, context.arm, position[row], order)
+            else:
+                best = order[0] if order else None
+            chosen[row], kept[row] = (0, False) if best is None else (best, True)
         return mean + kept[:, None, None] * self._offsets[chosen]
 
     def _solve(self, observation: Array, motion: Motion, start: Array) -> JointGoals:

@@ -1,15 +1,16 @@
 """The reactionless planners as policies: plan where an episode starts, follow, then stay with the target."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from joblib import Parallel, delayed
 from numpy.typing import NDArray
 
+from agents.clearance import MARGIN
 from agents.dual_arm import Reader
-from agents.planning import Failure, Limits
-from agents.reactionless.clearance import Surroundings, turning_target
+from agents.planning import Cause, Failure, Limits
+from agents.reactionless.clearance import Surroundings, gaps, turning_target
 from agents.reactionless.fixed_path import plan_local, plan_zeta_zero
 from agents.reactionless.free import plan_free
 from agents.reactionless.ocp import plan_ocp
@@ -24,6 +25,8 @@ from space_envs.models.parameters import DUAL_ARM_PLANAR, DUAL_ARM_SPATIAL
 
 MEETING = 20.0  # s after the start of the episode, when every plan ends
 TRACKING_GAIN = 1.0  # 1/s, of the joint error while a plan is followed
+CHECKS = 201  # times at which a plan is looked at
+_ALWAYS = 1e9  # s before the end, when grippers are open
 ATTITUDE_GAIN = 0.3  # 1/s, of the attitude that is left
 
 
@@ -57,6 +60,23 @@ class Task:
             target=np.array(target.body) * self.half_width / target.half_width,
             motion=turning_target(self.centre, self.attitude, self.spin, np.array(target.inertia)),
         )
+
+    def checked(self, plan: Plan | Failure) -> Plan | Failure:
+        """The plan, or why it is none: a motion in which arms touch something is not followed.
+
+        The gripper counts by its centre line all the time, as it does in the simulation.
+        """
+        if isinstance(plan, Failure):
+            return plan
+        around = replace(self.surroundings, contact=_ALWAYS)
+        times = np.linspace(0.0, self.capture.duration, CHECKS)
+        path = plan.sample(times)[0]
+        found = gaps(self.robot, around, times, path, self.capture.duration, self.capture.start)
+        if found.least > MARGIN:
+            return plan
+        what, node = found.worst()
+        reason = f"{what} would come to {found.least:.3f} m at t = {times[node]:.2f} s"
+        return Failure(plan.method, Cause.COLLISION, reason)
 
 
 class ReactionlessPlanner:
@@ -117,6 +137,8 @@ class ReactionlessPlanner:
     def _plans(self, observation: Array) -> Following:
         tasks = self.tasks(observation)
         plans: Any = Parallel(n_jobs=self.context.jobs)(delayed(self.plan)(task) for task in tasks)
+        if self.context.contacts is not None:
+            plans = [task.checked(plan) for task, plan in zip(tasks, plans, strict=True)]
         times = np.arange(self._samples + 1) * self.context.control_period
         rest, start = (self.reader.field(observation, name) for name in ("joint_position", "time"))
         return following(rest, list(plans), times, start[:, 0])

@@ -23,7 +23,7 @@ class Entry:
 SINGLE_ARM = ("SpaceCapture/SingleArm-v0", "SpaceCapture/SingleArmCluttered-v0")
 DUAL_ARM = ("SpaceCapture/DualArmPlanar-v0", "SpaceCapture/DualArmSpatial-v0")
 PLANAR = DUAL_ARM[:1]
-LEARNED = (SINGLE_ARM[0], *DUAL_ARM)  # ids with policies that are shipped
+LEARNED = (SINGLE_ARM[0], *DUAL_ARM)  # ids with clones that are shipped
 
 POLICIES: dict[str, Entry] = {
     "random": Entry("agents.baselines:Random", "uniform actions"),
@@ -117,17 +117,11 @@ POLICIES: dict[str, Entry] = {
     "ppo": Entry(
         "agents.learned_policy:ProximalPolicyOptimization",
         "the clone, improved by PPO, shipped",
-        tasks=LEARNED,
+        tasks=SINGLE_ARM[:1],
     ),
     "bc_reactionless": Entry(
         "agents.learned_policy:BehaviourCloning",
-        "the same in control mode reactionless",
-        "reactionless",
-        tasks=DUAL_ARM,
-    ),
-    "ppo_reactionless": Entry(
-        "agents.learned_policy:ProximalPolicyOptimization",
-        "the same in control mode reactionless",
+        "cloned in control mode reactionless, shipped",
         "reactionless",
         tasks=DUAL_ARM,
     ),

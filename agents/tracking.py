@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.clearance import MARGIN, least_gaps, touching
 from agents.gjm import resolved_rate
 from agents.inverse_kinematics import JointGoals, JointMotion
 from agents.planning import Failure, JointPath
@@ -20,6 +21,10 @@ Steps = NDArray[np.int64]
 
 DURATION = 10.0  # s, of every planned motion
 TRACKING_GAIN = 2.0  # 1/s, of the joint error while a plan is followed
+OTHERS, OTHER_RADIUS = (
+    8,
+    1.2,
+)  # joint goals that are tried in place of a motion that touches; rad, how far off
 # What is left at the end of a motion is taken away slowly, once the plan is over.
 HOLD_GAIN, HOLD_LINEAR_SPEED, HOLD_ANGULAR_SPEED = 0.5, 0.02, 0.02  # 1/s, m/s, rad/s
 
@@ -32,12 +37,14 @@ class Plan:
         position, velocity: (N, T, n) rad and rad/s, one sample a control period.
         start: (N,) s, time in the episode at which each motion begins.
         goals: joint goals, with what inverse kinematics left over.
+        failures: (N,) None, or the `Failure` that says why the arm rests instead.
     """
 
     position: Array
     velocity: Array
     start: Array
     goals: JointGoals
+    failures: NDArray[np.object_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,22 +161,53 @@ def hold_rate(
 
 
 class TrajectoryPolicy:
-    """Follows joint motions that a subclass plans, with feedback of the joint angles."""
+    """Follows joint motions that a subclass plans, with feedback of the joint angles.
+
+    A motion that would put a link into the satellite is planned anew to other joint goals, a few times; if
+    they all would, the arm rests.
+    """
 
     control_mode = "joint_velocity"
 
     def __init__(self, context: PolicyContext, seed: int = 0) -> None:
         context.require_mode(self.control_mode)
         self.context = context
+        random = np.random.default_rng(0)
+        self._others = random.uniform(-OTHER_RADIUS, OTHER_RADIUS, (OTHERS, context.arm.n_joints))
 
-    def plan(self, observation: Array) -> tuple[JointMotion, JointGoals]:
-        """Motions (N, T, n), sampled at `motion_times`, and the joint goals they end at."""
+    def plan(self, observation: Array, preferred: Array | None = None) -> tuple[JointMotion, JointGoals]:
+        """Motions (N, T, n), sampled at `motion_times`, and the joint goals they end at.
+
+        Args:
+            preferred: (N, n) rad, joint angles that the redundancy draws the goals to; None is the start.
+        """
         raise NotImplementedError
 
     def _plans(self, observation: Array) -> Plan:
+        read, contacts = self.context.layout.read, self.context.contacts
+        rest = read(observation, "joint_position")
         motion, goals = self.plan(observation)
-        start = self.context.layout.read(observation, "time")[:, 0]
-        return Plan(motion.position, motion.velocity, start, goals)
+        position, velocity = motion.position.copy(), motion.velocity.copy()
+        failures = np.full(len(rest), None, dtype=object)
+        if contacts is not None:
+            rows = np.flatnonzero(least_gaps(contacts, self.context.arm, position) <= MARGIN)
+            for offset in self._others:
+                if not rows.size:
+                    break
+                other, found = self.plan(observation[rows], rest[rows] + offset)
+                clear = found.converged & (least_gaps(contacts, self.context.arm, other.position) > MARGIN)
+                clear &= np.abs(other.velocity).max(axis=(1, 2)) <= self.context.rate_limit
+                position[rows[clear]], velocity[rows[clear]] = other.position[clear], other.velocity[clear]
+                goals = merged(goals, found.take(clear), rows[clear])
+                rows = rows[~clear]
+            for row in rows:
+                times = motion_times(self.context)
+                failures[row] = touching(
+                    type(self).__name__, contacts, self.context.arm, times, position[row]
+                )
+            position[rows], velocity[rows] = rest[rows, None], 0.0
+            goals = goals.given_up(rows, rest[rows])
+        return Plan(position, velocity, read(observation, "time")[:, 0], goals, failures)
 
     def follow(self, observation: Array, plan: Plan, step: Steps) -> Array:
         """Joint rates (N, n), rad/s, for the end of the control period, `step` (N,) periods into the plan.

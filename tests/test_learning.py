@@ -38,6 +38,7 @@ from agents.learned_policy import (
 )
 from agents.learning import learn
 from agents.policy_file import load_policy_file
+from agents.registry import POLICIES, control_mode, policies_for
 from agents.reinforcement import Reinforcement
 from agents.training.options import Options, rounding
 from agents.training.recorder import Recorder
@@ -556,6 +557,31 @@ def test_shipped_policies_capture(kind: type[BehaviourCloning] | type[ProximalPo
     assert captured.mean() >= 0.9
     with pytest.raises(ConfigurationError, match="shipped policy"):
         load_shipped(ENV_ID, "dqn")
+
+
+@pytest.mark.parametrize("env_id", ENTRIES)
+def test_policies_that_are_offered_are_those_that_ship(env_id: str) -> None:
+    offered = {name for name in policies_for(env_id) if POLICIES[name].policy.startswith("agents.learned")}
+    assert offered == set(shipped_policies(env_id))
+
+
+IMPROVED = [(env_id, name) for env_id in ENTRIES for name in shipped_policies(env_id) if name[:2] != "bc"]
+
+
+@pytest.mark.parametrize(("env_id", "name"), IMPROVED)
+def test_what_ships_beside_a_clone_is_better_than_the_clone(env_id: str, name: str) -> None:
+    mode = control_mode(name)
+    clone = name.replace(name.split("_")[0], "bc")
+    validator = Validator(env_id, 96, control_mode=mode)
+    files = [load_shipped(env_id, each) for each in (name, clone)]
+    weights = [file.network.weights for file in files]
+    assert any(not np.array_equal(a, b) for a, b in zip(*weights, strict=False))
+    layout = validator.env.task.layout
+    scores = []
+    for file in files:
+        view = file.view(layout)
+        scores.append(validator(lambda seen, file=file, view=view: file.network.actions(view(seen))).score)
+    assert scores[0] > scores[1]
 
 
 @pytest.mark.parametrize("name", ["bc", "ppo"])

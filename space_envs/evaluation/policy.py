@@ -14,6 +14,7 @@ from space_envs.dynamics.rotations import Array
 from space_envs.errors import PolicyError, unknown_name
 from space_envs.evaluation.strangers import described
 from space_envs.tasks.common import CaptureEnvelope, ObservationLayout
+from space_envs.tasks.contacts import Contacts
 
 if TYPE_CHECKING:
     from space_envs.envs import CaptureEnv, CaptureVectorEnv
@@ -65,6 +66,7 @@ class PolicyContext:
         rate_limit: rad/s. acceleration_limit: rad/s^2, of every joint.
         envelope: of a capture. c: m/rad of the attitude cost (eq. 20 of shyam2020).
         jobs: processes that a policy may plan with; -1 is one for each core.
+        contacts: the links as capsules and the bodies that they may not touch; None where there are none.
     """
 
     env_id: str
@@ -81,6 +83,7 @@ class PolicyContext:
     envelope: CaptureEnvelope
     c: float
     jobs: int = 1
+    contacts: Contacts | None = None
 
     @classmethod
     def from_env(cls, env: "CaptureVectorEnv | CaptureEnv", jobs: int = 1) -> Self:
@@ -102,6 +105,7 @@ class PolicyContext:
             envelope=task.envelope,
             c=task.c,
             jobs=jobs,
+            contacts=task.contacts if task.collisions else None,
         )
 
     def require_mode(self, *modes: str) -> None:

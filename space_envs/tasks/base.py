@@ -27,6 +27,7 @@ from space_envs.tasks.common import (
     ObservationLayout,
     RewardWeights,
 )
+from space_envs.tasks.contacts import Contacts
 
 # Of keywords: deg, beyond which an attitude that counts turns would leave its bound, and m/rad.
 LARGEST = {"attitude_limit": 3600.0, "c": 1e6}
@@ -185,6 +186,11 @@ class CaptureTask:
     def attitude(self, observation: Array) -> Array:
         """Angle (N,) of the satellite from its initial attitude, rad."""
         raise NotImplementedError
+
+    @property
+    def contacts(self) -> Contacts | None:
+        """The capsules of the robot and what they may not touch, if that is told to policies."""
+        return None
 
     @property
     def contact_names(self) -> tuple[str, ...]:

@@ -1,0 +1,94 @@
+"""Planners and the bodies that links may not touch: other motions, or a refusal that says why."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from agents.clearance import least_gaps
+from agents.planning import Cause, Failure
+from agents.reactionless_policies import Task, ZetaZero
+from agents.registry import make_policy
+from space_envs.envs import CaptureVectorEnv
+from space_envs.evaluation.policy import PolicyContext
+
+SINGLE, PLANAR = "SpaceCapture/SingleArm-v0", "SpaceCapture/DualArmPlanar-v0"
+N = 64
+
+
+def begun(env_id: str, n: int, indices: Any = None) -> tuple[CaptureVectorEnv, PolicyContext, Any]:
+    """An environment on hard validation goals, its context and the first observations."""
+    env = CaptureVectorEnv(env_id, n, difficulty="hard", autoreset_mode="disabled")
+    indices = np.arange(n) if indices is None else indices
+    observation, _ = env.reset(seed=0, options={"split": "validation", "index": indices})
+    return env, PolicyContext.from_env(env), observation
+
+
+def outcomes(env: CaptureVectorEnv, policy: Any, observation: Any) -> Any:
+    """How episodes that have begun end under a policy."""
+    state, info = None, {}
+    for _ in range(env.task.horizon):
+        action, state = policy.predict(observation, state)
+        observation, *_, info = env.step(action)
+        if (info["outcome"] != "running").all():
+            break
+    return info["outcome"]
+
+
+@pytest.mark.parametrize("name", ["minimum_jerk", "promp_mean"])
+def test_motions_through_the_satellite_are_planned_anew(name: str) -> None:
+    _, context, observation = begun(SINGLE, N)
+    assert context.contacts is not None
+    blind = make_policy(name, replace(context, contacts=None), 0)
+    naive = blind.predict(observation)[1]
+    touching = np.flatnonzero(least_gaps(context.contacts, context.arm, naive.position) <= 0.0)
+    assert 0 < len(touching) < 10
+    env, context, observation = begun(SINGLE, len(touching), touching)
+    assert (
+        outcomes(env, make_policy(name, replace(context, contacts=None), 0), observation) == "collision"
+    ).all()
+    env, context, observation = begun(SINGLE, len(touching), touching)
+    policy = make_policy(name, context, 0)
+    plan = policy.predict(observation)[1]
+    ended = outcomes(env, policy, observation)
+    assert not (ended == "collision").any() and (ended == "captured").any()
+    for row, failure in enumerate(plan.failures):
+        assert (ended[row] == "captured") == (failure is None)
+    # A row's plan does not depend on the rows beside it.
+    alone = make_policy(name, context, 0).predict(observation[:1])[1]
+    np.testing.assert_array_equal(alone.position[0], plan.position[0])
+
+
+@pytest.mark.parametrize("name", ["minimum_jerk", "mpc", "promp", "promp_optimal", "promp_demonstrated"])
+def test_without_a_clear_motion_the_arm_rests_and_says_why(name: str) -> None:
+    env, context, observation = begun(SINGLE, 2)
+    assert context.contacts is not None
+    large = replace(context.contacts.shape, half=1.2)  # the elbow is within
+    context = replace(context, contacts=replace(context.contacts, shape=large))
+    policy = make_policy(name, context, 0)
+    action, state = policy.predict(observation)
+    np.testing.assert_allclose(action, 0.0, atol=1e-12)
+    for failure in state.failures:
+        assert failure.cause == Cause.COLLISION == "clearance"
+        assert "from the satellite at t = " in failure.reason and failure.reason.startswith("link ")
+    for _ in range(110):  # after the time of the motion too
+        observation, *_ = env.step(action)
+        action, state = policy.predict(observation, state)
+        np.testing.assert_allclose(action, 0.0, atol=1e-9)
+
+
+def test_reactionless_plans_into_something_are_refused() -> None:
+    _, context, observation = begun(PLANAR, 8)
+    policy = ZetaZero(context, 0)
+    tasks = policy.tasks(observation)
+    plans = [(task, policy.plan(task)) for task in tasks]
+    found = [(task, plan) for task, plan in plans if not isinstance(plan, Failure)]
+    kept = [(task, plan) for task, plan in found if task.checked(plan) is plan]
+    assert kept
+    task, plan = kept[0]
+    hand = context.arm.end_effector_pose(plan.sample(np.array(10.0))[0], 0)[0]
+    moved = Task(**{**vars(task), "centre": hand})  # a target in the way at half time
+    refused = moved.checked(plan)
+    assert isinstance(refused, Failure) and refused.cause == Cause.COLLISION
+    assert refused.reason.startswith("an arm and the target would come to -")
