@@ -13,8 +13,11 @@ from stable_baselines3.common.vec_env import VecEnv
 from agents.features import FeatureView
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError
+from space_envs.reset_options import Seeds
 
 Indices = None | int | Iterable[int]
+# Of what a copy of the environment holds: follow from the rest, or belong to the environment that is there.
+_NOT_STORED = ("_seeds", "_goal", "_spec", "closed")
 
 
 class NativeVecEnv(VecEnv):
@@ -123,41 +126,35 @@ class NativeVecEnv(VecEnv):
     def snapshot(self) -> dict[str, Any]:
         """Where the N episodes stand, as plain values and arrays; their goals must be of a split."""
         state = self.env.__getstate__()
-        own = dict(state["own"])
-        generators = own.pop("_generators")
-        del own["_goal"]  # follows from split and index
+        own = {name: value for name, value in state["own"].items() if name not in _NOT_STORED}
         if (own["_index"] < 0).any():
             raise ConfigurationError("episodes whose goals were given as numbers cannot be stored")
-        own["_split"] = own["_split"].tolist()
+        seeds: Seeds = state["own"]["_seeds"]
         return {
             "simulation": state["simulation"],
             "drive": state["drive"],
-            "own": own,
-            "generators": [generator.bit_generator.state for generator in generators],
+            "own": own | {"_split": own["_split"].tolist()},
+            "generators": [generator.bit_generator.state for generator in seeds.generators],
+            "seeds": seeds.numbers,
             "return": self._return.copy(),
             "length": self._length.copy(),
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Go on from where a snapshot of as many episodes of the same task stands, with the same bits."""
+        state = self.env.__getstate__()
         own = dict(snapshot["own"])
-        generators = [np.random.default_rng() for _ in snapshot["generators"]]
-        for generator, state in zip(generators, snapshot["generators"], strict=True):
-            generator.bit_generator.state = state
+        generators = [np.random.default_rng(0) for _ in snapshot["generators"]]
+        for generator, kept in zip(generators, snapshot["generators"], strict=True):
+            generator.bit_generator.state = kept
         goals = [
             self.env.task.goals(split, np.array([index]))
             for split, index in zip(own["_split"], own["_index"].tolist(), strict=True)
         ]
-        own |= {"_generators": generators, "_goal": goals, "_split": np.array(own["_split"], dtype=object)}
-        arguments = self.env.__getstate__()["arguments"]
-        self.env.__setstate__(
-            {
-                "arguments": arguments,
-                "simulation": snapshot["simulation"],
-                "drive": snapshot["drive"],
-                "own": own,
-            }
-        )
+        own |= {"_goal": goals, "_split": np.array(own["_split"], dtype=object)}
+        own["_seeds"] = Seeds(self.num_envs, tuple(zip(generators, snapshot["seeds"], strict=True)))
+        kept = {name: snapshot[name] for name in ("simulation", "drive")}
+        self.env.__setstate__({**state, **kept, "own": state["own"] | own})
         self._return, self._length = snapshot["return"].copy(), snapshot["length"].copy()
 
     def close(self) -> None:
