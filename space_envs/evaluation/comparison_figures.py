@@ -36,7 +36,7 @@ from space_envs.evaluation.ticks import log_ticks
 
 _POINTS = 81  # of a profile
 _ROOMY = 8  # policies up to which a cell of the matrix has room for its interval
-_NAMES = 115.0  # points beside the matrix for the names of its rows
+_NAMES = 95.0  # points beside the matrix for the names of its rows
 IMPROVED = (HEADLINE, "attitude_cost")  # of `comparison.COMPARED`, those with a plot of who improves on whom
 
 
@@ -189,7 +189,7 @@ def improvement_plot(rows: Sequence[Row], metric: str, found: Improvement) -> Pl
         labels = [figure_name(name) for name in names]
         axes.set_yticks(range(count), labels)
         axes.set_xticks(range(count), labels, rotation=90)
-        axes.tick_params(length=0, labeltop=True, labelbottom=False)
+        axes.tick_params(length=0, labeltop=True, labelbottom=False, labelsize=10 if roomy else 8)
         axes.spines[:].set_visible(False)
         axes.set(xlim=(-0.5, count - 0.5), ylim=(count - 0.5, -0.5))
 
