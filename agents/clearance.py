@@ -38,7 +38,7 @@ def touching(
         f"link {contacts.shape.link[place]} would be {gaps.min():.3f} m from the satellite at t = "
         f"{times[node]:.2f} s"
     )
-    return Failure(method, Cause.COLLISION, reason)
+    return Failure(method, Cause.CLEARANCE, reason)
 
 
 def first_clear(contacts: Contacts, arm: FloatingRobot, paths: Array, order: Sequence[int]) -> int | None:

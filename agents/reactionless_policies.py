@@ -76,7 +76,7 @@ class Task:
             return plan
         what, node = found.worst()
         reason = f"{what} would come to {found.least:.3f} m at t = {times[node]:.2f} s"
-        return Failure(plan.method, Cause.COLLISION, reason)
+        return Failure(plan.method, Cause.CLEARANCE, reason)
 
 
 class ReactionlessPlanner:

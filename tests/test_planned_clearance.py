@@ -70,7 +70,7 @@ def test_without_a_clear_motion_the_arm_rests_and_says_why(name: str) -> None:
     action, state = policy.predict(observation)
     np.testing.assert_allclose(action, 0.0, atol=1e-12)
     for failure in state.failures:
-        assert failure.cause == Cause.COLLISION == "clearance"
+        assert failure.cause == Cause.CLEARANCE == "clearance"
         assert "from the satellite at t = " in failure.reason and failure.reason.startswith("link ")
     for _ in range(110):  # after the time of the motion too
         observation, *_ = env.step(action)
@@ -90,5 +90,5 @@ def test_reactionless_plans_into_something_are_refused() -> None:
     hand = context.arm.end_effector_pose(plan.sample(np.array(10.0))[0], 0)[0]
     moved = Task(**{**vars(task), "centre": hand})  # a target in the way at half time
     refused = moved.checked(plan)
-    assert isinstance(refused, Failure) and refused.cause == Cause.COLLISION
+    assert isinstance(refused, Failure) and refused.cause == Cause.CLEARANCE
     assert refused.reason.startswith("an arm and the target would come to -")
