@@ -3,6 +3,7 @@
 import inspect
 import sys
 from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -293,14 +294,15 @@ def _capture(env: CaptureVectorEnv) -> str:
 
 def _contacts(env: CaptureVectorEnv) -> str:
     """What may touch what, and how the links count."""
-    shape = env.task.contacts.shape
+    task: Any = env.task
+    shape = task.contacts.shape
     bodies = [] if shape.half is None else [f"the satellite, a cube of side {number(2.0 * shape.half)} m"]
     if shape.body is not None:
-        target = env.task.target
+        target = task.target
         sides = " x ".join(number(2.0 * side) for side in target.body)
         bodies.append(f"the target, a box of {sides} m at half width {number(target.half_width)} m")
-    bodies += ["the other arm"] if env.task.contacts.arms == 2 else []
-    bodies += ["the keep-out spheres"] if "obstacle_radius" in env.task.layout.slices else []
+    bodies += ["the other arm"] if task.contacts.arms == 2 else []
+    bodies += ["the keep-out spheres"] if "obstacle_radius" in task.layout.slices else []
     said = [
         f"Links are capsules of radius {number(shape.radius)} m from joint to joint. Nothing has contact "
         f"forces; a link that touches {', or '.join(bodies)}, ends the episode as a collision, by distance. "
@@ -316,7 +318,7 @@ def _contacts(env: CaptureVectorEnv) -> str:
         )
     if shape.body is not None:
         said.append(
-            f"The outer {number(env.task.target.gripper)} m of an arm are the gripper, of which the centre "
+            f"The outer {number(task.target.gripper)} m of an arm are the gripper, of which the centre "
             "line alone counts against the target."
         )
     else:

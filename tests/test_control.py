@@ -140,12 +140,10 @@ class OwnTask(SingleArmTask):
 
 def test_a_task_of_ones_own_takes_no_longer_steps_than_its_defaults():
     assert OwnTask().substeps == 8
-    for keywords, message in (
-        ({"control_period": 0.2}, "at most 0.16 s"),
-        ({"timestep": 0.025}, "to 0.02 s"),
-    ):
-        with pytest.raises(ConfigurationError, match=message):
-            OwnTask(**keywords)
+    with pytest.raises(ConfigurationError, match="at most 0.16 s"):
+        OwnTask(control_period=0.2)
+    with pytest.raises(ConfigurationError, match="to 0.02 s"):
+        OwnTask(timestep=0.025)
 
 
 def fast_starts(env, seed):

@@ -53,7 +53,7 @@ def played(env_id: str, variant: str | None = None) -> Played:
     )
     entrant = Entrant(Task(env_id, "easy", "ood"), "turning", "joint_velocity")
     records = episode_records(rollout, make_task(env_id, keywords), entrant, seed=0)
-    return Played(entrant, variant, tuple(records), rollout, seconds=1.0)
+    return Played(entrant, variant, tuple(records), rollout, pace=(1.0,))
 
 
 def task_of(done: Played) -> CaptureTask:

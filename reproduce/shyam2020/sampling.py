@@ -188,7 +188,9 @@ def locked_figures(case: Case, starts: int = LOCKED_STARTS) -> dict[str, int]:
     for joint in range(len(case.start)):
         bounds = context().joint_limits.copy()
         bounds[joint] = case.start[joint]
-        drawn = np.random.default_rng(joint).uniform(*bounds.T, (starts - 1, len(case.start)))
+        drawn = np.random.default_rng(joint).uniform(
+            bounds[:, 0], bounds[:, 1], (starts - 1, len(case.start))
+        )
         begins = np.concatenate([case.start[None], drawn])
 
         def motion(goal: Array, rows: NDArray[np.int64]) -> JointMotion:

@@ -35,7 +35,7 @@ class ArmShape:
     satellite: tuple[float, ...]
     target: tuple[float, ...] = ()
     half: float | None = None
-    body: tuple[float, float, float] | None = None
+    body: tuple[float, ...] | None = None
 
 
 _R, _r = SINGLE_ARM.link_radius, DUAL_ARM_SPATIAL.link_radius
