@@ -29,6 +29,7 @@ from space_envs.registration import ENTRIES, ENVELOPE_KEYWORDS
 from space_envs.reset_options import COMMON_OPTIONS
 from space_envs.tasks.base import CaptureTask
 from space_envs.tasks.common import REWARDS, SPLITS, CaptureEnvelope
+from space_envs.tasks.dual_arm import DualArmTask
 
 OUTCOME_TEXT = {
     "running": ("", "The episode goes on."),
@@ -295,8 +296,8 @@ def _contacts(env: CaptureVectorEnv) -> str:
     """What may touch what, and how the links count."""
     shape = env.task.contacts.shape
     bodies = [] if shape.half is None else [f"the satellite, a cube of side {number(2.0 * shape.half)} m"]
-    if shape.body is not None:
-        target = env.task.target
+    target = env.task.target if isinstance(env.task, DualArmTask) else None
+    if target is not None:
         sides = " x ".join(number(2.0 * side) for side in target.body)
         bodies.append(f"the target, a box of {sides} m at half width {number(target.half_width)} m")
     bodies += ["the other arm"] if env.task.contacts.arms == 2 else []
@@ -314,9 +315,9 @@ def _contacts(env: CaptureVectorEnv) -> str:
             f"Link {shape.link[0]}, which turns on the satellite's deck, counts against it by its centre "
             "line, from where it leaves the deck."
         )
-    if shape.body is not None:
+    if target is not None:
         said.append(
-            f"The outer {number(env.task.target.gripper)} m of an arm are the gripper, of which the centre "
+            f"The outer {number(target.gripper)} m of an arm are the gripper, of which the centre "
             "line alone counts against the target."
         )
     else:

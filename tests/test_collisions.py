@@ -82,7 +82,7 @@ class Oracle:
             for number, (a, d) in enumerate(lengths, start=1):
                 body = f"arm{arm}_link{number}" if dual else f"link{number}"
                 end = np.array([a, 0.0, d])
-                length = np.linalg.norm(end)
+                length = float(np.linalg.norm(end))
                 if length == 0.0:
                     continue
 
@@ -173,13 +173,13 @@ def test_episodes_end_where_mujoco_sees_a_link_in_a_body_and_nowhere_else(env_id
             told = info["collision"][row]
             kind = next((k for k in ("satellite", "target") if told.endswith(k)), "arms")
             # Seen at nine instants of a period of 0.1 s, in which a link may also come out again.
-            assert oracle.gaps(row)[kind] < 0.03
+            assert oracle.gaps(int(row))[kind] < 0.03
             met.add(kind)
             assert told.startswith("link ") and (env_id == SINGLE or "of arm" in told)
         ended |= terminated
         if step % 4 == 0:
             for row in np.flatnonzero(~ended):
-                assert min(oracle.gaps(row).values()) > -1e-6
+                assert min(oracle.gaps(int(row)).values()) > -1e-6
     assert met == KINDS[env_id]
     assert (info["collision"][~ended] == "").all() and (info["collision"][ended] != "").all()
     assert 0 < ended.sum() < n
@@ -194,6 +194,7 @@ LOWER = -np.eye(7)[1]
 def test_a_lowered_upper_arm_is_told_and_paid_as_a_failure(env_id):
     env = gym.make(env_id)
     env.reset(seed=0, options=LOW)
+    reward, info = 0.0, {}
     for _ in range(20):
         _, reward, terminated, _, info = env.step(LOWER)
         if terminated:
@@ -201,7 +202,7 @@ def test_a_lowered_upper_arm_is_told_and_paid_as_a_failure(env_id):
         assert info["collision"] == ""
     assert info["outcome"] == "collision" and not info["is_success"]
     assert info["collision"] == "link 3 and the satellite"
-    assert info["reward_terms"]["failure"] == -20.0 and reward < -19.0
+    assert info["reward_terms"]["failure"] == -20.0 and float(reward) < -19.0
 
 
 @pytest.mark.parametrize("mode", ["next_step", "same_step"])
