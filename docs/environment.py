@@ -3,7 +3,6 @@
 import inspect
 import sys
 from dataclasses import fields, replace
-from typing import Any
 
 import numpy as np
 
@@ -30,6 +29,7 @@ from space_envs.registration import ENTRIES, ENVELOPE_KEYWORDS
 from space_envs.reset_options import COMMON_OPTIONS
 from space_envs.tasks.base import CaptureTask
 from space_envs.tasks.common import REWARDS, SPLITS, CaptureEnvelope
+from space_envs.tasks.dual_arm import DualArmTask
 
 OUTCOME_TEXT = {
     "running": ("", "The episode goes on."),
@@ -294,15 +294,14 @@ def _capture(env: CaptureVectorEnv) -> str:
 
 def _contacts(env: CaptureVectorEnv) -> str:
     """What may touch what, and how the links count."""
-    task: Any = env.task
-    shape = task.contacts.shape
+    shape = env.task.contacts.shape
     bodies = [] if shape.half is None else [f"the satellite, a cube of side {number(2.0 * shape.half)} m"]
-    if shape.body is not None:
-        target = task.target
+    target = env.task.target if isinstance(env.task, DualArmTask) else None
+    if target is not None:
         sides = " x ".join(number(2.0 * side) for side in target.body)
         bodies.append(f"the target, a box of {sides} m at half width {number(target.half_width)} m")
-    bodies += ["the other arm"] if task.contacts.arms == 2 else []
-    bodies += ["the keep-out spheres"] if "obstacle_radius" in task.layout.slices else []
+    bodies += ["the other arm"] if env.task.contacts.arms == 2 else []
+    bodies += ["the keep-out spheres"] if "obstacle_radius" in env.task.layout.slices else []
     said = [
         f"Links are capsules of radius {number(shape.radius)} m from joint to joint. Nothing has contact "
         f"forces; a link that touches {', or '.join(bodies)}, ends the episode as a collision, by distance. "
@@ -316,9 +315,9 @@ def _contacts(env: CaptureVectorEnv) -> str:
             f"Link {shape.link[0]}, which turns on the satellite's deck, counts against it by its centre "
             "line, from where it leaves the deck."
         )
-    if shape.body is not None:
+    if target is not None:
         said.append(
-            f"The outer {number(task.target.gripper)} m of an arm are the gripper, of which the centre "
+            f"The outer {number(target.gripper)} m of an arm are the gripper, of which the centre "
             "line alone counts against the target."
         )
     else:

@@ -194,6 +194,7 @@ LOWER = -np.eye(7)[1]
 def test_a_lowered_upper_arm_is_told_and_paid_as_a_failure(env_id):
     env = gym.make(env_id)
     env.reset(seed=0, options=LOW)
+    reward, info = 0.0, {}
     for _ in range(20):
         _, reward, terminated, _, info = env.step(LOWER)
         if terminated:

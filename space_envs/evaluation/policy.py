@@ -105,7 +105,7 @@ class PolicyContext:
             envelope=task.envelope,
             c=task.c,
             jobs=jobs,
-            contacts=task.contacts if task.collisions else None,
+            contacts=task.contacts if task.collides and task.collisions else None,
         )
 
     def require_mode(self, *modes: str) -> None:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import mujoco
 
-from space_envs.models.parameters import DUAL_ARM_PLANAR, DUAL_ARM_SPATIAL, SINGLE_ARM
+from space_envs.models.parameters import DUAL_ARM_PLANAR, DUAL_ARM_SPATIAL, SINGLE_ARM, TargetParameters
 
 _NEVER = float("-inf")  # m, radius of a link that does not count
 
@@ -39,7 +39,13 @@ class ArmShape:
 
 
 _R, _r = SINGLE_ARM.link_radius, DUAL_ARM_SPATIAL.link_radius
-_PLANAR, _SPATIAL = DUAL_ARM_PLANAR.target, DUAL_ARM_SPATIAL.target
+
+
+def _per_metre(target: TargetParameters) -> tuple[float, float, float]:
+    """Half sides of the target's box for each metre of its half width."""
+    x, y, z = target.body
+    return x / target.half_width, y / target.half_width, z / target.half_width
+
 
 # Link 1 is the pillar within the satellite, link 2 has no length, and link 3 turns on the deck.
 SINGLE_ARM_SHAPE = ArmShape(
@@ -56,7 +62,7 @@ PLANAR_SHAPE = ArmShape(
     radius=DUAL_ARM_PLANAR.link_radius,
     satellite=(_NEVER,) * 4,
     target=(DUAL_ARM_PLANAR.link_radius,) * 3 + (0.0,),
-    body=tuple(side / _PLANAR.half_width for side in _PLANAR.body),
+    body=_per_metre(DUAL_ARM_PLANAR.target),
 )
 # Link 1 is the pillar on the satellite's face, and link 2 has no length.
 SPATIAL_SHAPE = ArmShape(
@@ -70,7 +76,7 @@ SPATIAL_SHAPE = ArmShape(
     satellite=(_NEVER, *(_r,) * 6),
     target=(_r,) * 6 + (0.0,),
     half=DUAL_ARM_SPATIAL.satellite_side / 2,
-    body=tuple(side / _SPATIAL.half_width for side in _SPATIAL.body),
+    body=_per_metre(DUAL_ARM_SPATIAL.target),
 )
 
 

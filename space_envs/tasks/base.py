@@ -188,9 +188,9 @@ class CaptureTask:
         raise NotImplementedError
 
     @property
-    def contacts(self) -> Contacts | None:
-        """The capsules of the robot and what they may not touch, if that is told to policies."""
-        return None
+    def contacts(self) -> Contacts:
+        """The capsules of the robot and what they may not touch. Asked if `collides`."""
+        raise NotImplementedError
 
     @property
     def contact_names(self) -> tuple[str, ...]:
