@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.clearance import least_gaps
+from agents.clearance import MARGIN, KeepOut
 from agents.planning import Cause, Failure
 from agents.reactionless_policies import Task, ZetaZero
 from agents.registry import make_policy
@@ -42,7 +42,8 @@ def test_motions_through_the_satellite_are_planned_anew(name: str) -> None:
     assert context.contacts is not None
     blind = make_policy(name, replace(context, contacts=None), 0)
     naive = blind.predict(observation)[1]
-    touching = np.flatnonzero(least_gaps(context.contacts, context.arm, naive.position) <= 0.0)
+    points = context.contacts.points(context.arm, naive.position)
+    touching = np.flatnonzero(context.contacts.satellite_gaps(points).min(axis=(1, 2, 3)) <= 0.0)
     assert 0 < len(touching) < 10
     env, context, observation = begun(SINGLE, len(touching), touching)
     assert (
