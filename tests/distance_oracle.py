@@ -28,12 +28,8 @@ class Oracle:
             )
             lengths = [(link.a, link.d) for link in parameters.links]
         radius, n = parameters.link_radius, len(lengths)
-        self.pairs: dict[str, list[tuple[str, str]]] = {
-            "satellite": [],
-            "target": [],
-            "arms": [],
-            "obstacle": [],
-        }
+        kinds = ("satellite", "target", "arms", "obstacle")
+        self.pairs: dict[str, list[tuple[str, str]]] = {kind: [] for kind in kinds}
         bodies: list[list[str]] = []
         for arm in (1, 2) if dual else (1,):
             bodies.append([])
