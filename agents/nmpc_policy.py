@@ -86,14 +86,14 @@ class NMPC:
         for row, seen in enumerate(observation):
             arm, target = self.state(seen), self.target(seen)
             if begins[row]:
-                found = self.controller.first_plan(arm, target)
-                failure = found if isinstance(found, Failure) else self._touching(found, seen)
-                failures[row], horizon = failure, None if isinstance(failure, Failure) else found
-            elif (horizon := horizons[row]) is not None:
-                found = self.controller.advance(horizon, arm, target)
-                horizon = horizon if self._touching(found, seen) else found
-            horizons[row] = horizon
-            if horizon is not None:
+                first = self.controller.first_plan(arm, target)
+                failure = first if isinstance(first, Failure) else self._touching(first, seen)
+                failures[row] = failure
+                horizons[row] = None if failure or isinstance(first, Failure) else first
+            elif (before := horizons[row]) is not None:
+                found = self.controller.advance(before, arm, target)
+                horizons[row] = before if self._touching(found, seen) else found
+            if (horizon := horizons[row]) is not None:
                 # The drives reach a rate at the end of the period: the motion's rate there is asked for.
                 rate = horizon.rates(np.array(arm.time + context.control_period))
                 action[row] = np.clip(rate / context.action_scale, -1.0, 1.0)
