@@ -73,6 +73,7 @@ class Oracle:
             for number in range(3):
                 ball = spec.worldbody.add_geom(name=f"ball{number}", mass=0.0)
                 ball.type, ball.size[0] = mujoco.mjtGeom.mjGEOM_SPHERE, 0.1
+                ball.pos = [9.0, 9.0, 9.0]  # one in its frame's origin would never be moved
                 self.pairs["obstacle"] += [(link, f"ball{number}") for link in bodies[0]]
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
