@@ -47,7 +47,7 @@ def test_captures_never_lead_through_a_body(env_id: str) -> None:
         if name not in (*DULL, *COSTLY):
             gaps[name] = least_gap(oracle, played(env_id, name, "hard", 2))
     assert min(gaps.values()) > -INSIDE, gaps
-    assert sum(np.isfinite(gap) for gap in gaps.values()) >= 3
+    assert sum(np.isfinite(gap) for gap in gaps.values()) >= 2
 
 
 @pytest.mark.slow
