@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.clearance import KeepOut
 from agents.optimal.library import shipped_library
 from agents.optimal.nmpc import ArmState, Controller, Horizon, Target, Weights, coasting
 from agents.optimal_policies import drive_limits
@@ -32,7 +33,11 @@ class Receding(PlanState):
 
 
 class NMPC:
-    """At every step the first move of the best motion over the time that is left, from the state observed."""
+    """At every step the first move of the best motion over the time that is left, from the state observed.
+
+    Where the first motion would put a link into the satellite, the arm rests. A later one that would is not
+    taken: the motion before, which is clear, goes on, to its end if need be, and the next step tries again.
+    """
 
     control_mode = "joint_velocity"
     weights = Weights()
@@ -81,15 +86,23 @@ class NMPC:
         for row, seen in enumerate(observation):
             arm, target = self.state(seen), self.target(seen)
             if begins[row]:
-                found = self.controller.first_plan(arm, target)
-                failures[row] = found if isinstance(found, Failure) else None
-                horizon = None if isinstance(found, Failure) else found
-            else:
-                horizon = horizons[row]
-                horizon = None if horizon is None else self.controller.advance(horizon, arm, target)
-            horizons[row] = horizon
-            if horizon is not None:
+                first = self.controller.first_plan(arm, target)
+                failure = first if isinstance(first, Failure) else self._touching(first, seen)
+                failures[row] = failure
+                horizons[row] = None if failure or isinstance(first, Failure) else first
+            elif (before := horizons[row]) is not None:
+                found = self.controller.advance(before, arm, target)
+                horizons[row] = before if self._touching(found, seen) else found
+            if (horizon := horizons[row]) is not None:
                 # The drives reach a rate at the end of the period: the motion's rate there is asked for.
                 rate = horizon.rates(np.array(arm.time + context.control_period))
                 action[row] = np.clip(rate / context.action_scale, -1.0, 1.0)
         return action, Receding(tuple(horizons), start, failures)
+
+    def _touching(self, horizon: Horizon, observation: Array) -> Failure | None:
+        """Why a motion that begins with an observation (size,) is none to follow. Otherwise None."""
+        keep_out = KeepOut.of(self.context, observation[None])
+        if keep_out is None:
+            return None
+        samples = max(round(horizon.duration / self.context.control_period), 1) + 1
+        return keep_out.refusal("nmpc", *horizon.motion(samples))

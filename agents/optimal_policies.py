@@ -6,7 +6,7 @@ import numpy as np
 from joblib import Parallel, delayed
 from numpy.typing import NDArray
 
-from agents.clearance import touching
+from agents.clearance import ASKED, KeepOut, spheres_seen
 from agents.gjm import resolved_rate
 from agents.optimal.library import shipped_library
 from agents.optimal.ocp import plan_ocp
@@ -45,7 +45,7 @@ def drive_limits(context: PolicyContext) -> Limits:
 
 
 def reaches(context: PolicyContext, observation: Array, keep_attitude: bool) -> list[Reach]:
-    """What is asked in each row, in the frame of the base as it is now."""
+    """What is asked in each row, in the frame of the base as it is now, with some room around spheres."""
 
     def read(name: str) -> Array:
         return context.layout.read(observation, name)
@@ -54,11 +54,9 @@ def reaches(context: PolicyContext, observation: Array, keep_attitude: bool) -> 
     position = rotate(back, read("goal_position") - origin)
     quaternion = multiply(back, read("goal_quaternion"))
     start, rate = read("joint_position"), read("joint_velocity")
-    spheres = None
-    if "obstacle_position" in context.layout.slices:
-        radius = read("obstacle_radius")[..., None]
-        centre = read("obstacle_position").reshape(*radius.shape[:2], 3) - origin[:, None]
-        spheres = np.concatenate([rotate(back[:, None], centre), radius], axis=-1)
+    spheres = spheres_seen(context, observation)
+    if spheres is not None:
+        spheres[..., 3] += ASKED
     return [
         Reach(
             start[row],
@@ -92,15 +90,11 @@ class OptimalPolicy:
         read = self.context.layout.read
         plans = self.plan(reaches(self.context, observation, self.keep_attitude))
         rest, start = read(observation, "joint_position"), read(observation, "time")[:, 0]
-        times = motion_times(self.context)
-        return following(rest, [self._checked(plan, times) for plan in plans], times, start)
-
-    def _checked(self, plan: Motion | Failure, times: Array) -> Motion | Failure:
-        """The plan, or why it is none: a motion that puts a link into the satellite is not followed."""
-        if isinstance(plan, Failure):
-            return plan
-        path = plan.sample(times)[0]
-        return touching(plan.method, self.context.contacts, self.context.arm, times, path) or plan
+        times, keep_out = motion_times(self.context), KeepOut.of(self.context, observation)
+        if keep_out is not None:
+            rows = np.arange(len(plans))[:, None]
+            plans = [_checked(plan, times, keep_out.take(row)) for plan, row in zip(plans, rows, strict=True)]
+        return following(rest, plans, times, start)
 
     def predict(
         self,
@@ -120,6 +114,14 @@ class OptimalPolicy:
             hold = resolved_rate(context, observation[over], HOLD_GAIN, HOLD_LINEAR_SPEED, HOLD_ANGULAR_SPEED)
             rate[over] = hold * state.planned[over, None]
         return np.clip(rate / context.action_scale, -1.0, 1.0), state
+
+
+def _checked(plan: Motion | Failure, times: Array, keep_out: KeepOut) -> Motion | Failure:
+    """The plan, or why it is none: a motion that puts a link into something is not followed."""
+    if isinstance(plan, Failure):
+        return plan
+    path, rate, _ = plan.sample(times)
+    return keep_out.refusal(plan.method, path, rate, float(times[1])) or plan
 
 
 class OptimalControl(OptimalPolicy):

@@ -5,7 +5,7 @@ from importlib.resources import as_file, files
 
 import numpy as np
 
-from agents.clearance import first_clear
+from agents.clearance import KeepOut
 from agents.inverse_kinematics import JointGoals, JointMotion, Motion, Rows, floating_inverse_kinematics
 from agents.tracking import TrajectoryPolicy, motion_times
 from promp import ProMP, ViaPoint
@@ -117,7 +117,8 @@ class ProMPPolicy(TrajectoryPolicy):
             return prior.motion(prior.weights(start[rows], rate[rows], goal), self._every)
 
         goals = self._solve(observation, mean_motion, start if preferred is None else preferred)
-        weights = self._chosen(prior.weights(start, rate, goals.position))
+        keep_out = KeepOut.of(self.context, observation)
+        weights = self._chosen(prior.weights(start, rate, goals.position), keep_out)
 
         # The base ends elsewhere under the chosen motion than under the mean.
         first = goals.position
@@ -128,17 +129,20 @@ class ProMPPolicy(TrajectoryPolicy):
         goals = self._solve(observation, chosen_motion, first)
         return prior.motion(prior.moved(weights, goals.position - first)), goals
 
-    def _chosen(self, mean: Array) -> Array:
-        """Of each row's samples within all limits the weights (N, n, nb) of least cost; else the mean."""
+    def _chosen(self, mean: Array, keep_out: KeepOut | None) -> Array:
+        """Of each row's samples within all limits, and clear, the weights (N, n, nb) of least cost.
+
+        The mean where there are none.
+        """
         if not len(self._offsets):
             return mean
         best = np.empty_like(mean)
         for first in range(0, len(mean), ROWS_AT_ONCE):
-            block = slice(first, first + ROWS_AT_ONCE)
-            best[block] = self._chosen_block(mean[block])
+            block = np.arange(first, min(first + ROWS_AT_ONCE, len(mean)))
+            best[block] = self._chosen_block(mean[block], None if keep_out is None else keep_out.take(block))
         return best
 
-    def _chosen_block(self, mean: Array) -> Array:
+    def _chosen_block(self, mean: Array, keep_out: KeepOut | None) -> Array:
         context, every = self.context, self._every
         centre = self._prior.motion(mean, every)
         position = centre.position[:, None] + self._offset_motion.position
@@ -153,10 +157,11 @@ class ProMPPolicy(TrajectoryPolicy):
         chosen, kept = np.zeros(len(mean), dtype=np.int64), np.zeros(len(mean), dtype=bool)
         for row, costs in enumerate(cost):
             order = [int(k) for k in np.argsort(costs, kind="stable") if not broken[row, k]]
-            if context.contacts is not None:
-                best = first_clear(context.contacts, context.arm, position[row], order)
-            else:
+            if keep_out is None:
                 best = order[0] if order else None
+            else:
+                own = keep_out.take(np.array([row]))
+                best = own.first_clear(position[row], velocity[row], centre.dt, order)
             chosen[row], kept[row] = (0, False) if best is None else (best, True)
         return mean + kept[:, None, None] * self._offsets[chosen]
 

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.clearance import MARGIN, least_gaps, touching
+from agents.clearance import KeepOut
 from agents.gjm import resolved_rate
 from agents.inverse_kinematics import JointGoals, JointMotion
 from agents.planning import Failure, JointPath
@@ -30,7 +30,7 @@ HOLD_GAIN, HOLD_LINEAR_SPEED, HOLD_ANGULAR_SPEED = 0.5, 0.02, 0.02  # 1/s, m/s, 
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class Plan(PlanState):
     """The motions of N episodes; unchanged from step to step, so that it can be handed round as a state.
 
     Attributes:
@@ -163,8 +163,8 @@ def hold_rate(
 class TrajectoryPolicy:
     """Follows joint motions that a subclass plans, with feedback of the joint angles.
 
-    A motion that would put a link into the satellite is planned anew to other joint goals, a few times; if
-    they all would, the arm rests.
+    A motion that would put a link into the satellite or a sphere is planned anew to other joint goals, a few
+    times; if they all would, the arm rests.
     """
 
     control_mode = "joint_velocity"
@@ -184,27 +184,26 @@ class TrajectoryPolicy:
         raise NotImplementedError
 
     def _plans(self, observation: Array) -> Plan:
-        read, contacts = self.context.layout.read, self.context.contacts
+        read, keep_out = self.context.layout.read, KeepOut.of(self.context, observation)
         rest = read(observation, "joint_position")
         motion, goals = self.plan(observation)
         position, velocity = motion.position.copy(), motion.velocity.copy()
         failures = np.full(len(rest), None, dtype=object)
-        if contacts is not None:
-            rows = np.flatnonzero(least_gaps(contacts, self.context.arm, position) <= MARGIN)
+        if keep_out is not None:
+            dt = motion.dt
+            rows = np.flatnonzero(~keep_out.clear(position, velocity, dt))
             for offset in self._others:
                 if not rows.size:
                     break
                 other, found = self.plan(observation[rows], rest[rows] + offset)
-                clear = found.converged & (least_gaps(contacts, self.context.arm, other.position) > MARGIN)
+                clear = found.converged & keep_out.take(rows).clear(other.position, other.velocity, dt)
                 clear &= np.abs(other.velocity).max(axis=(1, 2)) <= self.context.rate_limit
                 position[rows[clear]], velocity[rows[clear]] = other.position[clear], other.velocity[clear]
                 goals = merged(goals, found.take(clear), rows[clear])
                 rows = rows[~clear]
             for row in rows:
-                times = motion_times(self.context)
-                failures[row] = touching(
-                    type(self).__name__, contacts, self.context.arm, times, position[row]
-                )
+                own = keep_out.take(np.array([row]))
+                failures[row] = own.refusal(type(self).__name__, position[row], velocity[row], dt)
             position[rows], velocity[rows] = rest[rows, None], 0.0
             goals = goals.given_up(rows, rest[rows])
         return Plan(position, velocity, read(observation, "time")[:, 0], goals, failures)

@@ -6,14 +6,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.clearance import least_gaps
 from agents.planning import Cause, Failure
 from agents.reactionless_policies import Task, ZetaZero
 from agents.registry import make_policy
 from space_envs.envs import CaptureVectorEnv
 from space_envs.evaluation.policy import PolicyContext
+from space_envs.evaluation.rollout import roll_out
 
 SINGLE, PLANAR = "SpaceCapture/SingleArm-v0", "SpaceCapture/DualArmPlanar-v0"
+CLUTTERED = "SpaceCapture/SingleArmCluttered-v0"
 N = 64
 
 
@@ -42,7 +43,8 @@ def test_motions_through_the_satellite_are_planned_anew(name: str) -> None:
     assert context.contacts is not None
     blind = make_policy(name, replace(context, contacts=None), 0)
     naive = blind.predict(observation)[1]
-    touching = np.flatnonzero(least_gaps(context.contacts, context.arm, naive.position) <= 0.0)
+    points = context.contacts.points(context.arm, naive.position)
+    touching = np.flatnonzero(context.contacts.satellite_gaps(points).min(axis=(1, 2, 3)) <= 0.0)
     assert 0 < len(touching) < 10
     env, context, observation = begun(SINGLE, len(touching), touching)
     assert (
@@ -76,6 +78,56 @@ def test_without_a_clear_motion_the_arm_rests_and_says_why(name: str) -> None:
         observation, *_ = env.step(action)
         action, state = policy.predict(observation, state)
         np.testing.assert_allclose(action, 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["minimum_jerk", "mpc", "promp_mean", "promp", "promp_optimal"])
+def test_among_spheres_planners_capture_or_say_what_is_in_the_way(name: str) -> None:
+    rollout = roll_out(
+        lambda context: make_policy(name, context, 0), {"env_id": CLUTTERED}, "validation", np.arange(12), 0
+    )
+    assert "collision" not in rollout.outcome
+    for outcome, cause, reason in zip(rollout.outcome, rollout.cause, rollout.reason, strict=True):
+        if outcome != "captured":  # the record says why
+            assert cause == "clearance" and reason is not None
+            assert "obstacle" in reason or "satellite" in reason
+    if name in ("promp", "promp_optimal"):  # which have others to choose from
+        assert rollout.outcome.count("captured") >= 6
+
+
+def test_spheres_count_where_they_are_and_not_where_nothing_ends_an_episode() -> None:
+    """A sphere that is moved onto the way of a planned motion is what the refusal names."""
+    env = CaptureVectorEnv(CLUTTERED, 1, autoreset_mode="disabled")
+    observation, _ = env.reset(options={"split": "validation", "index": np.array([0])})
+    context = PolicyContext.from_env(env)
+    away = context.layout.slices["obstacle_position"]
+    observation[:, away] = 9.0  # far from everything
+    policy = make_policy("minimum_jerk", context, 0)
+    plan = policy.predict(observation)[1]
+    assert plan.failures[0] is None
+    tip = context.layout.read(observation, "goal_position")[0]  # where every motion ends
+    observation[0, away] = [9.0, 9.0, 9.0, *tip, 9.0, 9.0, 9.0]
+    assert policy.predict(observation)[1].failures[0].reason.split(" m from ")[1].startswith("obstacle 2")
+    blind = make_policy("minimum_jerk", replace(context, contacts=None), 0)
+    assert blind.predict(observation)[1].failures[0] is None
+
+
+def test_nmpc_refuses_a_first_motion_through_the_satellite_and_leaves_out_later_ones() -> None:
+    _, context, observation = begun(SINGLE, 1, np.array([18]))
+    failure = make_policy("nmpc", context, 0).predict(observation)[1].failures[0]
+    assert failure.cause == Cause.CLEARANCE and "from the satellite at t = " in failure.reason
+    policy = make_policy("nmpc", replace(context, contacts=None), 0)
+    action, state = policy.predict(observation)
+    assert state.failures[0] is None and action.any()
+    env, context, observation = begun(SINGLE, 1)
+    policy = make_policy("nmpc", context, 0)
+    action, state = policy.predict(observation)
+    observation, *_ = env.step(action)
+    assert context.contacts is not None
+    large = replace(context.contacts.shape, half=1.2)  # every motion is within
+    large_context = replace(context, contacts=replace(context.contacts, shape=large))
+    kept = make_policy("nmpc", large_context, 0).predict(observation, state)[1]
+    assert kept.horizons[0] is state.horizons[0]
+    assert policy.predict(observation, state)[1].horizons[0] is not state.horizons[0]
 
 
 def test_reactionless_plans_into_something_are_refused() -> None:
