@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.dual_arm import Reader
+from agents.keep_clear import clear_rates
 from space_envs.control import BRAKING
 from space_envs.dynamics.reactionless import axis_turn, keep_attitude, reactionless_rates, tips
 from space_envs.dynamics.rotations import Array, conjugate, logarithm, rotate
@@ -94,5 +95,5 @@ class ReactionlessRate:
     ) -> tuple[Array, Any]:
         """Actions (N, n); there is no state."""
         observation = self.context.check_observation(observation)
-        rate = track_rates(self.reader, observation)
+        rate = clear_rates(self.reader, observation, track_rates(self.reader, observation))
         return limited(self.reader, observation, rate), None

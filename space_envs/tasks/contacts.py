@@ -228,6 +228,13 @@ class Contacts:
         return {"satellite": 0, "target": with_target, "arms": with_target + each}
 
     @cached_property
+    def grips(self) -> NDArray[np.int64]:
+        """Places among all gaps of those that close when the target is grappled."""
+        first, size = self._first_pair["target"], len(self.shape.link)
+        near = np.flatnonzero(np.array(self.shape.target) == 0.0)
+        return first + (size * np.arange(self.arms)[:, None] + near).ravel()
+
+    @cached_property
     def _satellite_reach(self) -> Array:
         return 2.0 * (np.array(self.shape.satellite)[:, None] + self.shape.half)
 
