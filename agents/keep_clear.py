@@ -10,9 +10,9 @@ from space_envs.tasks.contacts import Contacts
 CLOSING = 0.5  # 1/s, speed at which a gap may close for each metre that is left of it
 MARGIN = 0.02  # m that is left of every gap but the grippers' to the target, which they have to reach
 DAMPING = 0.1  # m/rad, of the correction where the joints have little say over a gap
+NEAR = 0.6  # m; wider gaps are not looked at, nothing closes them fast enough
 _SWEEPS = 4  # corrections, each for the gap that then is most in excess
 _STEP = 1e-6  # rad and s, of difference quotients
-_FAR = 1e3  # m, in place of the infinite gaps of links that do not count
 
 
 def clear_rates(reader: Reader, observation: Array, q: Array, rate: Array) -> Array:
@@ -65,8 +65,9 @@ def _gaps(
     local = rotate(conjugate(attitude)[:, :, None, None], points + shift[:, :, None, None])
     grapple = rotate(conjugate(target), reader.vectors(observation, "goal_position")[:, 0] - middle)
     half = np.abs(grapple).max(axis=1, keepdims=True) * contacts.shape.body
-    flat = (-1, *points.shape[2:])
-    gaps = contacts.all_gaps(points.reshape(flat), local.reshape(flat), half.repeat(joints + 2, axis=0))
-    gaps = np.minimum(gaps, _FAR).reshape(n, joints + 2, -1)
-    change = (gaps[:, 1:] - gaps[:, :1]) / _STEP
-    return gaps[:, 0], change[:, :-1].swapaxes(-1, -2), change[:, -1]
+    gap = contacts.all_gaps(points[:, 0], local[:, 0], half)
+    row, pair = np.nonzero(gap < NEAR)
+    varied = contacts.chosen_gaps(pair, points[row], local[row], half[row])
+    change = np.zeros((*gap.shape, joints + 1))
+    change[row, pair] = (varied[:, 1:] - varied[:, :1]) / _STEP
+    return gap, change[..., :-1], change[..., -1]
