@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 from joblib import Parallel, delayed
+from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
 from agents.demonstrator import Demonstrations, demonstrate
@@ -182,7 +183,9 @@ def _belongs(path: Path, config: DemonstratorConfig, seed: int) -> bool:
 
 
 def _make_part(path: Path, config: DemonstratorConfig, seed: int, first: int, size: int) -> int:
-    save(path, demonstrate(config, seed, first, size), provenance(config, seed, first + size))
+    with threadpool_limits(1):  # several threads of BLAS give other bits
+        made = demonstrate(config, seed, first, size)
+    save(path, made, provenance(config, seed, first + size))
     return size
 
 

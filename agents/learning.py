@@ -3,8 +3,6 @@
 from dataclasses import replace
 from typing import Any
 
-import torch as th
-
 from agents.cloning import Cloning
 from agents.hyperparameters import BC, PPO, AnyHyperparameters, hyperparameters
 from agents.learned_policy import policy_path
@@ -14,6 +12,7 @@ from agents.training.recorder import Recorder
 from agents.training.runs import Budget, RunFolder, Settings
 from agents.training.validation import EPISODES
 from space_envs.errors import PolicyError
+from space_envs.threads import on_one_thread
 
 
 def learn(folder: RunFolder, episodes: int = EPISODES, quiet: bool = False) -> dict[str, Any]:
@@ -32,8 +31,8 @@ def learn(folder: RunFolder, episodes: int = EPISODES, quiet: bool = False) -> d
     Raises:
         ConfigurationError, PolicyError: if something that was asked for does not exist or does not fit.
     """
-    # One thread: the networks are small, and two threads are ten times slower than one.
-    th.set_num_threads(1)
+    # The networks are small: two threads are ten times slower than one, and give other bits.
+    on_one_thread()
     settings, parameters = folder.restore()
     checkpoint = folder.checkpoint()
     times = checkpoint["times"] if checkpoint else {"wall": 0.0, "cpu": 0.0}

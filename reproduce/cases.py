@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from joblib import Parallel, delayed
+from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
 from space_envs.errors import ConfigurationError
@@ -79,7 +80,7 @@ def run_cases(
         # A line that was cut off gets an end of its own, so that it spoils no other.
         if file.tell() and not _ends_with_newline(path):
             file.write(b"\n")
-        calls = (delayed(work)(index) for index in missing)
+        calls = (delayed(_carried_out)(work, index) for index in missing)
         parallel = Parallel(n_jobs=min(jobs, len(missing) or 1), return_as="generator_unordered")
         for record in cast(Iterable[Record], parallel(calls)):
             line = json.dumps(record, allow_nan=False)
@@ -89,6 +90,11 @@ def run_cases(
             records[record["index"]] = json.loads(line)
             bar.update()
     return [records[index] for index in range(count)]
+
+
+def _carried_out(work: Callable[[int], Record], index: int) -> Record:
+    with threadpool_limits(1):  # several threads of BLAS give other bits
+        return work(index)
 
 
 def _ends_with_newline(path: Path) -> bool:

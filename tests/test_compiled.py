@@ -56,12 +56,9 @@ def counting_compiler(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callab
 
     So the cache is tested on machines without a compiler too.
     """
-    library = next(
-        module.__file__
-        for name, module in sorted(sys.modules.items())
-        if name.startswith("numpy.random.")
-        and (getattr(module, "__file__", None) or "").endswith((".so", ".pyd"))
-    )
+    modules = [sys.modules[name] for name in sorted(sys.modules) if name.startswith("numpy.random.")]
+    files = [getattr(module, "__file__", None) or "" for module in modules]
+    library = next(file for file in files if file.endswith((".so", ".pyd")))
     log, script = tmp_path / "log", tmp_path / "compiler.py"
     script.write_text(
         "import pathlib, shutil, sys\n"

@@ -222,8 +222,8 @@ def test_mounts_are_an_option() -> None:
     ("keywords", "message"),
     [
         ({"kind": "plannar"}, "Did you mean 'planar'"),
-        ({"timestep": 0.0}, "timestep must lie in"),
-        ({"timestep": float("nan")}, "timestep must lie in"),
+        ({"timestep": 0.0}, "timestep must be a finite positive number"),
+        ({"timestep": float("nan")}, "timestep must be a finite positive number"),
         ({"kind": "spatial", "mounts": MOUNTS}, "planar robot only"),
         ({"mounts": ((0.5, 0.0),)}, "mounts must be two"),
         ({"mounts": ((0.5, 0.0, 0.0), (-0.5, 0.0, 0.0))}, "mounts must be two"),

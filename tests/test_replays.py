@@ -55,7 +55,9 @@ def test_best_median_and_worst_by_hand() -> None:
             record,
             captured=captured,
             outcome="captured" if captured else "timeout",
+            cause=None if captured else "timeout",
             time_to_capture=1.0 if captured else None,
+            time_to_envelope=0.0 if captured else None,
             final_attitude=attitude,
             checksum="",
         )

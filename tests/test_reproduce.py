@@ -276,7 +276,7 @@ def test_options_are_checked_before_anything_runs(arguments, said, capsys):
 def test_a_folder_that_is_a_file_is_told_at_once(tmp_path, capsys):
     (tmp_path / "file").write_text("")
     assert main(["shah2013", "--output", str(tmp_path / "file")]) == 2
-    assert "cannot write to" in capsys.readouterr().err
+    assert "is a file; expected a folder to write to" in capsys.readouterr().err
 
 
 def test_an_interrupt_is_told_in_one_line(monkeypatch, capsys, tmp_path):

@@ -245,5 +245,5 @@ def test_a_small_run_for_real(tmp_path, capsys, monkeypatch, request):
     assert "comes with a later version" in written and "as vectors, every 2 s" in written
     for link in re.findall(r"\]\((images/\S+)\)", written):
         assert (docs / link).exists()
-    assert not list(tmp_path.rglob(".*"))
+    assert [path.name for path in tmp_path.rglob(".*")] == [".space-capture"]
     assert "shah2013.html" in capsys.readouterr().out

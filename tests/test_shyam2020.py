@@ -372,7 +372,7 @@ def test_a_small_run_for_real(tmp_path, capsys, monkeypatch, request):
     assert "Control from the learned distribution" in written and "promp_feedback" in written
     for link in re.findall(r"\]\((images/\S+)\)", written):
         assert (docs / link).exists()
-    assert not list(tmp_path.rglob(".*"))
+    assert [path.name for path in tmp_path.rglob(".*")] == [".space-capture"]
     assert "shyam2020.html" in capsys.readouterr().out
 
 

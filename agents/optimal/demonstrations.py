@@ -27,6 +27,7 @@ from space_envs.evaluation.provenance import commit, machine, versions
 from space_envs.files import atomic_write_text
 from space_envs.models.parameters import SINGLE_ARM
 from space_envs.tasks.single_arm import SingleArmTask
+from space_envs.threads import on_one_thread
 
 COUNTS = {"easy": 120, "medium": 900, "hard": 180}  # goals of the train split
 ROUNDS = 3  # of handing solutions to the goals beside
@@ -155,6 +156,7 @@ def _part(
     last: bool,
 ) -> int:
     """One file of a round; returns the number of its goals."""
+    on_one_thread()  # several threads of BLAS give other bits
     robot = SingleArmTask().robot
     planner = Planner(robot, model_limits() if recipe.limited else Limits())
     rows = []
