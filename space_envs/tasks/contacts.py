@@ -327,8 +327,8 @@ class Contacts:
         for name, seen, sides, radius in boxes:
             rows = np.flatnonzero((pair >= start[name]) & (pair < start[name] + self.arms * size))
             arm, link = np.divmod(pair[rows] - start[name], size)
-            ends = [seen[rows, :, arm, link + end] for end in (0, 1)]
-            gaps[rows] = box_distance(*ends, sides[rows, None]) - np.array(radius)[link, None]
+            begin, end = seen[rows, :, arm, link], seen[rows, :, arm, link + 1]
+            gaps[rows] = box_distance(begin, end, sides[rows, None]) - np.array(radius)[link, None]
         rows = np.flatnonzero(pair >= start["arms"])
         one, other = np.divmod(pair[rows] - start["arms"], size)
         ends = [points[rows, :, arm, link + end] for arm, link in ((0, one), (1, other)) for end in (0, 1)]
