@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.dual_arm import Reader
+from agents.keep_clear import clear_rates
 from space_envs.control import BRAKING
 from space_envs.dynamics.reactionless import axis_turn, keep_attitude, reactionless_rates, tips
 from space_envs.dynamics.rotations import Array, conjugate, logarithm, rotate
@@ -21,7 +22,8 @@ ACCELERATION_SHARE = 0.6  # of the drives' limit; they limit each joint on its o
 
 
 def track_rates(reader: Reader, observation: Array) -> Array:
-    """Joint rates (N, n), rad/s, towards the grapple points and then along with them, the attitude kept.
+    """Joint rates (N, n), rad/s, towards the grapple points and then along with them, the attitude kept and
+    the arms clear of the satellite, of the target and of each other.
 
     Args:
         observation: (N, size).
@@ -31,7 +33,8 @@ def track_rates(reader: Reader, observation: Array) -> Array:
     attitude = reader.quaternion(observation, "base")
     back = conjugate(attitude)
     # The command is reached at the end of the period, so it is made for the configuration then.
-    now = tips(context.arm, q + period * reader.field(observation, "joint_velocity"))
+    then = q + period * reader.field(observation, "joint_velocity")
+    now = tips(context.arm, then)
     ahead = reader.grapples(observation, np.array([period]))
     hand = reader.vectors(observation, "end_effector_position")
     hand = hand + period * reader.vectors(observation, "end_effector_linear_velocity")
@@ -40,7 +43,7 @@ def track_rates(reader: Reader, observation: Array) -> Array:
     if ahead.axis is not None:
         turn = _slowed(GAIN * axis_turn(now.axis, rotate(back[:, None], ahead.axis[:, 0])), TURN_SPEED)
     middle = 0.5 * (context.joint_limits[:, 0] + context.joint_limits[:, 1])
-    return reactionless_rates(
+    rate = reactionless_rates(
         now,
         rotate(back[:, None], wanted),
         turn,
@@ -48,6 +51,7 @@ def track_rates(reader: Reader, observation: Array) -> Array:
         posture=POSTURE_GAIN * (middle - q),
         damping=DAMPING,
     )
+    return clear_rates(reader, observation, then, rate)
 
 
 def _slowed(wanted: Array, most: float) -> Array:
@@ -75,7 +79,8 @@ def limited(reader: Reader, observation: Array, rate: Array) -> Array:
 
 
 class ReactionlessRate:
-    """Moves both end-effectors straight towards their grapple points and along with them, attitude kept."""
+    """Moves both end-effectors towards their grapple points and along with them, clear of what may not be
+    touched, the attitude kept."""
 
     control_mode = "joint_velocity"
     control_modes = ("joint_velocity", "reactionless")

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import mujoco
@@ -12,7 +13,7 @@ from dual_arm_goals import IDS, task_of
 from agents.commands.evaluate import main
 from agents.dual_arm import Reader
 from agents.planning import Cause
-from agents.reactionless_rate import ReactionlessRate
+from agents.reactionless_rate import ReactionlessRate, track_rates
 from agents.registry import POLICIES, check_task, control_modes, make_policy, policies_for
 from agents.resolve import resolve_policy
 from space_envs.dynamics.rotations import Array
@@ -43,12 +44,54 @@ def played(env_id: str, name: str, goals: Any, mode: str | None = None, **keywor
 def test_resolved_rate_captures_and_keeps_the_attitude(env_id: str, mode: str) -> None:
     rollout = played(env_id, "reactionless_rate", np.arange(32), mode)
     assert np.mean([outcome == "captured" for outcome in rollout.outcome]) >= 0.9
+    assert "collision" not in rollout.outcome
     final = rollout.attitude[:, -1]
     if mode == "reactionless":
         assert rollout.attitude.max() < 0.01
     # In joint_velocity the drives stop single joints at their limits, which is not reactionless.
     assert np.mean(final < 0.1) >= 0.9
     assert rollout.attitude.max() < 1.0
+
+
+class Blind(ReactionlessRate):
+    """The resolved rate without a look at what may not be touched."""
+
+    def __init__(self, context: PolicyContext) -> None:
+        super().__init__(replace(context, contacts=None))
+
+
+@pytest.mark.parametrize(("env_id", "goals"), [(IDS[0], 48), (IDS[1], 32)])
+def test_resolved_rate_keeps_clear_on_hard_goals(env_id: str, goals: int) -> None:
+    environment = {"env_id": env_id, "control_mode": "reactionless", "difficulty": "hard"}
+    blind, seeing = (
+        roll_out(policy, environment, "validation", np.arange(goals), 0)
+        for policy in (Blind, ReactionlessRate)
+    )
+    count = {
+        name: [each.outcome.count(name) for each in (blind, seeing)] for name in ("collision", "captured")
+    }
+    assert count["collision"][0] >= 5 and count["collision"][1] == 0
+    assert count["captured"][1] >= count["captured"][0] + 3
+    assert seeing.attitude.max() < 0.01
+
+
+@every_id
+def test_keeping_clear_turns_no_satellite_and_each_row_is_alone(env_id: str) -> None:
+    env = CaptureVectorEnv(env_id, 32, "reactionless", difficulty="hard", autoreset_mode="disabled")
+    context = PolicyContext.from_env(env)
+    policy, blind = ReactionlessRate(context), Blind(context)
+    observation, _ = env.reset(seed=0, options={"split": "validation", "index": np.arange(32)})
+    for _ in range(80):
+        action, _ = policy.predict(observation)
+        observation, *_ = env.step(action)
+    change = track_rates(policy.reader, observation) - track_rates(blind.reader, observation)
+    assert 3 <= (np.abs(change).max(axis=1) > 1e-3).sum() < 32
+    q, rate = (policy.reader.field(observation, f"joint_{name}") for name in ("position", "velocity"))
+    turning = context.arm.base_map(q + context.control_period * rate)[:, 3:]
+    np.testing.assert_allclose(turning @ change[..., None], 0.0, atol=1e-10)
+    together, _ = policy.predict(observation)
+    alone = [policy.predict(observation[row : row + 1])[0][0] for row in range(32)]
+    np.testing.assert_array_equal(alone, together)
 
 
 @every_id
@@ -63,8 +106,10 @@ def test_resolved_rate_comes_to_rest_relative_to_the_grapple_points(env_id: str)
         observation, *_ = env.step(action)
         errors.append(env.task.norms(observation))
     late = np.stack(errors)[-20:]
-    # The damping, the posture and the pull towards the middle of the joints leave some millimetres.
-    assert np.median(late[..., 0]) < 0.01 and late[..., 0].max() < 0.03
+    # The damping, the posture and the pull towards the middle of the joints leave some millimetres, and
+    # where a link would come too near to the target, the hand stops short, within the envelope of a capture.
+    assert np.median(late[..., 0]) < 0.01 and np.sort(late[..., 0].max(axis=0))[-2] < 0.03
+    assert late[..., 0].max() < policy.context.envelope.position
     assert np.median(late[..., 2]) < 2e-3
 
 

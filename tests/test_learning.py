@@ -381,6 +381,11 @@ def test_shipping_a_run(cloned: RunFolder, tmp_path: Path, monkeypatch: pytest.M
     text = (tmp_path / "bc.json").read_text()
     assert json.loads(text) == json.loads(json.dumps(provenance)) and str(cloned.path) not in text
     assert load_policy_file(tmp_path / "bc.npz").notes == load_policy_file(cloned.policy).notes
+    monkeypatch.setattr(ship_command, "load_shipped", lambda env_id, name: load_policy_file(cloned.policy))
+    monkeypatch.setattr(ship_command, "TEST_EPISODES", 3)
+    again = ship_command.evaluate_again(ENV_ID, "bc")
+    assert again["test"]["episodes"] == 3 and {**again, "test": None} == {**json.loads(text), "test": None}
+    assert json.loads((tmp_path / "bc.json").read_text()) == again
     with pytest.raises(ConfigurationError, match="identifier"):
         ship_command.ship(cloned, "../bc")
     with pytest.raises(ConfigurationError, match="not finished"):

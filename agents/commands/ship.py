@@ -6,13 +6,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from agents.learned_policy import shipped_path
-from agents.policy_file import load_policy_file
-from agents.training.runs import RunFolder
+from agents.learned_policy import load_shipped, shipped_path
+from agents.policy_file import PolicyFile, load_policy_file
+from agents.training.runs import RunFolder, Settings
 from agents.training.validation import Validator
 from space_envs.command_line import ended
 from space_envs.errors import ConfigurationError
 from space_envs.files import atomic_write_text
+from space_envs.reading import parse_json
 
 TEST_EPISODES = 512
 
@@ -24,13 +25,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
         description="Evaluate a finished run's policy on the test split, once, and put it with its "
         "provenance into agents/data/policies of this checkout.",
     )
-    parser.add_argument("run", help="folder of a finished run")
+    parser.add_argument("run", help="folder of a finished run; with --again, the id that the policy is for")
     parser.add_argument("name", help="name of the policy, as the registry has it")
+    parser.add_argument(
+        "--again", action="store_true", help="only evaluate the policy that ships, after a change of the task"
+    )
     return ended("python -m agents.commands.ship", lambda: _run(parser.parse_args(arguments)))
 
 
 def _run(parsed: argparse.Namespace) -> None:
-    written = ship(RunFolder(Path(parsed.run)), parsed.name)
+    if parsed.again:
+        written = evaluate_again(parsed.run, parsed.name)
+    else:
+        written = ship(RunFolder(Path(parsed.run)), parsed.name)
     print(json.dumps(written["test"], indent=2))
 
 
@@ -50,9 +57,6 @@ def ship(run: RunFolder, name: str) -> dict[str, Any]:
         raise ConfigurationError(f"a policy's name must be an identifier, got {name!r}")
     settings, _ = run.restore()
     file = load_policy_file(run.policy)
-    view = file.view(Validator(settings.env_id, 1, **settings.environment).env.task.layout)
-    test = Validator(settings.env_id, TEST_EPISODES, "test", **settings.environment)
-    result = test(lambda observation: file.network.actions(view(observation)))
     provenance = {
         "commands": [_portable(command) for command in config["commands"]],
         "settings": config["settings"],
@@ -61,12 +65,32 @@ def ship(run: RunFolder, name: str) -> dict[str, Any]:
         "commit": config["commit"],
         "created": config["created"],
         "summary": summary,
-        "test": result.to_json(),
+        "test": _tested(file, settings),
     }
     path = shipped_path(settings.env_id, name)
     file.save(path)
     atomic_write_text(path.with_suffix(".json"), json.dumps(provenance, indent=2) + "\n")
     return provenance
+
+
+def evaluate_again(env_id: str, name: str) -> dict[str, Any]:
+    """Bring the test of a shipped policy's provenance up to date with the task; returns the provenance.
+
+    Raises:
+        ConfigurationError: if no policy of that name ships for the id.
+    """
+    file, path = load_shipped(env_id, name), shipped_path(env_id, name).with_suffix(".json")
+    provenance = parse_json(path.read_text("utf-8"))
+    provenance["test"] = _tested(file, Settings(**provenance["settings"]))
+    atomic_write_text(path, json.dumps(provenance, indent=2) + "\n")
+    return provenance
+
+
+def _tested(file: PolicyFile, settings: Settings) -> dict[str, Any]:
+    """How a policy does on the first goals of the test split, as plain JSON values."""
+    test = Validator(settings.env_id, TEST_EPISODES, "test", **settings.environment)
+    view = file.view(test.env.task.layout)
+    return test(lambda observation: file.network.actions(view(observation))).to_json()
 
 
 def _portable(command: list[str]) -> list[str]:

@@ -228,6 +228,13 @@ class Contacts:
         return {"satellite": 0, "target": with_target, "arms": with_target + each}
 
     @cached_property
+    def grips(self) -> NDArray[np.int64]:
+        """Places among all gaps of those that close when the target is grappled."""
+        first, size = self._first_pair["target"], len(self.shape.link)
+        near = np.flatnonzero(np.array(self.shape.target) == 0.0)
+        return first + (size * np.arange(self.arms)[:, None] + near).ravel()
+
+    @cached_property
     def _satellite_reach(self) -> Array:
         return 2.0 * (np.array(self.shape.satellite)[:, None] + self.shape.half)
 
@@ -304,3 +311,26 @@ class Contacts:
         one, other = points[..., 0, :, None, :], points[..., 1, None, :, :]
         ends = one[..., :-1, :, :], one[..., 1:, :, :], other[..., :-1, :], other[..., 1:, :]
         return segment_distance(*ends) - 2.0 * self.shape.radius
+
+    def chosen_gaps(self, pair: NDArray[np.int64], points: Array, in_target: Array, half: Array) -> Array:
+        """The gap (K, V) of one pair in each row, m, under V variations of where everything is.
+
+        Args:
+            pair: (K,) places in the order of `all_gaps`. points, in_target: (K, V, A, P, 3) m, in the
+                satellite's and in the target's frame. half: (K, 3) m, half sides of the target.
+        """
+        size, start = len(self.shape.link), self._first_pair
+        boxes = [("target", in_target, half, self.shape.target)]
+        if self.shape.half is not None:
+            boxes.append(("satellite", points, np.full_like(half, self.shape.half), self.shape.satellite))
+        gaps = np.empty(points.shape[:2])
+        for name, seen, sides, radius in boxes:
+            rows = np.flatnonzero((pair >= start[name]) & (pair < start[name] + self.arms * size))
+            arm, link = np.divmod(pair[rows] - start[name], size)
+            begin, end = seen[rows, :, arm, link], seen[rows, :, arm, link + 1]
+            gaps[rows] = box_distance(begin, end, sides[rows, None]) - np.array(radius)[link, None]
+        rows = np.flatnonzero(pair >= start["arms"])
+        one, other = np.divmod(pair[rows] - start["arms"], size)
+        ends = [points[rows, :, arm, link + end] for arm, link in ((0, one), (1, other)) for end in (0, 1)]
+        gaps[rows] = segment_distance(*ends) - 2.0 * self.shape.radius
+        return gaps
