@@ -167,12 +167,12 @@ def test_a_registered_limit_is_the_horizon():
 @pytest.mark.parametrize(("keywords", "horizon"), [({"horizon": 7}, 7), ({}, 200)])
 def test_a_limit_of_another_id_is_not_that_of_an_environment_inside(keywords, horizon):
     """What builds an environment of ours on its way is limited from outside, as any other."""
+
+    def inside(**_: Any) -> gym.Env:
+        return gym.wrappers.ClipReward(CaptureEnv(env_id=SINGLE, **keywords), -1.0, 1.0)
+
     name = "SpaceCaptureTest/Inside-v0"
-    gym.register(
-        name,
-        entry_point=lambda: gym.wrappers.ClipReward(CaptureEnv(env_id=SINGLE, **keywords), -1.0, 1.0),
-        max_episode_steps=5,
-    )
+    gym.register(name, entry_point=inside, max_episode_steps=5)
     try:
         env = gym_make(name)
         assert env.unwrapped.task.horizon == horizon
