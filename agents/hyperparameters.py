@@ -186,10 +186,25 @@ _CLASSES: dict[str, type[PPO] | type[SAC] | type[TD3] | type[BC]] = {
 }
 
 
+def _off_policy(hidden: tuple[int, ...], features: tuple[Feature, ...]) -> dict[str, AnyHyperparameters]:
+    """Tables of SAC and TD3, which have the same numbers in every task."""
+    return {
+        name: kind(
+            num_envs=16,
+            steps=200_000,
+            learning_rate=5e-4,
+            batch_size=256,
+            hidden=hidden,
+            activation="relu",
+            interval=20_000,
+            features=features,
+        )
+        for name, kind in (("sac", SAC), ("td3", TD3))
+    }
+
+
 def _dual_arm(features: tuple[Feature, ...], rounds: int) -> dict[str, AnyHyperparameters]:
     """Tables of a dual-arm task, whose expert is the reactionless resolved rate."""
-    off_policy = {"num_envs": 16, "steps": 200_000, "learning_rate": 5e-4, "batch_size": 256}
-    networks = {"hidden": (256, 256), "activation": "relu", "interval": 20_000, "features": features}
     bc = BC(
         num_envs=128,
         steps=rounds * 200 * 128,
@@ -223,12 +238,7 @@ def _dual_arm(features: tuple[Feature, ...], rounds: int) -> dict[str, AnyHyperp
         minutes=7.0,
         expert=bc.expert,
     )
-    return {
-        "ppo": ppo,
-        "sac": SAC(**off_policy, **networks),
-        "td3": TD3(**off_policy, **networks),
-        "bc": bc,
-    }
+    return {"ppo": ppo, **_off_policy(bc.hidden, features), "bc": bc}
 
 
 SINGLE_ARM: dict[str, AnyHyperparameters] = {
@@ -245,24 +255,7 @@ SINGLE_ARM: dict[str, AnyHyperparameters] = {
         critic_warm_up=100_000,
         minutes=9.0,
     ),
-    "sac": SAC(
-        num_envs=16,
-        steps=200_000,
-        learning_rate=5e-4,
-        batch_size=256,
-        hidden=(128, 128),
-        activation="relu",
-        interval=20_000,
-    ),
-    "td3": TD3(
-        num_envs=16,
-        steps=200_000,
-        learning_rate=5e-4,
-        batch_size=256,
-        hidden=(128, 128),
-        activation="relu",
-        interval=20_000,
-    ),
+    **_off_policy((128, 128), SINGLE_ARM_FEATURES),
     "bc": BC(
         num_envs=128,
         steps=12 * 120 * 128,

@@ -1,6 +1,5 @@
 """From what a user calls a policy to something that can be built."""
 
-import difflib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -10,7 +9,7 @@ from agents.learned_policy import LearnedPolicy, policy_path
 from agents.policy_file import load_policy_file
 from agents.registry import POLICIES, control_mode, make_policy
 from agents.sb3_policy import StableBaselinesPolicy, load_network
-from space_envs.errors import ConfigurationError, unknown_name
+from space_envs.errors import ConfigurationError, no_path, unknown_name
 from space_envs.evaluation.policy import DEFAULT_CONTROL_MODE, Policy, PolicyContext
 from space_envs.evaluation.strangers import undisturbed
 
@@ -88,6 +87,4 @@ def _no_path(path: Path) -> ConfigurationError:
     usual = "policy file" if path.suffix else "run's folder"
     what = "zip of stable-baselines3" if path.suffix == ZIP else usual
     beside = sorted(each.name for each in path.parent.iterdir()) if path.parent.is_dir() else []
-    near = difflib.get_close_matches(path.name, beside, n=1)
-    hint = f" Did you mean {str(path.parent / near[0])!r}?" if near else ""
-    return ConfigurationError(f"there is no {what} {str(path)!r}.{hint}")
+    return no_path(what, path, beside)

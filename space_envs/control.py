@@ -306,10 +306,12 @@ class EndEffectorVelocity:
 
 
 class Reactionless:
-    """Joint rates, rad/s, projected onto the reaction null space: the attitude stays, whatever the action.
+    """Joint rates, rad/s, projected onto the reaction null space.
 
-    The attitude left is fed back. Joints that a limit stops are taken out of the projection, since stopping
-    them afterwards would leave the null space. A start whose motion is far from the null space is braked.
+    From rest the attitude stays within 0.05 deg, whatever the action, as long as the satellite's mass is
+    the one that the model states; where it is 20 % off, within 0.3 deg. The attitude left is fed back.
+    Joints that a limit stops are taken out of the projection, since stopping them afterwards would leave
+    the null space. A start whose motion is far from the null space is braked.
     """
 
     def __init__(self, drive: Drive) -> None:

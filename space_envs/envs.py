@@ -69,7 +69,9 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         threads: of the simulation; None chooses by N.
         render_mode: None, rgb_array (of every simulation) or human (of the first).
         width, height: of pictures, pixels. camera: name of a camera of the model.
-        max_episode_steps: the horizon, as Gymnasium calls it; None and -1 leave it to the task.
+        max_episode_steps: the horizon, as Gymnasium calls it; None and -1 leave it to the task. `env.spec`
+            then says the task's; `gym.spec(id)` says None, and so does the spec of Gymnasium's own
+            vectorization (`vectorization_mode="sync"` or `"async"`).
         **keywords: of the task (difficulty, split, reward, variant, horizon, timestep, control_period,
             attitude_limit, c, collisions; docs/environments has those of each id) and of its capture envelope
             (position_tolerance m, linear_velocity_tolerance m/s, hold_time s, ...).
@@ -190,7 +192,9 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
 
     @spec.setter
     def spec(self, spec: EnvSpec | None) -> None:
-        self._spec = _with_limit(spec, self.task.horizon)
+        self._spec = copy.copy(spec)
+        if self._spec is not None:
+            self._spec.max_episode_steps = self.task.horizon
 
     @property
     def np_random(self) -> np.random.Generator:  # type: ignore[override]
@@ -500,14 +504,6 @@ def _with_horizon(keywords: dict[str, Any], max_episode_steps: int | None) -> di
     return {**keywords, "horizon": limit}
 
 
-def _with_limit(spec: EnvSpec | None, horizon: int) -> EnvSpec | None:
-    """A copy of the spec that says after how many steps an episode is cut."""
-    spec = copy.copy(spec)
-    if spec is not None:
-        spec.max_episode_steps = horizon
-    return spec
-
-
 def _numbers(action: Any) -> NDArray:
     try:
         return np.asarray(action)
@@ -542,13 +538,12 @@ class CaptureEnv(gym.Env[NDArray, NDArray]):
                 raise UnknownKeywordError(
                     f"got an unexpected keyword argument {name!r}: it is one of gym.make_vec, not of gym.make"
                 )
-        keywords.setdefault("max_episode_steps", asked_of_make())
+        keywords.setdefault("max_episode_steps", asked_of_make(self))
         self.vector = CaptureVectorEnv(num_envs=1, autoreset_mode="disabled", **keywords)
         self.render_mode = self.vector.render_mode
         self.metadata = {**METADATA, "render_fps": self.vector.metadata["render_fps"]}
         self.observation_space = self.vector.single_observation_space
         self.action_space = self.vector.single_action_space
-        self._spec: EnvSpec | None = None
 
     @property
     def task(self) -> Any:
@@ -558,11 +553,11 @@ class CaptureEnv(gym.Env[NDArray, NDArray]):
     @property
     def spec(self) -> EnvSpec | None:  # type: ignore[override]
         """How Gymnasium made the environment; `max_episode_steps` is the horizon."""
-        return self._spec
+        return self.vector.spec
 
     @spec.setter
     def spec(self, spec: EnvSpec | None) -> None:
-        self._spec = _with_limit(spec, self.task.horizon)
+        self.vector.spec = spec
 
     # Gymnasium's own accessors and its checkers look at these two.
 

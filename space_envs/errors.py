@@ -8,6 +8,7 @@ import difflib
 import math
 import numbers
 from collections.abc import Iterable
+from pathlib import Path
 
 from gymnasium import error
 
@@ -113,6 +114,13 @@ def unknown_keyword(got: str, valid: Iterable[str]) -> UnknownKeywordError:
 def unknown_id(got: object, valid: Iterable[str]) -> UnknownIdError:
     """Build the error for an environment id that there is not."""
     return UnknownIdError(f"unknown environment id {shown(got)}; {_hint(got, valid)}")
+
+
+def no_path(kind: str, path: Path, beside: Iterable[str]) -> ConfigurationError:
+    """Build the error for a path that there is not, with the nearest of the names that would do beside it."""
+    near = difflib.get_close_matches(path.name, list(beside), n=1)
+    hint = f" Did you mean {str(path.parent / near[0])!r}?" if near else ""
+    return ConfigurationError(f"there is no {kind} {str(path)!r}.{hint}")
 
 
 def _hint(got: object, valid: Iterable[str]) -> str:

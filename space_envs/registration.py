@@ -8,8 +8,9 @@ from typing import Any
 import gymnasium as gym
 from gymnasium.envs.registration import make
 
-from space_envs.errors import unknown_id, unknown_keyword
+from space_envs.errors import positive, unknown_id, unknown_keyword
 from space_envs.tasks.base import CaptureTask
+from space_envs.tasks.common import LARGEST_TOLERANCE
 from space_envs.tasks.dual_arm_planar import DualArmPlanarTask
 from space_envs.tasks.dual_arm_spatial import DualArmSpatialTask
 from space_envs.tasks.single_arm import SingleArmTask
@@ -67,25 +68,31 @@ def make_task(env_id: str, keywords: Mapping[str, Any]) -> CaptureTask:
     for name in keywords:
         if name not in names and name not in tolerances:
             raise unknown_keyword(name, [*names, *tolerances, *sorted(own)])
+    for keyword in tolerances:
+        if keyword in keywords:
+            positive(keyword, keywords[keyword], LARGEST_TOLERANCE)
     envelope = replace(
         task().envelope, **{ENVELOPE_KEYWORDS[k]: v for k, v in keywords.items() if k in tolerances}
     )
     return task(**{k: v for k, v in keywords.items() if k in names}, envelope=envelope)
 
 
-def asked_of_make() -> Any:
-    """`max_episode_steps` of the `gym.make` that is under way, argument or spec; None if nothing says it.
+def asked_of_make(env: gym.Env) -> Any:
+    """`max_episode_steps` of the `gym.make` that constructs `env`, argument or spec; None if nothing says it.
 
     `gym.make` adds a TimeLimit of as many steps and keeps the number to itself. An environment that ends its
     episodes on its own must know it, or there would be two limits; so it is read from the frame of the call.
+    That frame is the first outside the constructors of `env`: one further out makes something else, of which
+    `env` is only a part.
     """
     frame = inspect.currentframe()
-    while frame is not None and frame.f_code is not make.__code__:
+    frame = frame and frame.f_back
+    while frame is not None and frame.f_locals.get("self") is env:
         frame = frame.f_back
-    if frame is None:
+    if frame is None or frame.f_code is not make.__code__:
         return None
-    asked, spec = frame.f_locals["max_episode_steps"], frame.f_locals["env_spec"]
-    return spec.max_episode_steps if asked is None else asked
+    asked, spec = (frame.f_locals.get(name) for name in ("max_episode_steps", "env_spec"))
+    return getattr(spec, "max_episode_steps", None) if asked is None else asked
 
 
 def register_all() -> None:

@@ -191,17 +191,18 @@ def _goal_values(
 ) -> dict[str, Array]:
     """Numbers (k, width) of every option that makes up a goal."""
     values = {}
-    needed = [name for name, option in task.goal_options.items() if option.default is None]
+    given = next(name for name in task.goal_options if name in options)
+    missing = [n for n, option in task.goal_options.items() if n not in options and option.default is None]
+    if missing:
+        raise ConfigurationError(f"{given} needs {' and '.join(missing)} too")
     for name, option in task.goal_options.items():
         if name in options:
-            values[name] = _row_values(options, name, option.width, rows, n)
+            values[name] = _row_values(options, name, option.width, rows, n, option.parts)
             if (np.abs(values[name]) > option.largest).any():
                 largest = float(np.abs(values[name]).max())
                 raise GoalError(
                     f"{name} must lie in -{option.largest:g} to {option.largest:g}, got {largest:g}"
                 )
-        elif option.default is None:
-            raise ConfigurationError(f"{' and '.join(needed)} must be given together; {name} is missing")
         else:
             values[name] = np.tile(np.array(option.default), (len(rows), 1))
     return values
@@ -228,14 +229,21 @@ def _joint_option(
     return value
 
 
-def _row_values(options: Mapping[str, Any], name: str, width: int, rows: NDArray[np.int64], n: int) -> Array:
-    """The option's numbers for rows (k,): (k, width), from (width,) for all or (n, width)."""
+def _row_values(
+    options: Mapping[str, Any], name: str, width: int, rows: NDArray[np.int64], n: int, parts: str = ""
+) -> Array:
+    """The option's numbers for rows (k,): (k, width), from (width,) for all or (n, width).
+
+    One number for all needs no brackets. `parts` says in a message what the numbers are.
+    """
     given = options[name]
     value = numbers(given)
     if value is None:
         raise ConfigurationError(f"{name} must be numbers, got {shown(given)}")
-    if value.shape not in ((width,), (n, width)):
-        raise ConfigurationError(f"{name} must have shape ({width},) or ({n}, {width}), got {value.shape}")
+    if value.shape not in ((width,), (n, width)) and not (width == 1 and value.shape == ()):
+        wanted = f"{'be a number or ' if width == 1 else ''}have shape ({width},) or ({n}, {width})"
+        said = f", {parts}" if parts else ""
+        raise ConfigurationError(f"{name} must {wanted}{said}, got {value.shape}")
     if not np.isfinite(value).all():
         raise ConfigurationError(f"{name} must be finite, got {shown(value.tolist())}")
     return np.broadcast_to(value, (n, width))[rows]

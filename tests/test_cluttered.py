@@ -260,8 +260,12 @@ def test_given_spheres_stand_where_they_are_told():
         ({"obstacle_radius": [0.2, -0.1, 0.2]}, GoalError, r"must lie in \(0, 1\] m"),
         ({"obstacle_radius": [0.2, 1.5, 0.2]}, GoalError, r"must lie in \(0, 1\] m"),
         ({"obstacle_radius": [0.2, np.nan, 0.2]}, ConfigurationError, "finite"),
-        ({"obstacle_radius": 0.2}, ConfigurationError, r"shape \(3,\)"),
-        ({"obstacle_position": [0.0, 1.0, 2.0]}, ConfigurationError, r"shape \(9,\)"),
+        ({"obstacle_radius": 0.2}, ConfigurationError, r"shape \(3,\) or \(1, 3\), 3 spheres x 1, got \(\)"),
+        (
+            {"obstacle_position": [0.0, 1.0, 2.0]},
+            ConfigurationError,
+            r"obstacle_position must have shape \(9,\) or \(1, 9\), 3 spheres x 3, got \(3,\)",
+        ),
         ({"obstacle_positon": FAR}, ConfigurationError, "Did you mean 'obstacle_position'"),
         ({"goal_position": [0.0, 9.0, 0.0]}, GoalError, "out of reach"),
         ({"index": 2}, ConfigurationError, "either a goal or a split"),
@@ -277,7 +281,9 @@ def test_bad_spheres_are_refused_before_anything_moves(options, error, message):
 
 
 def test_a_goal_needs_its_spheres():
-    with pytest.raises(ConfigurationError, match="obstacle_position is missing"):
+    with pytest.raises(
+        ConfigurationError, match="^goal_position needs obstacle_position and obstacle_radius too$"
+    ):
         make(1).reset(options={name: GIVEN[name] for name in ("goal_position", "goal_quaternion")})
 
 

@@ -230,6 +230,17 @@ def test_what_a_goal_leaves_out_is_nominal(env_id):
         np.testing.assert_array_equal(read(observation, "target_quaternion")[0], [1.0, 0.0, 0.0, 0.0])
 
 
+@every_id
+def test_one_number_needs_no_brackets(env_id):
+    env = CaptureVectorEnv(env_id, 2)
+    task = env.task
+    options = {"target_position": task.draws.centre[: 2 if task.kind == "planar" else 3]}
+    numbers = {"target_half_width": 0.3} | ({"target_angle": 0.2} if task.kind == "planar" else {})
+    given, _ = env.reset(seed=0, options=options | numbers)
+    bracketed, _ = env.reset(seed=0, options=options | {name: [value] for name, value in numbers.items()})
+    np.testing.assert_array_equal(given, bracketed)
+
+
 PLANE, SPACE = {"target_position": [2.0, 1.0]}, {"target_position": [0.0, 1.6, 0.0]}
 FAR = {"target_position": [3.0, 0.0], "target_half_width": [0.9]}  # one of the points is out of reach
 
@@ -237,7 +248,7 @@ FAR = {"target_position": [3.0, 0.0], "target_half_width": [0.9]}  # one of the 
 @pytest.mark.parametrize(
     ("env_id", "options", "error", "message"),
     [
-        (IDS[0], {"target_angle": [0.3]}, ConfigurationError, "target_position is missing"),
+        (IDS[0], {"target_angle": [0.3]}, ConfigurationError, "^target_angle needs target_position too$"),
         (IDS[0], {"target_position": [2.0, 1.0, 0.0]}, ConfigurationError, r"shape \(2,\)"),
         (IDS[0], {"target_position": [2.0, np.nan]}, ConfigurationError, "finite"),
         (IDS[0], {"target_position": [9.0, 1.0]}, GoalError, "grapple point 1 out of reach: 8.94 m"),
@@ -246,13 +257,26 @@ FAR = {"target_position": [3.0, 0.0], "target_half_width": [0.9]}  # one of the 
         (IDS[0], {"target_position": [0.2, 0.1]}, GoalError, "inside the satellite"),
         (IDS[0], PLANE | {"target_half_width": [0.0]}, GoalError, r"must lie in \(0, 1\] m"),
         (IDS[0], PLANE | {"target_half_width": [1.5]}, GoalError, r"must lie in \(0, 1\] m"),
-        (IDS[0], PLANE | {"target_half_width": 0.3}, ConfigurationError, r"shape \(1,\)"),
+        (IDS[0], PLANE | {"target_half_width": 0.0}, GoalError, r"must lie in \(0, 1\] m"),
+        (IDS[0], PLANE | {"target_half_width": "wide"}, ConfigurationError, "must be numbers"),
+        (
+            IDS[0],
+            PLANE | {"target_half_width": [0.3, 0.3]},
+            ConfigurationError,
+            r"must be a number or have shape \(1,\) or \(1, 1\), got \(2,\)",
+        ),
+        (IDS[0], {"target_position": 2.0}, ConfigurationError, r"must have shape \(2,\)"),
         (IDS[0], PLANE | {"target_angel": [0.3]}, ConfigurationError, "Did you mean 'target_angle'"),
         (IDS[0], PLANE | {"target_quaternion": [1, 0, 0, 0]}, ConfigurationError, "unknown reset option"),
         (IDS[0], PLANE | {"split": "test"}, ConfigurationError, "either a goal or a split"),
         (IDS[0], PLANE | {"index": 4}, ConfigurationError, "either a goal or a split"),
         (IDS[0], {"goal_position": [2.0, 1.0]}, ConfigurationError, "unknown reset option"),
-        (IDS[1], {"target_angular_velocity": [0, 0, 1]}, ConfigurationError, "target_position is missing"),
+        (
+            IDS[1],
+            {"target_quaternion": [1, 0, 0, 0]},
+            ConfigurationError,
+            "^target_quaternion needs target_position",
+        ),
         (IDS[1], {"target_position": [0.0, 9.0, 0.0]}, GoalError, "grapple point 1 out of reach"),
         (IDS[1], {"target_position": [0.0, 0.3, 0.1]}, GoalError, "inside the satellite"),
         (IDS[1], SPACE | {"target_quaternion": [2, 0, 0, 0]}, GoalError, "unit quaternion"),

@@ -288,7 +288,7 @@ def test_bad_reset_options_are_refused_before_anything_moves(env_id, options, me
 @pytest.mark.parametrize(
     ("options", "error", "message"),
     [
-        ({"goal_position": [0, 1, 2]}, ConfigurationError, "together"),
+        ({"goal_position": [0, 1, 2]}, ConfigurationError, "^goal_position needs goal_quaternion too$"),
         (GOAL | {"goal_position": [0, 1]}, ConfigurationError, r"shape \(3,\)"),
         (GOAL | {"goal_position": [0, 9, 0]}, GoalError, "out of reach"),
         (GOAL | {"goal_position": [0, 0.1, 0]}, GoalError, "inside the satellite"),

@@ -95,6 +95,7 @@ def test_the_spec_says_the_horizon_in_effect(env_id):
         assert make(env_id, max_episode_steps=default + 9).spec.max_episode_steps == default + 9
         assert make(env_id, max_episode_steps=-1).spec.max_episode_steps == default
     assert gym.spec(env_id).max_episode_steps is None  # the registry's is not that of an environment
+    assert gym_make_vec(env_id, vectorization_mode="sync").spec.max_episode_steps is None
 
 
 LIMITED = {
@@ -161,6 +162,49 @@ def test_a_registered_limit_is_the_horizon():
         assert length(vector) == (5, True, "timeout")
     finally:
         del gym.registry["SpaceCaptureTest/Short-v0"]
+
+
+@pytest.mark.parametrize(("keywords", "horizon"), [({"horizon": 7}, 7), ({}, 200)])
+def test_a_limit_of_another_id_is_not_that_of_an_environment_inside(keywords, horizon):
+    """What builds an environment of ours on its way is limited from outside, as any other."""
+
+    def inside(**_: Any) -> gym.Env:
+        return gym.wrappers.ClipReward(CaptureEnv(env_id=SINGLE, **keywords), -1.0, 1.0)
+
+    name = "SpaceCaptureTest/Inside-v0"
+    gym.register(name, entry_point=inside, max_episode_steps=5)
+    try:
+        env = gym_make(name)
+        assert env.unwrapped.task.horizon == horizon
+        assert env.spec.max_episode_steps == 5
+        assert length(env) == (5, True, "running")
+        assert gym_make(name, max_episode_steps=9).unwrapped.task.horizon == horizon
+    finally:
+        del gym.registry[name]
+
+
+def test_a_class_of_a_users_own_has_the_limit_that_it_is_registered_with():
+    class Own(CaptureEnv):
+        def __init__(self, **keywords):
+            self.inner = CaptureEnv()
+            super().__init__(**keywords)
+
+    name = "SpaceCaptureTest/Own-v0"
+    gym.register(name, entry_point=Own, max_episode_steps=5)
+    try:
+        env = gym_make(name)
+        assert length(env) == (5, True, "timeout")
+        assert env.unwrapped.inner.task.horizon == 200
+    finally:
+        del gym.registry[name]
+
+
+def test_a_make_whose_names_are_unknown_says_no_limit(monkeypatch):
+    def other(creator, limit):
+        return creator(horizon=limit)
+
+    monkeypatch.setattr("space_envs.registration.make", other)
+    assert other(CaptureEnv, 7).task.horizon == 7
 
 
 def test_an_end_at_the_last_step_is_the_same_with_gymnasiums_limit():

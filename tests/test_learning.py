@@ -459,7 +459,8 @@ def test_a_killed_run_goes_on_from_its_checkpoint(tmp_path: Path) -> None:
         (["--steps", str(10**30)], "steps must be a positive integer of at most"),
         (["--seed", str(10**30)], "seed must lie"),
         (["--validation-episodes", "0"], "validation-episodes"),
-        (["--resume", "nowhere"], "holds no run"),
+        (["--resume", "nowhere"], "there is no run's folder 'nowhere'."),
+        (["--resume", "."], ". holds no run: there is no config.json"),
         (["--resume", "nowhere", "--algo", "ppo"], "leave out --algo"),
     ],
 )
@@ -475,6 +476,18 @@ def test_bad_input_is_one_line_and_nothing_is_begun(
     error = capsys.readouterr().err
     assert message in error and error.startswith("train.py: ") and error.count("\n") == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_a_run_that_is_not_there_is_answered_with_the_nearest_that_is(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    begin(tmp_path / "ppo-easy", "ppo")
+    (tmp_path / "ppo-eass").mkdir()  # nearer, and no run
+    assert main(["--resume", str(tmp_path / "ppo-esy")]) == 2
+    error = capsys.readouterr().err
+    assert error.endswith(
+        f"there is no run's folder '{tmp_path}/ppo-esy'. Did you mean '{tmp_path}/ppo-easy'?\n"
+    )
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from typing import Any
 
 from agents.hyperparameters import AnyHyperparameters, from_json, to_json
 from agents.learned_policy import POLICY_FILE
-from space_envs.errors import ConfigurationError
+from space_envs.errors import ConfigurationError, no_path
 from space_envs.files import atomic_write_text
 from space_envs.reading import read_object
 
@@ -107,7 +107,10 @@ class RunFolder:
         try:
             config = read_object(self.path / CONFIG)
         except FileNotFoundError:
-            raise ConfigurationError(f"{self.path} holds no run: there is no {CONFIG}") from None
+            if self.path.exists():
+                raise ConfigurationError(f"{self.path} holds no run: there is no {CONFIG}") from None
+            runs = [each.parent.name for each in sorted(self.path.parent.glob(f"*/{CONFIG}"))]
+            raise no_path("run's folder", self.path, runs) from None
         except (OSError, ValueError) as error:
             raise ConfigurationError(f"{self.path / CONFIG} cannot be read: {error}") from None
         if not {"settings", "hyperparameters", "commands"} <= config.keys():

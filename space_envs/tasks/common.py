@@ -111,11 +111,18 @@ class Goals:
 
 @dataclass(frozen=True)
 class GoalOption:
-    """One of the options of `reset` that together are a goal: its numbers, and what it is if left out."""
+    """One of the options of `reset` that together are a goal: its numbers, and what it is if left out.
+
+    Attributes:
+        width: how many numbers. default: where it is left out; None if it must be given.
+        largest: absolute value of each number; an observation of it stays in its bound.
+        parts: what the numbers are, where the width alone does not say it.
+    """
 
     width: int
-    default: tuple[float, ...] | None = None  # None: it must be given
-    largest: float = 10.0  # absolute value of each number; an observation of it stays in its bound
+    default: tuple[float, ...] | None = None
+    largest: float = 10.0
+    parts: str = ""
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from space_envs.dynamics.rotations import Array, canonical, conjugate, rotate
 from space_envs.errors import GoalError
 from space_envs.models.dual_appearance import scale_target
 from space_envs.models.dual_arm import END_EFFECTORS, GRAPPLES, SHAPES, DualArmOptions, dual_arm_model
-from space_envs.models.parameters import TargetParameters
+from space_envs.models.parameters import LARGEST_CONTROL_PERIOD, LARGEST_TIMESTEP, TargetParameters
 from space_envs.simulation import Simulation
 from space_envs.tasks.base import BLOCK, CaptureTask
 from space_envs.tasks.common import DIFFICULTIES, Goals, ObservationLayout
@@ -95,6 +95,16 @@ class DualArmTask(CaptureTask):
     def default_timestep(self) -> float:
         """By robot, s."""
         return DEFAULT_TIMESTEP[self.kind]
+
+    @property
+    def largest_timestep(self) -> float:
+        """By robot, s."""
+        return LARGEST_TIMESTEP[self.kind]
+
+    @property
+    def largest_control_period(self) -> float:
+        """Of every robot, s."""
+        return LARGEST_CONTROL_PERIOD
 
     @property
     def options(self) -> DualArmOptions:

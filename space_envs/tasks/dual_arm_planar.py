@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array
 from space_envs.models.dual_arm import DualArmOptions, dual_arm_model
-from space_envs.models.parameters import DUAL_ARM_PLANAR, LARGEST_CONTROL_PERIOD, LARGEST_TIMESTEP
+from space_envs.models.parameters import DUAL_ARM_PLANAR
 from space_envs.tasks.common import Field, GoalOption, ObservationLayout
 from space_envs.tasks.dual_arm import (
     FASTEST_SPIN,
@@ -110,16 +110,6 @@ class DualArmPlanarTask(DualArmTask):
     def options(self) -> DualArmOptions:
         """Of the model that is simulated."""
         return DualArmOptions("planar", self.step_size, mounts=self.mounts)
-
-    @property
-    def largest_timestep(self) -> float:
-        """Of this robot, s."""
-        return LARGEST_TIMESTEP["planar"]
-
-    @property
-    def largest_control_period(self) -> float:
-        """Of every robot, s."""
-        return LARGEST_CONTROL_PERIOD
 
     def turned(self, rng: np.random.Generator, largest: float) -> Array:
         """Draw an attitude (4,) of the target at the meeting."""

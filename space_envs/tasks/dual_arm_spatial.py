@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from space_envs.dynamics.reactionless import axis_turn
 from space_envs.dynamics.rotations import Array, exponential
 from space_envs.models.dual_arm import DualArmOptions, dual_arm_model
-from space_envs.models.parameters import DUAL_ARM_SPATIAL, LARGEST_CONTROL_PERIOD, LARGEST_TIMESTEP
+from space_envs.models.parameters import DUAL_ARM_SPATIAL
 from space_envs.tasks.common import UNIT, CaptureEnvelope, Field, GoalOption, ObservationLayout
 from space_envs.tasks.dual_arm import (
     FASTEST_SPIN,
@@ -117,16 +117,6 @@ class DualArmSpatialTask(DualArmTask):
     measured = _MEASURED
     outward = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])
     seeds = {"train": 20_401, "validation": 20_402, "test": 20_403, "ood": 20_404}
-
-    @property
-    def largest_timestep(self) -> float:
-        """Of this robot, s."""
-        return LARGEST_TIMESTEP["spatial"]
-
-    @property
-    def largest_control_period(self) -> float:
-        """Of every robot, s."""
-        return LARGEST_CONTROL_PERIOD
 
     def turned(self, rng: np.random.Generator, largest: float) -> Array:
         """Draw an attitude (4,) of the target at the meeting."""

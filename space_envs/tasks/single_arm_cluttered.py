@@ -50,8 +50,8 @@ class SingleArmClutteredTask(SingleArmTask):
     split_sizes = CLUTTERED_SPLIT_SIZE
     goal_options = {
         **SingleArmTask.goal_options,
-        "obstacle_position": GoalOption(3 * COUNT),
-        "obstacle_radius": GoalOption(COUNT),
+        "obstacle_position": GoalOption(3 * COUNT, parts=f"{COUNT} spheres x 3"),
+        "obstacle_radius": GoalOption(COUNT, parts=f"{COUNT} spheres x 1"),
     }
 
     @property
