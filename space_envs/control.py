@@ -13,12 +13,15 @@ from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError
 from space_envs.simulation import STAGE_POS, Simulation
 from space_envs.tasks.base import CaptureTask
+from space_envs.tasks.common import Goals
 
 CONTROL_MODES = ("joint_velocity", "joint_torque", "end_effector_velocity", "reactionless")
 END_EFFECTOR_SPEED = (0.3, 0.5)  # m/s and rad/s per unit action
 DAMPING = 0.02  # of the generalised Jacobian's inverse, in the units of its singular values
 BRAKING = 0.04  # rad/s^2 with which a joint may approach its limit; 60 N m give a resting arm 0.05 at least
-CORIOLIS_SHARE = 0.4  # of a drive's torque; where Coriolis forces take more, the arm is slowed
+CORIOLIS_SHARE = (
+    0.4  # of a drive's torque; where Coriolis forces take more, the arm is slowed, a start refused
+)
 CORIOLIS_LOST = 0.8  # of a drive's torque; where they take more, they are no longer held against
 OVERSPEED = 1.05  # times the rate limit, likewise
 STOP_MARGIN = 0.1  # rad; the drives stop this far inside the joint range, so that nothing hits its end
@@ -46,15 +49,39 @@ class Stops:
         return -fastest[:, 0], fastest[:, 1]
 
 
-def check_brakes(task: CaptureTask, position: Array, velocity: Array | None) -> None:
+def coriolis(mass: Array, bias: Array, b: int) -> Array:
+    """Joint torques (N, n), N m, that Coriolis and centrifugal forces take, the base being free.
+
+    Args:
+        mass: (N, b + n, b + n) mass matrices. bias: (N, b + n) bias forces. b: velocities of the base.
+    """
+    base = np.linalg.solve(mass[:, :b, :b], bias[:, :b, None])
+    return bias[:, b:] - (mass[:, b:, :b] @ base)[..., 0]
+
+
+def start_load(task: CaptureTask, goals: Goals, velocity: Array) -> Array:
+    """Shares (k, n) of each drive's torque that Coriolis forces take at starts with joint rates (k, n)."""
+    simulation = Simulation(task.model, len(velocity))
+    rows = np.arange(len(velocity))
+    simulation.scale_base(rows, goals.mass_scale)
+    simulation.joint_position[:], simulation.joint_velocity[:] = goals.joint_position, velocity
+    simulation.set_base_velocity(rows)
+    simulation.refresh()
+    torque = coriolis(simulation.mass_matrix(), simulation.bias(), simulation.n_base)
+    return np.abs(torque) / task.model.actuator_forcerange[:, 1]
+
+
+def check_brakes(task: CaptureTask, goals: Goals, velocity: Array | None) -> None:
     """Refuse starts that the drives could not keep off the ends of the joint ranges.
 
     Args:
-        position: (k, n) joint angles, rad. velocity: (k, n) rad/s, or None for rest.
+        goals: k of the task, with the joint angles at the start. velocity: (k, n) rad/s, or None for rest.
 
     Raises:
-        ConfigurationError: for a joint within the stop's margin, or too fast to brake before it.
+        ConfigurationError: for a joint within the stop's margin, or too fast to brake before it, and for
+            joints that together are so fast that Coriolis forces leave their drives too little torque.
     """
+    position = goals.joint_position
     if not len(position):
         return
     limits = task.robot.range
@@ -75,6 +102,15 @@ def check_brakes(task: CaptureTask, position: Array, velocity: Array | None) -> 
             f"joint_velocity outside its limits: joint {joint + 1} starts at {position[row, joint]:.6g} rad "
             f"with {velocity[row, joint]:.6g} rad/s, and can brake before the end of its range from "
             f"{low[row, joint]:.6g} to {high[row, joint]:.6g} rad/s"
+        )
+    load = start_load(task, goals, velocity)
+    if (load > CORIOLIS_SHARE).any():
+        row, joint = np.unravel_index(load.argmax(), load.shape)
+        slower = np.floor(1e3 * np.sqrt(CORIOLIS_SHARE / load[row, joint])) / 1e3  # the load is quadratic
+        raise ConfigurationError(
+            f"joint_velocity outside its limits: together these rates take {load[row, joint]:.3g} of the "
+            f"torque of joint {joint + 1} for Coriolis forces, at most {CORIOLIS_SHARE:g} leaves enough to "
+            f"brake with; {slower:g} times the rates of row {row} are accepted"
         )
 
 

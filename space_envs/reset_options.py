@@ -161,7 +161,7 @@ def _start(
         if "split" in options or "index" in options:
             raise ConfigurationError("give either a goal or a split and index, not both")
         goals = task.given_goals(_goal_values(task, options, rows, n), joints)
-        check_brakes(task, goals.joint_position, velocity)
+        check_brakes(task, goals, velocity)
         if task.collisions:
             task.check_start(goals)
         index = np.full(len(rows), -1, dtype=np.int64)
@@ -182,7 +182,7 @@ def _start(
         if task.collisions:
             task.check_start(goals)
     if joints is not None or velocity is not None:
-        check_brakes(task, goals.joint_position, velocity)
+        check_brakes(task, goals, velocity)
     return Start(goals, _names(split, rows), index, velocity)
 
 
