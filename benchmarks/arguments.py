@@ -1,9 +1,11 @@
 """Arguments that benchmarks share, refused before anything runs."""
 
 import argparse
+import shutil
+from pathlib import Path
 
-from space_envs.errors import positive_integer, unknown_name
-from space_envs.registration import ENTRIES
+from space_envs.errors import ConfigurationError, positive_integer, unknown_name
+from space_envs.registration import ENTRIES, make_task
 from space_envs.tasks.common import SPLITS
 
 MOST = 10_000
@@ -33,6 +35,27 @@ def split(text: str) -> str:
 def env_id(text: str) -> str:
     """Type of an argument that names an environment."""
     return _named("environment id", text, tuple(ENTRIES))
+
+
+def executable(text: str) -> Path:
+    """Type of an argument that names a program, by a path or as the shell finds it."""
+    found = shutil.which(text)
+    if found is None:
+        raise argparse.ArgumentTypeError(f"must be a program that can be run, got {text!r}")
+    return Path(found)
+
+
+def check_goals(env_id: str, split: str, goals: int) -> None:
+    """Refuse more goals than a split has.
+
+    Raises:
+        ConfigurationError: naming how many there are.
+    """
+    size = make_task(env_id, {}).split_size(split)
+    if goals > size:
+        raise ConfigurationError(
+            f"split {split!r} has {size} goals, so --goals must be at most {size}, got {goals}"
+        )
 
 
 def _named(kind: str, text: str, valid: tuple[str, ...]) -> str:

@@ -72,7 +72,7 @@ def mujoco_time(q: np.ndarray, repeats: int) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.attitude_cost", description=__doc__)
     parser.add_argument("--trajectories", type=whole, default=100)
     parser.add_argument("--points", type=whole, default=100)
     parser.add_argument("--repeats", type=whole, default=50, help="the best of so many runs is printed")

@@ -1,10 +1,12 @@
 """Drives and momentum against the control period, at the largest time step: what is refused, and why.
 
-Full strokes in every control mode: half of the episodes reverse them, half draw them anew, after one control
+Full strokes in every control mode: half of the episodes reverse them, half draw others, after one control
 period, 0.2, 0.5, 2 or 3 s. Each figure is the worst of the four modes.
 """
 
 import argparse
+import sys
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -12,9 +14,11 @@ from tqdm import tqdm
 
 from benchmarks.arguments import seed, whole
 from benchmarks.machine import machine_class, markdown_table
-from benchmarks.momentum import ROBOTS, Robot, unlimited
+from benchmarks.momentum import ROBOTS, Robot, environment, simulate, unlimited
+from space_envs.command_line import ended
 from space_envs.control import CONTROL_MODES
 from space_envs.dynamics.bodies import body_motion, momentum_drift
+from space_envs.dynamics.rotations import Array
 from space_envs.envs import CaptureVectorEnv
 from space_envs.registration import make_task
 
@@ -36,35 +40,26 @@ class Worst(NamedTuple):
     distance: float
 
 
-def run(robot: Robot, mode: str, period: float, timestep: float, episodes: int, seed: int) -> Worst:
-    """Episodes under full strokes."""
-    env = CaptureVectorEnv(
-        robot.env_id,
-        num_envs=episodes,
-        autoreset_mode="disabled",
-        control_mode=mode,
-        control_period=period,
-        timestep=timestep,
-        attitude_limit=179.9,
-        hold_time=1e3,
-        collisions=False,
-        **robot.keywords,
-    )
-    env.reset(seed=seed)
-    rng = np.random.default_rng(seed)
-    hold = np.maximum(1, np.rint(np.resize(HOLDS, episodes) / period)).astype(int)
-    reverses = (np.arange(episodes) % 2 == 0)[:, None]
-    states = [env.simulation.robot_state()]
+def full_strokes(env: CaptureVectorEnv, seed: int) -> Iterator[Array]:
+    """Actions (E, m) of one control step after the other."""
+    rng, period = np.random.default_rng(seed), env.task.control_period
+    hold = np.maximum(1, np.rint(np.resize(HOLDS, env.num_envs) / period)).astype(int)
+    reverses = (np.arange(env.num_envs) % 2 == 0)[:, None]
     action = np.zeros(env.action_space.shape)
     for step in range(min(round(SECONDS / period), env.task.horizon)):
         drawn = np.sign(rng.uniform(-1.0, 1.0, action.shape))
         following = np.where(reverses & (step > 0), -action, drawn)
         action = np.where((step % hold == 0)[:, None], following, action)
-        env.step(action)
-        states.append(env.simulation.robot_state())
-        if env.simulation.warned():
-            return Worst(np.inf, np.inf, -np.inf)
-    qpos, qvel = (np.stack(part, axis=1) for part in zip(*states, strict=True))
+        yield action
+
+
+def run(robot: Robot, mode: str, period: float, timestep: float, episodes: int, seed: int) -> Worst:
+    """Episodes under full strokes."""
+    env = environment(robot, mode, episodes, seed, control_period=period, timestep=timestep)
+    motion = simulate(env, full_strokes(env, seed))
+    if motion.diverged:
+        return Worst(np.inf, np.inf, -np.inf)
+    qpos, qvel = motion.qpos, motion.qvel
     ends, angles = env.task.robot.range, qpos[..., 7:]
     return Worst(
         float(momentum_drift(body_motion(env.task.robot, qpos, qvel))[1].max()),
@@ -83,8 +78,8 @@ def main(arguments: list[str] | None = None) -> None:
     for robot, period in tqdm([(r, p) for r in ROBOTS for p in PERIODS], unit="cell"):
         task = make_task(robot.env_id, robot.keywords)
         step = task.largest_timestep
-        with unlimited(type(task)):
-            found = [run(robot, m, period, step, options.episodes, options.seed) for m in CONTROL_MODES]
+        with unlimited(robot) as tried:
+            found = [run(tried, m, period, step, options.episodes, options.seed) for m in CONTROL_MODES]
         rows.append(
             [robot.name, f"{period:g}" + ("" if period <= task.largest_control_period else " (refused)")]
             + [f"{1e3 * step:g}", f"{max(w.drift for w in found):.1e}"]
@@ -96,4 +91,4 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(ended("python -m benchmarks.limits", main))

@@ -10,13 +10,14 @@ from tqdm import tqdm
 
 from agents.registry import make_policy
 from agents.tracking import DURATION
-from benchmarks.arguments import split, whole
+from benchmarks.arguments import check_goals, split, whole
 from benchmarks.machine import machine_class, markdown_table
 from space_envs.command_line import ended
 from space_envs.dynamics.rotations import Array
 from space_envs.envs import CaptureVectorEnv
 from space_envs.evaluation.policy import PolicyContext
 
+ENV = "SpaceCapture/SingleArm-v0"
 POLICIES = ("nmpc", "promp_optimal_kept")
 SCALES = (0.9, 1.0, 1.1)
 BATCH = 50  # episodes simulated together
@@ -30,7 +31,7 @@ def play(name: str, scale: float, goals: NDArray[np.int64], split: str) -> dict[
     attitude at the end of the episode. planned: whether there was a plan.
     """
     n = len(goals)
-    env = CaptureVectorEnv("SpaceCapture/SingleArm-v0", n, split=split, autoreset_mode="disabled")
+    env = CaptureVectorEnv(ENV, n, split=split, autoreset_mode="disabled")
     observation, _ = env.reset(seed=0, options={"index": goals})
     rows = np.arange(n)
     env.simulation.scale_base(rows, np.full(n, scale))
@@ -60,10 +61,11 @@ def play(name: str, scale: float, goals: NDArray[np.int64], split: str) -> dict[
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.mismatch", description=__doc__)
     parser.add_argument("--goals", type=whole, default=100, help="medium goals (default %(default)s)")
     parser.add_argument("--split", type=split, default="test", help="default %(default)s")
     options = parser.parse_args()
+    check_goals(ENV, options.split, options.goals)
     rows = []
     with tqdm(total=len(POLICIES) * len(SCALES) * options.goals, unit="episode", leave=False) as bar:
         for name in POLICIES:

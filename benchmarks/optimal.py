@@ -21,7 +21,7 @@ from agents.optimal.promp_optimal import Planner, one_step
 from agents.optimal.sqp import MISS, minimise
 from agents.optimal.weight_space import INTERVALS
 from agents.planning import Failure, Limits
-from benchmarks.arguments import split, whole
+from benchmarks.arguments import check_goals, split, whole
 from benchmarks.machine import machine_class, markdown_table
 from space_envs.command_line import ended
 from space_envs.dynamics.rotations import Array
@@ -209,7 +209,7 @@ def table_of_starts(count: int) -> None:
 
 def main() -> None:
     """Print both tables."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.optimal", description=__doc__)
     parser.add_argument(
         "--goals", type=whole, default=100, help="medium goals; half of easy, hard (default 100)"
     )
@@ -219,6 +219,7 @@ def main() -> None:
     parser.add_argument("--split", type=split, default="test", help="default %(default)s")
     parser.add_argument("--no-ocp", action="store_true", help="leave collocation out of the reference")
     options = parser.parse_args()
+    check_goals("SpaceCapture/SingleArm-v0", options.split, options.goals)
     half = max(1, options.goals // 2)
     goals = {"medium": options.goals, "hard": half, "easy": half}
     table_of_targets(goals, options.split, options.jobs, not options.no_ocp)

@@ -80,7 +80,7 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
 
 def main() -> None:
     """Play, print the table and draw."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.planners", description=__doc__)
     parser.add_argument("--env", type=env_id, default=ENV, help="id; the plot is drawn for %(default)s alone")
     parser.add_argument("--episodes", type=whole, default=100, help="test goals (default %(default)s)")
     parser.add_argument("--split", type=split, default="test", help="default %(default)s")

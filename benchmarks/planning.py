@@ -10,7 +10,7 @@ import numpy as np
 from agents.planning import Failure
 from agents.reactionless.model import PathModel
 from agents.reactionless_policies import FreePaths, Local, OptimalControl, ReactionlessPlanner, ZetaZero
-from benchmarks.arguments import whole
+from benchmarks.arguments import check_goals, whole
 from benchmarks.machine import machine_class, markdown_table, verdict
 from space_envs.command_line import ended
 from space_envs.envs import CaptureVectorEnv
@@ -55,9 +55,11 @@ def evaluation_time(task: str, repeats: int = 2000) -> float:
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.planning", description=__doc__)
     parser.add_argument("--goals", type=whole, default=20, help="plans of each method (default %(default)s)")
     options = parser.parse_args()
+    for task in ("Planar", "Spatial"):
+        check_goals(f"SpaceCapture/DualArm{task}-v0", "validation", options.goals)
     rows = []
     for task in ("Planar", "Spatial"):
         unit = evaluation_time(task)

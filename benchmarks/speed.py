@@ -19,7 +19,7 @@ import gymnasium as gym
 import numpy as np
 from tqdm import tqdm
 
-from benchmarks.arguments import whole
+from benchmarks.arguments import executable, whole
 from benchmarks.machine import machine_class, markdown_table, verdict
 from space_envs.command_line import ended
 from space_envs.control import CONTROL_MODES
@@ -146,7 +146,7 @@ def main(arguments: list[str] | None = None) -> None:
         help="seconds for each cell and turns of the comparison (default 5)",
     )
     parser.add_argument(
-        "--reference", type=Path, help="python with gymnasium-robotics, to compare FetchReach-v4"
+        "--reference", type=executable, help="python with gymnasium-robotics, to compare FetchReach-v4"
     )
     options = parser.parse_args(arguments)
     rows, overhead = [], {}

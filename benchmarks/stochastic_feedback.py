@@ -14,7 +14,7 @@ from agents.optimal.library import shipped_library
 from agents.optimal.problem import Reach
 from agents.optimal.stochastic_feedback import StochasticFeedback
 from agents.optimal.weight_space import INTERVALS
-from benchmarks.arguments import seed, whole
+from benchmarks.arguments import check_goals, seed, whole
 from benchmarks.machine import machine_class, markdown_table
 from promp import ProMP
 from space_envs.command_line import ended
@@ -114,11 +114,12 @@ def play(promp: ProMP, law: Law, reach: Reach, setting: Setting, episodes: int, 
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.stochastic_feedback", description=__doc__)
     parser.add_argument("--goals", type=whole, default=4, help="validation goals (default %(default)s)")
     parser.add_argument("--episodes", type=whole, default=16, help="of each goal (default %(default)s)")
     parser.add_argument("--seed", type=seed, default=0, help="of noise and masses (default %(default)s)")
     options = parser.parse_args()
+    check_goals("SpaceCapture/SingleArm-v0", "validation", options.goals)
     task = SingleArmTask()
     planner = DemonstratedPlanner(task.robot, model_limits(), shipped_library(True))
     figures: dict[tuple[str, str], list[Array]] = {}

@@ -8,7 +8,7 @@ import numpy as np
 from agents.planning import Failure
 from agents.reactionless.tracking import FINE, Tracking, track
 from agents.reactionless_policies import FreePaths, OptimalControl, ReactionlessPlanner
-from benchmarks.arguments import whole
+from benchmarks.arguments import check_goals, whole
 from benchmarks.machine import machine_class, markdown_table
 from space_envs.command_line import ended
 from space_envs.envs import CaptureVectorEnv
@@ -30,9 +30,11 @@ CASES: tuple[tuple[str, type[ReactionlessPlanner]], ...] = (
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.tracking", description=__doc__)
     parser.add_argument("--goals", type=whole, default=5, help="plans of each method (default %(default)s)")
     options = parser.parse_args()
+    for task, _ in CASES:
+        check_goals(f"SpaceCapture/DualArm{task}-v0", "validation", options.goals)
     rows = []
     for task, method in CASES:
         env = CaptureVectorEnv(f"SpaceCapture/DualArm{task}-v0", options.goals)

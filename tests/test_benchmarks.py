@@ -6,10 +6,13 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from benchmarks import planners
+from benchmarks import momentum, planners
 from benchmarks.__main__ import main, names
+from space_envs.errors import ConfigurationError
+from space_envs.registration import ENTRIES
 
 ROOT = Path(__file__).parents[1]
 NUMBERS = {
@@ -40,7 +43,8 @@ def test_numbers_are_checked_before_anything_runs(
 ) -> None:
     assert set(NUMBERS) == set(names())
     refused(name, [f"{option}={value}"], monkeypatch)
-    assert f"argument {option}: must be a whole number from 1 to" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert f"python -m benchmarks.{name}: error: argument {option}: must be a whole number from 1 to" in told
 
 
 @pytest.mark.parametrize(
@@ -51,6 +55,7 @@ def test_numbers_are_checked_before_anything_runs(
         ("planners", ["--split", "tset"], "Did you mean 'test'"),
         ("mismatch", ["--split", "tset"], "Did you mean 'test'"),
         ("optimal", ["--split", "tset"], "Did you mean 'test'"),
+        ("speed", ["--reference", "nothere"], "must be a program that can be run, got 'nothere'"),
         ("momentum", ["--seed=-1"], "argument --seed: must be a whole number"),
     ],
 )
@@ -63,6 +68,26 @@ def test_names_are_checked_and_the_nearest_is_named(
 ) -> None:
     refused(name, arguments, monkeypatch)
     assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["mismatch", "optimal", "planning", "stochastic_feedback", "tracking"])
+def test_more_goals_than_a_split_has_are_refused(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "argv", [f"benchmarks/{name}.py", "--goals", "9999"])
+    for work in {"play", "evaluation_time"} & set(vars(module := import_module(f"benchmarks.{name}"))):
+        monkeypatch.setattr(module, work, lambda *_: pytest.fail("work before the refusal"))
+    with pytest.raises(ConfigurationError, match="has (256|512) goals, so --goals must be at most"):
+        module.main()
+
+
+def test_wider_limits_are_of_the_benchmark_alone() -> None:
+    robot = momentum.ROBOTS[0]
+    with momentum.unlimited(robot) as tried:
+        env = momentum.environment(tried, "joint_velocity", 2, 0, control_period=1.0, timestep=0.05)
+        motion = momentum.simulate(env, [np.ones(env.action_space.shape)] * 3)
+    assert motion.qpos.shape[:2] == (2, 4) and motion.torques.shape[:2] == (2, 3) and not motion.diverged
+    assert tried.env_id not in ENTRIES
+    with pytest.raises(ConfigurationError, match="timestep must lie in"):
+        momentum.environment(robot, "joint_velocity", 2, 0, timestep=0.05)
 
 
 def test_the_list_is_a_line_for_each_with_a_gap_after_the_name(capsys: pytest.CaptureFixture[str]) -> None:
