@@ -12,9 +12,10 @@ from space_envs.dynamics.rotations import Array, rotate
 from space_envs.tasks import clutter, dual_arm, single_arm
 from space_envs.tasks.base import CaptureTask
 from space_envs.tasks.common import DIFFICULTIES, SPLITS
-from space_envs.tasks.dual_arm import Draws, DualArmTask, TargetGoals
+from space_envs.tasks.dual_arm import DualArmTask
 from space_envs.tasks.single_arm import SingleArmTask
 from space_envs.tasks.single_arm_cluttered import SingleArmClutteredTask
+from space_envs.tasks.targets import Draws, TargetGoals
 
 SPLIT_TEXT = {
     "train": "training and demonstrations",

@@ -9,7 +9,8 @@ from space_envs.dynamics.reactionless import Reached, reach, tips
 from space_envs.dynamics.rigid_body import tumble
 from space_envs.dynamics.rotations import Array, exponential, logarithm, multiply, rotate
 from space_envs.registration import make_task
-from space_envs.tasks.dual_arm import MEETING, DualArmTask, TargetGoals
+from space_envs.tasks.dual_arm import MEETING, DualArmTask
+from space_envs.tasks.targets import TargetGoals
 
 IDS = ("SpaceCapture/DualArmPlanar-v0", "SpaceCapture/DualArmSpatial-v0")
 

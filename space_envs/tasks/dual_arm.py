@@ -26,8 +26,9 @@ from space_envs.models.dual_arm import END_EFFECTORS, GRAPPLES, SHAPES, DualArmO
 from space_envs.models.parameters import LARGEST_CONTROL_PERIOD, LARGEST_TIMESTEP, TargetParameters
 from space_envs.simulation import Simulation
 from space_envs.tasks.base import BLOCK, CaptureTask
-from space_envs.tasks.common import DIFFICULTIES, Goals, ObservationLayout
+from space_envs.tasks.common import DIFFICULTIES, ObservationLayout
 from space_envs.tasks.contacts import Contacts
+from space_envs.tasks.targets import Draws, TargetGoals
 
 # Largest steps of docs/momentum.md whose drift stays well inside the bound, s.
 DEFAULT_TIMESTEP = {"planar": 0.02, "spatial": 0.01}
@@ -41,40 +42,6 @@ CLEARANCE = 0.04  # m, of links from what they must not touch, at the start and 
 OOD_FACTOR = (1.0, 1.5)  # of the difficulty's largest spin and displacement
 OOD_MASS = (0.8, 1.2)  # factor on the satellite's mass and inertia
 FASTEST_SPIN = 1.0  # rad/s about each axis, of a user's target; what is observed of it stays in its bounds
-
-
-@dataclass(frozen=True)
-class TargetGoals(Goals):
-    """Targets at the start of an episode.
-
-    Attributes:
-        position: (K, 3) m, centre, inertial frame, where it stays. quaternion: (K, 4), body to inertial.
-        angular_velocity: (K, 3) rad/s, inertial axes. half_width: (K,) m, grapple points from the centre.
-    """
-
-    position: Array
-    quaternion: Array
-    angular_velocity: Array
-    half_width: Array
-
-
-@dataclass(frozen=True)
-class Draws:
-    """Ranges that goals are drawn from: easy, medium, hard.
-
-    Attributes:
-        centre: (3,) m, about which the target's centre lies. displacement: m, largest, along each axis.
-        turn: rad, largest turn of the target away from its nominal attitude, at the meeting.
-        spin: rad/s, largest. start: rad, largest displacement of a joint from home.
-        half_width: m, least and largest.
-    """
-
-    centre: tuple[float, float, float]
-    displacement: tuple[float, float, float]
-    turn: tuple[float, float, float]
-    spin: tuple[float, float, float]
-    start: tuple[float, float, float]
-    half_width: tuple[float, float]
 
 
 @dataclass(frozen=True)

@@ -12,14 +12,8 @@ from space_envs.dynamics.rotations import Array, exponential
 from space_envs.models.dual_arm import DualArmOptions, dual_arm_model
 from space_envs.models.parameters import DUAL_ARM_SPATIAL
 from space_envs.tasks.common import UNIT, CaptureEnvelope, Field, GoalOption, ObservationLayout
-from space_envs.tasks.dual_arm import (
-    FASTEST_SPIN,
-    Draws,
-    DualArmTask,
-    TargetGoals,
-    sensor_columns,
-    squares_matrix,
-)
+from space_envs.tasks.dual_arm import FASTEST_SPIN, DualArmTask, sensor_columns, squares_matrix
+from space_envs.tasks.targets import Draws, TargetGoals
 
 LAYOUT = ObservationLayout(
     (

@@ -1,0 +1,40 @@
+"""Tumbling targets: what a goal of a dual-arm task says of one, and the ranges that it is drawn from."""
+
+from dataclasses import dataclass
+
+from space_envs.dynamics.rotations import Array
+from space_envs.tasks.common import Goals
+
+
+@dataclass(frozen=True)
+class TargetGoals(Goals):
+    """Targets at the start of an episode.
+
+    Attributes:
+        position: (K, 3) m, centre, inertial frame, where it stays. quaternion: (K, 4), body to inertial.
+        angular_velocity: (K, 3) rad/s, inertial axes. half_width: (K,) m, grapple points from the centre.
+    """
+
+    position: Array
+    quaternion: Array
+    angular_velocity: Array
+    half_width: Array
+
+
+@dataclass(frozen=True)
+class Draws:
+    """Ranges that goals are drawn from: easy, medium, hard.
+
+    Attributes:
+        centre: (3,) m, about which the target's centre lies. displacement: m, largest, along each axis.
+        turn: rad, largest turn of the target away from its nominal attitude, at the meeting.
+        spin: rad/s, largest. start: rad, largest displacement of a joint from home.
+        half_width: m, least and largest.
+    """
+
+    centre: tuple[float, float, float]
+    displacement: tuple[float, float, float]
+    turn: tuple[float, float, float]
+    spin: tuple[float, float, float]
+    start: tuple[float, float, float]
+    half_width: tuple[float, float]
