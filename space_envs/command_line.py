@@ -45,6 +45,21 @@ class Parser(argparse.ArgumentParser):
         super().error("; ".join([message, *hints]))
 
 
+class Several(argparse.Action):
+    """Values of an option that can be given several times: all of them count, and replace the default."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: Any,
+        option_string: str | None = None,
+    ) -> None:
+        """Append the values to those that were given before."""
+        before = getattr(namespace, self.dest)
+        setattr(namespace, self.dest, [*([] if before is self.default else before), *values])
+
+
 def output_path(text: str) -> Path:
     """A path to write to, as argparse's type: an empty text would be the working directory."""
     if not text.strip():

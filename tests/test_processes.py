@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from result_folders import episodes, write_folder
 
+from agents.commands import dataset, evaluate, show
 from agents.commands.evaluate import main
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -140,3 +141,15 @@ def test_mistyped_options_name_the_nearest(
         main(arguments)
     assert left.value.code == 2
     assert said in capsys.readouterr().err
+
+
+def test_options_given_several_times_add_up_and_replace_the_default() -> None:
+    for parser in (evaluate.parser(), dataset.parser()):
+        words = ["--policy", "hold", "--env", "a", "b", "--policy", "random", "gjm", "--env", "c"]
+        options = parser.parse_args(words)
+        assert options.policy == ["hold", "random", "gjm"] and options.env == ["a", "b", "c"]
+        assert parser.parse_args([]).policy in (["all"], ["experts"])  # the default stays as it was
+    options = evaluate.parser().parse_args(["--split", "test", "--split", "ood"])
+    assert (options.split, options.difficulty) == (["test", "ood"], ["medium"])
+    assert dataset.parser().parse_args(["--format", "npz", "--format", "minari"]).format == ["npz", "minari"]
+    assert show.parser().parse_args(["out", "--task", "a", "--task", "b"]).task == ["a", "b"]

@@ -15,7 +15,7 @@ from rich.text import Text
 
 from agents.commands.choice import check_fit, choose_policies, distinct
 from agents.commands.dataset_making import Places, Request, complete, make
-from space_envs.command_line import Parser, ended, output_path
+from space_envs.command_line import Parser, Several, ended, output_path
 from space_envs.control import CONTROL_MODES
 from space_envs.errors import ConfigurationError, unknown_name
 from space_envs.evaluation.datasets_card import read_card
@@ -47,7 +47,7 @@ in every bit of its observations and rewards, is left out and reported, and so i
 
 A dataset is a folder OUTPUT/space-capture/ID/POLICY-DIFFICULTY-SPLIT-v0 with episodes.npz, Minari's data/,
 and a card: README.md and dataset.json, which is written last. The same command again skips the datasets that
-have one, so it goes on after it was stopped or killed; what is incomplete is made anew.
+have one, so it goes on after it was stopped or killed; what is incomplete is made again.
 docs/datasets.md says how to load them.
 """
 
@@ -62,9 +62,10 @@ def parser() -> argparse.ArgumentParser:
     add = out.add_argument
     default = next(iter(ENTRIES))
     what = f"environment ids, or 'all' (default {default})"
-    add("--env", nargs="+", default=[default], metavar="ID", help=what)
+    add("--env", action=Several, nargs="+", default=[default], metavar="ID", help=what)
     add(
         "--policy",
+        action=Several,
         nargs="+",
         default=["experts"],
         metavar="NAME",
@@ -82,7 +83,7 @@ def parser() -> argparse.ArgumentParser:
     add("--seed", type=int, default=0, help=what)
     add("--captured-only", action="store_true", help="keep the episodes that captured; by default all are")
     what = f"{' and '.join(FORMATS)}, or one of them (default npz)"
-    add("--format", nargs="+", default=["npz"], metavar="NAME", help=what)
+    add("--format", action=Several, nargs="+", default=["npz"], metavar="NAME", help=what)
     default_folder = Path("results/datasets")
     add("--output", type=output_path, default=default_folder, help="folder (default %(default)s)")
     what = f"folder that Minari shall find its datasets in, its {ROOT_VARIABLE} (default: that of --output)"

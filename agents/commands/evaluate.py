@@ -13,7 +13,7 @@ from agents.commands.evaluation import Options, dry_run, run
 from agents.registry import POLICIES
 from agents.resolve import ResolvedPolicy
 from agents.seeds import parse_seeds
-from space_envs.command_line import Parser, ended, output_path
+from space_envs.command_line import Parser, Several, ended, output_path
 from space_envs.control import CONTROL_MODES
 from space_envs.errors import ConfigurationError, positive, unknown_name
 from space_envs.evaluation.parallel import BACKENDS, check_backend
@@ -35,7 +35,7 @@ and a self-contained HTML report.
   evaluate.py --policy gjm promp runs/mine my_package.planner:Planner --episodes 200
   evaluate.py --env all --split test ood --seeds 0-4 --jobs 8
   evaluate.py ... --resume              go on with an evaluation that was stopped or killed
-  evaluate.py ... --overwrite           begin anew in the folder of another evaluation
+  evaluate.py ... --overwrite           replace the evaluation that the folder holds
 
   evaluate.py show RESULTS              print the table again
   evaluate.py compare RESULTS...        merge result folders into one leaderboard
@@ -54,18 +54,26 @@ def parser() -> argparse.ArgumentParser:
     )
     add = out.add_argument
     what = f"environment ids, or 'all' (default {DEFAULT_ENV})"
-    add("--env", nargs="+", default=[DEFAULT_ENV], metavar="ID", help=what)
+    add("--env", action=Several, nargs="+", default=[DEFAULT_ENV], metavar="ID", help=what)
     add(
         "--policy",
+        action=Several,
         nargs="+",
         default=["all"],
         metavar="NAME",
         help="built-in policies, 'all' for every one of them (default), 'experts' for the planners, your own "
         "as package.module:Class, the folder of a run of train.py, or a zip of stable-baselines3",
     )
-    add("--split", nargs="+", default=["test"], metavar="NAME", help=f"{', '.join(SPLITS)} (default test)")
+    add(
+        "--split",
+        action=Several,
+        nargs="+",
+        default=["test"],
+        metavar="NAME",
+        help=f"{', '.join(SPLITS)} (default test)",
+    )
     what = f"{', '.join(DIFFICULTIES)} (default medium)"
-    add("--difficulty", nargs="+", default=["medium"], metavar="NAME", help=what)
+    add("--difficulty", action=Several, nargs="+", default=["medium"], metavar="NAME", help=what)
     add("--variant", help=f"inertias of the single arm's model: {', '.join(VARIANTS)} (default paper)")
     what = f"{', '.join(CONTROL_MODES)}; by default what each policy was made for"
     add("--control-mode", help=what, metavar="MODE")

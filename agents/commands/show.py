@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from space_envs.command_line import Parser, ended
+from space_envs.command_line import Parser, Several, ended
 from space_envs.errors import unknown_name
 from space_envs.evaluation.columns import COLUMNS, column_named
 from space_envs.evaluation.folders import read_folder
@@ -29,7 +29,7 @@ def parser() -> argparse.ArgumentParser:
     what = f"{', '.join(column.key for column in COLUMNS)}: best first (default: as in the report)"
     out.add_argument("--sort", metavar="COLUMN", help=what)
     what = "only tables of these ids, difficulties or splits, such as SingleArm-v0 test"
-    out.add_argument("--task", nargs="+", default=[], metavar="WORD", help=what)
+    out.add_argument("--task", action=Several, nargs="+", default=[], metavar="WORD", help=what)
     return out
 
 

@@ -20,7 +20,7 @@ from agents.optimal.promp_optimal import BROKEN, Planner, one_step
 from agents.optimal.sqp import MISS, minimise
 from agents.planning import Limits
 from space_envs.checks import count, flag
-from space_envs.command_line import ended
+from space_envs.command_line import Several, ended
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError, SpaceEnvsError
 from space_envs.evaluation.provenance import commit, machine, versions
@@ -223,6 +223,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--setting",
         choices=("free", "kept"),
+        action=Several,
         nargs="+",
         default=["free", "kept"],
         help="base attitude at the end (default both)",
@@ -230,6 +231,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--limits",
         choices=("limited", "wide"),
+        action=Several,
         nargs="+",
         default=["limited", "wide"],
         help="the model's limits, or none (default both)",
