@@ -40,26 +40,39 @@ _FAULTS = """
   return faults;
 }
 """
-# Words of cards that stand on two lines though one has room for them; places to break end a word.
+# Words of cards, and numbers anywhere, that stand on two lines though one has room for them. The text
+# nodes around a <wbr> count as one text, since it divides a word without ending it.
 _BROKEN = """
 () => {
   const broken = [];
   const range = document.createRange();
-  for (const card of document.querySelectorAll(".tile, .chips li, .claim")) {
-    if (!card.checkVisibility()) continue;
-    const walker = document.createTreeWalker(card, NodeFilter.SHOW_TEXT);
-    while (walker.nextNode()) {
-      const node = walker.currentNode;
-      for (const word of node.data.matchAll(/[^\\s-]+/g)) {
-        range.setStart(node, word.index);
-        range.setEnd(node, word.index + word[0].length);
-        const boxes = [...range.getClientRects()];
+  const check = (element, pattern) => {
+    if (!element.checkVisibility()) return;
+    const nodes = [...element.childNodes].filter((node) => node.nodeType === Node.TEXT_NODE);
+    const wbr = (node) => node?.nodeType === Node.ELEMENT_NODE && node.tagName === "WBR";
+    while (nodes.length) {
+      const run = [nodes.shift()];
+      while (nodes.length && wbr(run.at(-1).nextSibling)) run.push(nodes.shift());
+      const place = (index) => {
+        for (const node of run) {
+          if (index <= node.data.length) return [node, index];
+          index -= node.data.length;
+        }
+      };
+      for (const word of run.map((node) => node.data).join("").matchAll(pattern)) {
+        range.setStart(...place(word.index));
+        range.setEnd(...place(word.index + word[0].length));
+        const boxes = [...range.getClientRects()].filter((box) => box.width > 0);
         const lines = new Set(boxes.map((box) => Math.round(box.top)));
         const length = boxes.reduce((sum, box) => sum + box.width, 0);
-        if (lines.size > 1 && length < node.parentElement.clientWidth) broken.push(word[0]);
+        if (lines.size > 1 && length < element.clientWidth) broken.push(word[0]);
       }
     }
+  };
+  for (const card of document.querySelectorAll(".tile, .chips li, .claim")) {
+    for (const element of [card, ...card.querySelectorAll("*")]) check(element, /[^\\s-]+/g);
   }
+  for (const element of document.querySelectorAll("th *, h2, dt")) check(element, /\\d+\\.\\d+/g);
   return broken;
 }
 """

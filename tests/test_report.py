@@ -40,6 +40,7 @@ from space_envs.evaluation.records import (
 from space_envs.evaluation.report import ReportPaths, entrant_stem, write_report
 from space_envs.evaluation.stills import Still
 from space_envs.evaluation.tables import to_csv, to_latex, to_markdown, to_terminal
+from space_envs.evaluation.templating import breakable
 from space_envs.evaluation.traces import Traces
 
 WICKED = "$x_$ | `a` *b* [c](http://d) & é\x1b[31m\n<script>alert(1)</script>"
@@ -161,6 +162,13 @@ def test_files_of_entrants_never_share_a_name() -> None:
     stems = [entrant_stem(record.entrant) for record in records]
     assert len({stem.lower() for stem in stems}) == len(records)
     assert all(re.fullmatch(r"[a-z0-9_-]{1,80}\.[0-9a-f]{12}", stem) for stem in stems)
+
+
+def test_one_episode_is_no_plural_and_names_break_after_punctuation_only() -> None:
+    row, *_ = rows_of([make_record()])
+    assert ">1</b> episode each" in to_html(EvaluationResult([make_record()]), [row], {row.task: []})
+    assert breakable("kept@0.1deg") == "kept@<wbr>0.1deg"
+    assert breakable("a_b.c:D") == "a_<wbr>b.<wbr>c:<wbr>D"
 
 
 def test_names_are_made_harmless() -> None:
@@ -599,8 +607,11 @@ def test_highlights_name_ties_and_only_able_policies() -> None:
     ]
     tiles = {tile["label"]: tile for tile in highlights(rows_of(records))}
     assert tiles["Highest kept-attitude score"]["names"] == "b, a"
-    assert tiles["Most captures"]["names"] == tiles["Least attitude left"]["names"] == "b, a"
-    assert (tiles["Least attitude left"]["value"], tiles["Lowest eq. 20 cost"]["names"]) == ("2.0", "b")
+    assert tiles["Most captures"]["names"] == tiles["Lowest final attitude error"]["names"] == "b, a"
+    assert (tiles["Lowest final attitude error"]["value"], tiles["Lowest eq. 20 cost"]["names"]) == (
+        "2.0",
+        "b",
+    )
     assert [tile["label"] for tile in highlights(rows_of([failed()]))] == ["Most captures"]
 
 

@@ -23,7 +23,7 @@ from agents.registry import POLICIES
 from space_envs.evaluation.folders import read_folder
 from space_envs.evaluation.leaderboard import build_rows
 from space_envs.evaluation.metrics import config_hash, configuration, episode_traces
-from space_envs.evaluation.names import display_name
+from space_envs.evaluation.names import counted, display_name
 from space_envs.evaluation.pictures import capture_pictures
 from space_envs.evaluation.provenance import provenance
 from space_envs.evaluation.rates import REPORT, Seconds, playing, recorded, remember, timing
@@ -182,8 +182,9 @@ def dry_run(evaluation: Evaluation, options: Options) -> None:
         console.print(table)
     total = told.total
     console.print(
-        f"{len(units)} units of work; about {total.usual:.0f} s, between {total.least:.0f} and "
-        f"{total.most:.0f} s: {told.playing.usual:.0f} s of playing with {options.jobs} jobs, "
+        f"{counted(len(units), 'chunk')} of episodes; about {total.usual:.0f} s, "
+        f"between {total.least:.0f} and {total.most:.0f} s: {told.playing.usual:.0f} s of playing with "
+        f"{counted(options.jobs, 'job')}, "
         f"{told.timing.usual:.0f} s of timing, {told.report.usual:.0f} s for the report. Nothing was kept.",
         soft_wrap=True,
     )

@@ -74,3 +74,13 @@ def _plain(name: str, longest: int) -> str:
 
 def _digest(text: str) -> str:
     return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()[:12]
+
+
+def plural(count: int, noun: str) -> str:
+    """A regular noun as it stands after a number."""
+    return noun if count == 1 else f"{noun}s"
+
+
+def counted(count: int, noun: str) -> str:
+    """A number and its regular noun: 1 episode, 2 episodes."""
+    return f"{count} {plural(count, noun)}"

@@ -19,7 +19,7 @@ from space_envs.evaluation.columns import ABLE, COLUMNS, NOTE, RULES, Column, co
 from space_envs.evaluation.comparison_figures import comparison_plots
 from space_envs.evaluation.drawing import prefixed
 from space_envs.evaluation.leaderboard import HEADLINE, Row
-from space_envs.evaluation.names import display_name
+from space_envs.evaluation.names import counted, display_name, plural
 from space_envs.evaluation.normalised import Scores
 from space_envs.evaluation.page_pictures import page_pictures, why_no_pictures
 from space_envs.evaluation.page_replays import page_replays
@@ -96,7 +96,7 @@ def highlights(rows: Sequence[Row]) -> list[dict[str, str]]:
     tiles = [
         _tile("Highest kept-attitude score", HEADLINE, rows),
         _tile("Most captures", "success", rows),
-        _tile("Least attitude left", "final_attitude", rows),
+        _tile("Lowest final attitude error", "final_attitude", rows),
         _tile("Lowest eq. 20 cost", "attitude_cost", rows),
         _tile("Fastest capture", "time_to_capture", rows),
     ]
@@ -188,6 +188,7 @@ def _section(
         "task": {name: display_name(value) for name, value in vars(task).items()},
         "modes": display_name(modes_told(rows), 200),
         "episodes": " to ".join(str(end) for end in dict.fromkeys((episodes[0], episodes[-1]))),
+        "episodes_noun": plural(episodes[-1], "episode"),
         "seeds": len({seed for row in rows for seed in row.seeds}),
         "highlights": highlights(rows),
         "able": f"{100 * ABLE:.0f} %",
@@ -283,7 +284,7 @@ def _timing(records: Sequence[EpisodeRecord]) -> list[tuple[str, str]]:
     """On what planning time and time per action were measured."""
     timed = {(record.timing["processor"], record.timing["threads"]) for record in records}
     told = [
-        f"{processor}, {threads} {'thread' if threads == 1 else 'threads'}"
+        f"{processor}, {counted(threads, 'thread')}"
         for processor, threads in sorted(timed, key=str)
         if processor is not None
     ]

@@ -19,8 +19,8 @@ def make_environment() -> jinja2.Environment:
 
 
 def breakable(name: str) -> Markup:
-    """A name, escaped, that may go on in the next line after its punctuation and nowhere else."""
-    return Markup("<wbr>").join(re.split(r"(?<=[@_:./])(?=.)", name))
+    """A name, escaped, that may break after its punctuation and nowhere else, not even within a number."""
+    return Markup("<wbr>").join(re.split(r"(?<=[@_:/])(?=.)|(?<=\.)(?=\D)", name))
 
 
 def shown_unit(unit: str) -> str:
