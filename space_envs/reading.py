@@ -48,7 +48,9 @@ def parse_json(text: bytes | str) -> Any:
     """
     try:
         return json.loads(text.decode("utf-8") if isinstance(text, bytes) else text)
-    except (ValueError, RecursionError) as error:
+    except RecursionError:
+        raise ConfigurationError("not JSON: nested too deeply") from None
+    except ValueError as error:
         raise ConfigurationError(f"not JSON: {error}") from None
 
 

@@ -114,3 +114,12 @@ class Unbuilt:
 
     def predict(self, observation, state=None, episode_start=None, deterministic=True):
         return np.zeros((len(observation), 7)), state
+
+
+class ClosesEverything(Well):
+    """Closes all files of its process, those through which it answers too."""
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        if self.bad(observation).any():
+            os.closerange(3, 256)
+        return super().predict(observation, state, episode_start, deterministic)

@@ -78,6 +78,14 @@ HOSTILE = {
 }
 
 
+def test_what_is_nested_too_deeply_is_said_to_be(tmp_path: Path) -> None:
+    path = tmp_path / "records.jsonl"
+    path.write_text("[" * 100_000 + "\n")
+    for read in (read_records, read_object):
+        with pytest.raises(ConfigurationError, match=r"not (a )?JSON( object)?: nested too deeply$"):
+            read(path)
+
+
 @pytest.mark.parametrize("reader", READERS)
 @pytest.mark.parametrize("content", HOSTILE)
 def test_hostile_files_are_refused(reader: str, content: str, tmp_path: Path) -> None:

@@ -223,6 +223,17 @@ def test_a_policy_loses_only_the_episodes_that_it_spoils(
             assert record.attitude_cost == pytest.approx(undisturbed.attitude_cost, rel=1e-9)
 
 
+def test_a_policy_that_closes_all_files_ends_without_a_traceback(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    made = records_of(evaluation(f"{HARNESS}:ClosesEverything", episodes=6), tmp_path)
+    reasons = [str(record.reason) for record in made if record.outcome == "policy_error"]
+    assert reasons
+    # Its own status, or that of the harness, which ends it.
+    assert set(reasons) <= {f"its process ended, with exit status {status} (step 3)" for status in (1, -9)}
+    assert "Traceback" not in capfd.readouterr().err
+
+
 def test_a_policy_that_cannot_be_built_is_told_before_anything_is_played(tmp_path: Path, capsys) -> None:
     assert main(["--policy", f"{HARNESS}:Unbuilt", "--output", str(tmp_path / "out")]) == 2
     told = capsys.readouterr().err

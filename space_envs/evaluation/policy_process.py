@@ -279,7 +279,10 @@ def _answer(pipe: int, make: Callable[[], tuple[Any, bytes]], otherwise: Any) ->
         )
     except BaseException as error:
         made, message = otherwise, _packed({"error": f"it raised {described(error)}"})
-    _send(pipe, message)
+    try:
+        _send(pipe, message)
+    except OSError:  # the policy closed the pipe, or the harness has gone; nobody is left to be told
+        os._exit(1)
     return made
 
 

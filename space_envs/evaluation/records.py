@@ -203,7 +203,9 @@ class EpisodeRecord:
             values = json.loads(line, parse_constant=_refuse_constant, object_pairs_hook=_unique)
         except ConfigurationError:
             raise
-        except (ValueError, RecursionError) as error:
+        except RecursionError:
+            raise ConfigurationError("not a JSON object: nested too deeply") from None
+        except ValueError as error:
             raise ConfigurationError(f"not a JSON object: {error}") from error
         return cls.from_dict(values)
 
