@@ -21,7 +21,7 @@ from agents.reactionless.free_model import HeldAttitude
 from agents.reactionless.free_solver import Programs, Solver, Unsolved
 from agents.reactionless.ocp import plan_ocp
 from agents.reactionless.problem import Capture, Plan
-from space_envs.dynamics import FloatingRobot, NoCompiledCodeWarning
+from space_envs.dynamics import FloatingRobot, NoCompiledCodeWarning, compiled
 from space_envs.dynamics.c_library import LibraryError
 from space_envs.dynamics.reactionless import com
 from space_envs.dynamics.rotations import Array
@@ -413,6 +413,7 @@ def test_without_a_compiler_the_same_functions_run_interpreted(monkeypatch: pyte
     robot, ready = robot_of("planar"), HeldAttitude.of(robot_of("planar"))
     monkeypatch.setattr(free_model, "load_library", missing)
     monkeypatch.setattr(free_model, "_models", {})
+    monkeypatch.setattr(compiled, "_warned", False)
     with pytest.warns(NoCompiledCodeWarning, match="no C compiler"):
         model = HeldAttitude.of(robot)
     q, qdot = np.random.default_rng(6).normal(size=(2, 6))

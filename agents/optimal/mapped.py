@@ -1,13 +1,12 @@
 """CasADi functions over many samples at once, as compiled code where that is possible."""
 
 import ctypes
-import warnings
 
 import casadi as ca
 import numpy as np
 
-from space_envs.dynamics import NoCompiledCodeWarning
 from space_envs.dynamics.c_library import LibraryError, load_library
+from space_envs.dynamics.compiled import warn_uncompiled
 from space_envs.dynamics.rotations import Array
 
 # Derivatives are long straight-line code: more optimisation takes minutes and wins little.
@@ -95,7 +94,7 @@ def mapped(functions: dict[str, ca.Function]) -> dict[str, Mapped]:
         library = load_library(_PRAGMA + generator.dump() + "".join(loops))
     except LibraryError as error:
         message = f"planning runs in CasADi's virtual machine, twenty times slower: {error}"
-        warnings.warn(message, NoCompiledCodeWarning, stacklevel=4)
+        warn_uncompiled(message)
         return made
     for key, function in functions.items():
         run = getattr(library, f"map_{function.name()}")

@@ -7,13 +7,13 @@ expressions are sums over the arms and products of a few vectors, which their de
 """
 
 import threading
-import warnings
 from dataclasses import dataclass
 
 import casadi as ca
 
-from space_envs.dynamics import FloatingRobot, NoCompiledCodeWarning
+from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.c_library import LibraryError, load_library
+from space_envs.dynamics.compiled import warn_uncompiled
 from space_envs.dynamics.symbolic import SymbolicRobot
 from space_envs.errors import ConfigurationError
 
@@ -88,7 +88,7 @@ def compiled(functions: dict[str, ca.Function]) -> dict[str, ca.Function]:
         path = load_library(_PRAGMA + generator.dump())._name
     except LibraryError as error:
         message = f"planning runs in CasADi's virtual machine, twenty times slower: {error}"
-        warnings.warn(message, NoCompiledCodeWarning, stacklevel=4)
+        warn_uncompiled(message)
         return functions
     return {key: ca.external(function.name(), path) for key, function in functions.items()}
 

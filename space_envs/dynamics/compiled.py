@@ -101,9 +101,20 @@ def kernel_source(robot: FloatingRobot) -> str:
     return code + _LOOP.format(n=robot.n_joints, **sizes)
 
 
+def warn_uncompiled(message: str) -> None:
+    """Warn that compiled code is lacking: once a process, in one line without the source.
+
+    Warns:
+        NoCompiledCodeWarning: with the message.
+    """
+    global _warned
+    if not _warned:
+        _warned = True
+        warnings.warn_explicit(message, NoCompiledCodeWarning, "space_envs", 1)
+
+
 def _kernel(robot: FloatingRobot) -> Kernel | None:
     """The robot's kernel, made at first use; None where that is impossible, which is found out once."""
-    global _warned
     name = robot.fingerprint
     if name in _kernels:
         return _kernels[name]
@@ -113,8 +124,5 @@ def _kernel(robot: FloatingRobot) -> Kernel | None:
                 _kernels[name] = Kernel(robot)
             except LibraryError as error:
                 _kernels[name] = None
-                if not _warned:
-                    _warned = True
-                    message = f"base twists are computed with numpy, several times slower: {error}"
-                    warnings.warn(message, NoCompiledCodeWarning, stacklevel=3)
+                warn_uncompiled(f"base twists are computed with numpy, several times slower: {error}")
         return _kernels[name]
