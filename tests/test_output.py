@@ -101,7 +101,7 @@ def test_results_are_replaced_only_where_that_was_asked_for(
     capsys.readouterr()
     assert main(arguments) == 2
     told = capsys.readouterr().err
-    assert "holds an evaluation already: --resume goes on with it, --overwrite begins anew" in told
+    assert "holds an evaluation already: --resume goes on with it, --overwrite replaces it" in told
     assert contents(folder) == before
     assert main([*arguments, "--seeds", "1", "--overwrite"]) == 0
     after = contents(folder)
@@ -177,12 +177,15 @@ def test_a_running_evaluation_is_told_from_an_interrupted_one(tmp_path: Path) ->
         mark.write('{"kind": "evaluation", "process": 1234}\n')
         mark.flush()
         fcntl.flock(mark, fcntl.LOCK_EX)
-        with pytest.raises(ConfigurationError, match="process 1234 .* is evaluating into .*: 1 of 12 units"):
+        with pytest.raises(ConfigurationError, match="process 1234 .* is evaluating into .*: 1 of 12 chunks"):
             read_folder(folder)
         write_folder(tmp_path / "old", episodes(2))
         for name in ("records.jsonl", "summary.json"):
             (tmp_path / "old" / name).rename(folder / name)
-        assert "is running, 1 of 12 units of 25 episodes are played" in read_folder(folder).notes[0]
+        assert "is running, 1 of 12 chunks of 25 episodes evaluated;" in read_folder(folder).notes[0]
+        for number in range(11):
+            (folder / "parts" / f"{number}.npz").write_text("")
+        assert "is running, 12 of 12 chunks of 25 episodes evaluated; timing" in read_folder(folder).notes[0]
     assert "was interrupted" in read_folder(folder).notes[0]
 
 

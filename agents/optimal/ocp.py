@@ -249,7 +249,7 @@ class _Search:
         if reach.spheres is not None:
             free = Solver(self._robot, bare, limits)
             if isinstance(free.solve(free.variables(path)), Solution):
-                reason = f"no motion was found that is clear of the {len(reach.spheres)} balls"
+                reason = f"no motion was found that is clear of the {len(reach.spheres)} spheres"
                 return Failure(METHOD, Cause.CLEARANCE, f"{reason}, from {len(statuses)} starts")
         free = Solver(self._robot, bare, Limits())
         unlimited = free.solve(free.variables(path))

@@ -25,7 +25,7 @@ class Reach:
         duration: T, s.
         keep_attitude: whether the base shall have its first attitude again at T; else it is free.
         c: angular to linear conversion of eq. 20, m/rad.
-        spheres: (K, 4) centre m and radius m of balls that no link may enter, inertial frame; None for none.
+        spheres: (K, 4) centre m and radius m of what no link may enter, inertial frame; None for none.
     """
 
     start: Array

@@ -15,6 +15,7 @@ from joblib import delayed
 from tqdm import tqdm
 
 from space_envs.errors import ConfigurationError, PolicyError
+from space_envs.evaluation.names import counted
 from space_envs.evaluation.parallel import ProcessDiedError, backend, elsewhere
 from space_envs.evaluation.policy_process import TimeLimits
 from space_envs.evaluation.provenance import commit, processor, versions
@@ -127,7 +128,7 @@ def prepare(evaluation: Evaluation, folder: Path, resume: bool = False, overwrit
     plan, path = evaluation.plan(), folder / PLAN
     if not (resume or overwrite) and any((folder / name).exists() for name in (PLAN, PARTS, RECORDS)):
         raise ConfigurationError(
-            f"{folder} holds an evaluation already: --resume goes on with it, --overwrite begins anew, or "
+            f"{folder} holds an evaluation already: --resume goes on with it, --overwrite replaces it, or "
             "name another --output"
         )
     if resume:
@@ -136,7 +137,7 @@ def prepare(evaluation: Evaluation, folder: Path, resume: bool = False, overwrit
         except FileNotFoundError:
             before = plan  # killed before it began
         except (OSError, ConfigurationError) as error:
-            raise ConfigurationError(f"{path} cannot be read: {error}; --overwrite begins anew") from None
+            raise ConfigurationError(f"{path} cannot be read: {error}; --overwrite replaces it") from None
         if before != plan:
             names = [name for name in plan if before.get(name) != plan[name]]
             told = "; ".join(f"{name} was {before.get(name)}, is {plan[name]}" for name in names)
@@ -161,10 +162,11 @@ def progress(folder: Path) -> str:
     done = len(list((folder / PARTS).glob("*.npz")))
     try:
         plan = read_object(folder / PLAN)
-        units = len(plan["entrants"]) * len(plan["seeds"]) * -(-plan["episodes"] // CHUNK)
+        total = len(plan["entrants"]) * len(plan["seeds"]) * -(-plan["episodes"] // CHUNK)
     except (OSError, ConfigurationError, KeyError, TypeError):
-        return f"{done} units of {CHUNK} episodes are played"
-    return f"{done} of {units} units of {CHUNK} episodes are played"
+        return f"{counted(done, 'chunk')} of {CHUNK} episodes evaluated"
+    phase = "; timing" if done >= total else ""
+    return f"{done} of {counted(total, 'chunk')} of {CHUNK} episodes evaluated{phase}"
 
 
 def play_missing(
