@@ -286,7 +286,7 @@ def _timing(records: Sequence[EpisodeRecord]) -> list[tuple[str, str]]:
     told = [
         f"{processor}, {counted(threads, 'thread')}"
         for processor, threads in sorted(timed, key=str)
-        if processor is not None
+        if processor is not None and threads is not None
     ]
     return [("planning and action timed on", display_name("; ".join(told), 1000))] if told else []
 
