@@ -19,11 +19,10 @@ CONTROL_MODES = ("joint_velocity", "joint_torque", "end_effector_velocity", "rea
 END_EFFECTOR_SPEED = (0.3, 0.5)  # m/s and rad/s per unit action
 DAMPING = 0.02  # of the generalised Jacobian's inverse, in the units of its singular values
 BRAKING = 0.04  # rad/s^2 with which a joint may approach its limit; 60 N m give a resting arm 0.05 at least
-CORIOLIS_SHARE = (
-    0.4  # of a drive's torque; where Coriolis forces take more, the arm is slowed, a start refused
-)
+CORIOLIS_SHARE = 0.4  # of a drive's torque; where Coriolis forces take more, the arm is slowed
 CORIOLIS_LOST = 0.8  # of a drive's torque; where they take more, they are no longer held against
 OVERSPEED = 1.05  # times the rate limit, likewise
+BRAKING_SHARE = 0.3  # of a drive's torque; starts that take more to brake all joints together are refused
 STOP_MARGIN = 0.1  # rad; the drives stop this far inside the joint range, so that nothing hits its end
 AWAY = 0.1  # of the rate limit; a motion that breaks limits by more once it is reactionless is stopped first
 ATTITUDE_GAIN = 0.5  # 1/s, feedback of the attitude left in mode reactionless
@@ -42,33 +41,34 @@ class Stops:
         self._offset = -self._sign * joint_range.T - STOP_MARGIN
         self._rate_limit = rate_limit
 
+    def room(self, position: Array) -> Array:
+        """Angle (N, 2, n), rad, left to the lower and the upper stop at joint angles (N, n), rad."""
+        return np.maximum(self._offset + self._sign * position[:, None, :], 0.0)
+
     def rates(self, position: Array) -> tuple[Array, Array]:
         """Least and largest rate (N, n), rad/s, at joint angles (N, n), rad."""
-        room = np.maximum(self._offset + self._sign * position[:, None, :], 0.0)
-        fastest = np.minimum(np.sqrt(2.0 * BRAKING * room), self._rate_limit)
+        fastest = np.minimum(np.sqrt(2.0 * BRAKING * self.room(position)), self._rate_limit)
         return -fastest[:, 0], fastest[:, 1]
 
 
-def coriolis(mass: Array, bias: Array, b: int) -> Array:
-    """Joint torques (N, n), N m, that Coriolis and centrifugal forces take, the base being free.
+def braking_load(task: CaptureTask, goals: Goals, velocity: Array) -> Array:
+    """Shares (k, n) of each drive's torque that it takes to brake starts with joint rates (k, n), rad/s.
 
-    Args:
-        mass: (N, b + n, b + n) mass matrices. bias: (N, b + n) bias forces. b: velocities of the base.
+    Every joint brakes evenly to the end of its range, less the margin: the torque for that, |M* a|, and the
+    torque that Coriolis and centrifugal forces take meanwhile, |h*|. Both are quadratic in the rates.
     """
-    base = np.linalg.solve(mass[:, :b, :b], bias[:, :b, None])
-    return bias[:, b:] - (mass[:, b:, :b] @ base)[..., 0]
-
-
-def start_load(task: CaptureTask, goals: Goals, velocity: Array) -> Array:
-    """Shares (k, n) of each drive's torque that Coriolis forces take at starts with joint rates (k, n)."""
-    simulation = Simulation(task.model, len(velocity))
-    rows = np.arange(len(velocity))
+    rows, simulation = np.arange(len(velocity)), Simulation(task.model, len(velocity))
     simulation.scale_base(rows, goals.mass_scale)
     simulation.joint_position[:], simulation.joint_velocity[:] = goals.joint_position, velocity
     simulation.set_base_velocity(rows)
     simulation.refresh()
-    torque = coriolis(simulation.mass_matrix(), simulation.bias(), simulation.n_base)
-    return np.abs(torque) / task.model.actuator_forcerange[:, 1]
+    room = Stops(task.robot.range, task.parameters.rate_limit).room(goals.joint_position)
+    ahead = np.where(velocity > 0.0, room[:, 1], room[:, 0])
+    deceleration = -0.5 * velocity * np.abs(velocity) / np.maximum(ahead, 1e-9)
+    mass, bias, b = simulation.mass_matrix(), simulation.bias(), simulation.n_base
+    force = np.stack([(mass[:, :, b:] @ deceleration[..., None])[..., 0], bias], axis=-1)
+    torque = force[:, b:] - mass[:, b:, :b] @ np.linalg.solve(mass[:, :b, :b], force[:, :b])
+    return np.abs(torque).sum(axis=-1) / task.model.actuator_forcerange[:, 1]
 
 
 def check_brakes(task: CaptureTask, goals: Goals, velocity: Array | None) -> None:
@@ -79,7 +79,7 @@ def check_brakes(task: CaptureTask, goals: Goals, velocity: Array | None) -> Non
 
     Raises:
         ConfigurationError: for a joint within the stop's margin, or too fast to brake before it, and for
-            joints that together are so fast that Coriolis forces leave their drives too little torque.
+            joints that together take more of a drive's torque to brake than `BRAKING_SHARE`.
     """
     position = goals.joint_position
     if not len(position):
@@ -103,14 +103,14 @@ def check_brakes(task: CaptureTask, goals: Goals, velocity: Array | None) -> Non
             f"with {velocity[row, joint]:.6g} rad/s, and can brake before the end of its range from "
             f"{low[row, joint]:.6g} to {high[row, joint]:.6g} rad/s"
         )
-    load = start_load(task, goals, velocity)
-    if (load > CORIOLIS_SHARE).any():
+    load = braking_load(task, goals, velocity)
+    if (load > BRAKING_SHARE).any():
         row, joint = np.unravel_index(load.argmax(), load.shape)
-        slower = np.floor(1e3 * np.sqrt(CORIOLIS_SHARE / load[row, joint])) / 1e3  # the load is quadratic
+        slower = np.floor(1e3 * np.sqrt(BRAKING_SHARE / load[row, joint])) / 1e3  # the load is quadratic
         raise ConfigurationError(
-            f"joint_velocity outside its limits: together these rates take {load[row, joint]:.3g} of the "
-            f"torque of joint {joint + 1} for Coriolis forces, at most {CORIOLIS_SHARE:g} leaves enough to "
-            f"brake with; {slower:g} times the rates of row {row} are accepted"
+            f"joint_velocity outside its limits: to brake all joints together takes {load[row, joint]:.3g} "
+            f"of the torque of joint {joint + 1}, and may take {BRAKING_SHARE:g}; the same rates times "
+            f"{slower:g} are accepted"
         )
 
 
