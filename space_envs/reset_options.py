@@ -10,8 +10,8 @@ import numpy as np
 from gymnasium.utils import seeding
 from numpy.typing import NDArray
 
+from space_envs.braking import check_brakes
 from space_envs.checks import array, numbers
-from space_envs.control import check_brakes
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError, GoalError, shown, unknown_name
 from space_envs.tasks.base import CaptureTask

@@ -70,8 +70,8 @@ class DualArmTask(CaptureTask):
 
     @property
     def largest_control_period(self) -> float:
-        """Of every robot, s."""
-        return LARGEST_CONTROL_PERIOD
+        """By robot, s."""
+        return LARGEST_CONTROL_PERIOD[self.kind]
 
     @property
     def options(self) -> DualArmOptions:

@@ -146,8 +146,8 @@ class SingleArmTask(CaptureTask):
 
     @property
     def largest_control_period(self) -> float:
-        """Of every robot, s."""
-        return LARGEST_CONTROL_PERIOD
+        """By variant, s."""
+        return LARGEST_CONTROL_PERIOD[self.variant]
 
     @property
     def model(self) -> mujoco.MjModel:

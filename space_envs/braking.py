@@ -1,0 +1,73 @@
+"""Starts that the drives can brake, by the braking law of the drives and by the torque that it takes."""
+
+import numpy as np
+
+from space_envs.control import BRAKING_SHARE, STOP_MARGIN, Stops
+from space_envs.dynamics.rotations import Array
+from space_envs.errors import ConfigurationError
+from space_envs.simulation import Simulation
+from space_envs.tasks.base import CaptureTask
+from space_envs.tasks.common import Goals
+
+
+def braking_load(task: CaptureTask, goals: Goals, velocity: Array) -> Array:
+    """Shares (k, n) of each drive's torque that it takes to brake starts with joint rates (k, n), rad/s.
+
+    Every joint brakes evenly to the end of its range, less the margin: the torque for that, |M* a|, and the
+    torque that Coriolis and centrifugal forces take meanwhile, |h*|. Both are quadratic in the rates.
+    """
+    rows, simulation = np.arange(len(velocity)), Simulation(task.model, len(velocity))
+    simulation.scale_base(rows, goals.mass_scale)
+    simulation.joint_position[:], simulation.joint_velocity[:] = goals.joint_position, velocity
+    simulation.set_base_velocity(rows)
+    simulation.refresh()
+    room = Stops(task.robot.range, task.parameters.rate_limit).room(goals.joint_position)
+    ahead = np.where(velocity > 0.0, room[:, 1], room[:, 0])
+    deceleration = -0.5 * velocity * np.abs(velocity) / np.maximum(ahead, 1e-9)
+    mass, bias, b = simulation.mass_matrix(), simulation.bias(), simulation.n_base
+    force = np.stack([(mass[:, :, b:] @ deceleration[..., None])[..., 0], bias], axis=-1)
+    torque = force[:, b:] - mass[:, b:, :b] @ np.linalg.solve(mass[:, :b, :b], force[:, :b])
+    return np.abs(torque).sum(axis=-1) / task.model.actuator_forcerange[:, 1]
+
+
+def check_brakes(task: CaptureTask, goals: Goals, velocity: Array | None) -> None:
+    """Refuse starts that the drives could not keep off the ends of the joint ranges.
+
+    Args:
+        goals: k of the task, with the joint angles at the start. velocity: (k, n) rad/s, or None for rest.
+
+    Raises:
+        ConfigurationError: for a joint within the stop's margin, or too fast to brake before it, and for
+            joints that together take more of a drive's torque to brake than `BRAKING_SHARE`.
+    """
+    position = goals.joint_position
+    if not len(position):
+        return
+    limits = task.robot.range
+    near = (position < limits[:, 0] + STOP_MARGIN) | (position > limits[:, 1] - STOP_MARGIN)
+    if near.any():
+        row, joint = np.argwhere(near)[0]
+        raise ConfigurationError(
+            f"joint_position outside its limits: joint {joint + 1} starts at {position[row, joint]:.6g} rad, "
+            f"and the drives stop it {STOP_MARGIN:g} rad inside its range {limits[joint].tolist()}"
+        )
+    if velocity is None:
+        return
+    low, high = Stops(limits, task.parameters.rate_limit).rates(position)
+    late = (velocity < low) | (velocity > high)
+    if late.any():
+        row, joint = np.argwhere(late)[0]
+        raise ConfigurationError(
+            f"joint_velocity outside its limits: joint {joint + 1} starts at {position[row, joint]:.6g} rad "
+            f"with {velocity[row, joint]:.6g} rad/s, and can brake before the end of its range from "
+            f"{low[row, joint]:.6g} to {high[row, joint]:.6g} rad/s"
+        )
+    load = braking_load(task, goals, velocity)
+    if (load > BRAKING_SHARE).any():
+        row, joint = np.unravel_index(load.argmax(), load.shape)
+        slower = np.floor(1e3 * np.sqrt(BRAKING_SHARE / load[row, joint])) / 1e3  # the load is quadratic
+        raise ConfigurationError(
+            f"joint_velocity outside its limits: to brake all joints together takes {load[row, joint]:.3g} "
+            f"of the torque of joint {joint + 1}, and may take {BRAKING_SHARE:g}; the same rates times "
+            f"{slower:g} are accepted"
+        )
