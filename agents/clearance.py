@@ -3,6 +3,7 @@
 By the same distances by which the simulation ends an episode; a plan keeps a little farther away.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
@@ -74,12 +75,12 @@ class KeepOut:
             path, rate: (N, T, n) rad and rad/s. dt: s, between samples.
         """
         points = self.contacts.points(self.arm, path)
-        found = self.contacts.satellite_gaps(points).reshape(*path.shape[:2], -1)
+        found = _flat(self.contacts.satellite_gaps(points))
         if self.spheres is None:
             return found
         ends = link_ends(self.arm, path, *roll_out_base(self.arm, path, rate, dt))
         gaps = sphere_gaps(ends, self.spheres[:, None], SINGLE_ARM.link_radius)
-        return np.concatenate([found, gaps.reshape(*path.shape[:2], -1)], axis=-1)
+        return np.concatenate([found, _flat(gaps)], axis=-1)
 
     def clear(self, path: Array, rate: Array, dt: float) -> NDArray[np.bool_]:
         """Which motions (N,) keep `MARGIN` from everything; arguments as in `gaps`."""
@@ -113,3 +114,8 @@ class KeepOut:
         link, what = pairs[place]
         reason = f"link {link} would be {gaps.min():.3f} m from {what} at t = {node * dt:.2f} s"
         return Failure(method, Cause.CLEARANCE, reason)
+
+
+def _flat(gaps: Array) -> Array:
+    """Gaps (N, T, ...) as (N, T, M), also where there are none."""
+    return gaps.reshape(*gaps.shape[:2], math.prod(gaps.shape[2:]))

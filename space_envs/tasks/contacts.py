@@ -4,6 +4,7 @@ Arms are chains of capsules, the satellite and the target are boxes; `space_envs
 counts. Nothing has contact forces: an episode in which something is touched ends as a collision.
 """
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple, Self
@@ -281,7 +282,7 @@ class Contacts:
             found.append(self.target_gaps(in_target, half, **how))
         if self.arms == 2:
             found.append(self.arm_gaps(points))
-        return np.concatenate([gap.reshape(len(points), -1) for gap in found], axis=1)
+        return np.concatenate([gap.reshape(len(gap), math.prod(gap.shape[1:])) for gap in found], axis=1)
 
     def satellite_gaps(self, points: Array) -> Array:
         """Gaps (..., A, S) between capsules and the satellite, m, negative where they overlap.
