@@ -16,6 +16,8 @@ from space_envs.dynamics.rotations import Array
 from space_envs.evaluation.causes import PlanState
 from space_envs.evaluation.policy import PolicyContext
 
+LOOK_AHEAD = 4.0  # s; at the limits of rate and acceleration a joint stops in 1.2 s
+
 
 @dataclass(frozen=True, eq=False)
 class Receding(PlanState):
@@ -24,7 +26,7 @@ class Receding(PlanState):
     Attributes:
         horizons: N motions, None where the first plan failed.
         start: (N,) s, time at which each episode began.
-        failures: (N,) None, or the `Failure` that says why there is no plan.
+        failures: (N,) None, or the `Failure` that says why there is no motion to follow now.
     """
 
     horizons: Sequence[Horizon | None]
@@ -35,8 +37,9 @@ class Receding(PlanState):
 class NMPC:
     """At every step the first move of the best motion over the time that is left, from the state observed.
 
-    Where the first motion would put a link into the satellite, the arm rests. A later one that would is not
-    taken: the motion before, which is clear, goes on, to its end if need be, and the next step tries again.
+    What lies far ahead is planned again many times before it is reached, so that only the next `LOOK_AHEAD`
+    of a motion must be clear of the satellite. Where it is not, the motion before goes on if as much of it is
+    clear, and otherwise the arm brakes, which it can within that time; the next step tries again.
     """
 
     control_mode = "joint_velocity"
@@ -85,24 +88,31 @@ class NMPC:
         action = np.zeros((n, context.arm.n_joints))
         for row, seen in enumerate(observation):
             arm, target = self.state(seen), self.target(seen)
+            before = None if begins[row] else horizons[row]
             if begins[row]:
-                first = self.controller.first_plan(arm, target)
-                failure = first if isinstance(first, Failure) else self._touching(first, seen)
-                failures[row] = failure
-                horizons[row] = None if failure or isinstance(first, Failure) else first
-            elif (before := horizons[row]) is not None:
+                found = self.controller.first_plan(arm, target)
+            elif before is None:
+                continue
+            else:
                 found = self.controller.advance(before, arm, target)
-                horizons[row] = before if self._touching(found, seen) else found
-            if (horizon := horizons[row]) is not None:
+            if isinstance(found, Failure):
+                failures[row], horizons[row] = found, None
+                continue
+            failures[row] = self._touching(found, arm, seen)
+            if failures[row] and before is not None and self._touching(before, arm, seen) is None:
+                found, failures[row] = before, None
+            horizons[row] = found
+            if failures[row] is None:
                 # The drives reach a rate at the end of the period: the motion's rate there is asked for.
-                rate = horizon.rates(np.array(arm.time + context.control_period))
+                rate = found.rates(np.array(arm.time + context.control_period))
                 action[row] = np.clip(rate / context.action_scale, -1.0, 1.0)
         return action, Receding(tuple(horizons), start, failures)
 
-    def _touching(self, horizon: Horizon, observation: Array) -> Failure | None:
-        """Why a motion that begins with an observation (size,) is none to follow. Otherwise None."""
+    def _touching(self, horizon: Horizon, arm: ArmState, observation: Array) -> Failure | None:
+        """Why a motion is none to follow in the state of an observation (size,). Otherwise None."""
         keep_out = KeepOut.of(self.context, observation[None])
         if keep_out is None:
             return None
-        samples = max(round(horizon.duration / self.context.control_period), 1) + 1
-        return keep_out.refusal("nmpc", *horizon.motion(samples))
+        dt = self.context.control_period
+        times = arm.time - horizon.begin + dt * np.arange(round(LOOK_AHEAD / dt) + 1)
+        return keep_out.refusal("nmpc", *horizon.motion(times), dt)

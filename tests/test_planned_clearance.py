@@ -111,23 +111,20 @@ def test_spheres_count_where_they_are_and_not_where_nothing_ends_an_episode() ->
     assert blind.predict(observation)[1].failures[0] is None
 
 
-def test_nmpc_refuses_a_first_motion_through_the_satellite_and_leaves_out_later_ones() -> None:
-    _, context, observation = begun(SINGLE, 1, np.array([18]))
-    failure = make_policy("nmpc", context, 0).predict(observation)[1].failures[0]
-    assert failure.cause == Cause.CLEARANCE and "from the satellite at t = " in failure.reason
-    policy = make_policy("nmpc", replace(context, contacts=None), 0)
-    action, state = policy.predict(observation)
-    assert state.failures[0] is None and action.any()
+def test_nmpc_brakes_before_what_it_would_touch_and_goes_on_when_that_is_gone() -> None:
     env, context, observation = begun(SINGLE, 1)
     policy = make_policy("nmpc", context, 0)
     action, state = policy.predict(observation)
     observation, *_ = env.step(action)
-    assert context.contacts is not None
+    assert context.contacts is not None and action.any() and state.failures[0] is None
     large = replace(context.contacts.shape, half=1.2)  # every motion is within
     large_context = replace(context, contacts=replace(context.contacts, shape=large))
-    kept = make_policy("nmpc", large_context, 0).predict(observation, state)[1]
-    assert kept.horizons[0] is state.horizons[0]
-    assert policy.predict(observation, state)[1].horizons[0] is not state.horizons[0]
+    action, braking = make_policy("nmpc", large_context, 0).predict(observation, state)
+    failure = braking.failures[0]
+    assert not action.any() and failure.cause == Cause.CLEARANCE
+    assert "from the satellite at t = " in failure.reason
+    action, state = policy.predict(observation, braking)
+    assert action.any() and state.failures[0] is None
 
 
 def test_reactionless_plans_into_something_are_refused() -> None:

@@ -115,11 +115,10 @@ class Horizon:
     accepted: bool = True
     active: Active = frozenset()
 
-    def motion(self, samples: int) -> tuple[Array, Array, float]:
-        """Joint angles and rates (T, n), rad and rad/s, at T even times, and the time between them, s."""
-        times = np.linspace(0.0, self.duration, samples)
-        angles = self.basis.value(times / self.duration) @ self.weights.T
-        return angles, self.rates(self.begin + times), float(times[1])
+    def motion(self, times: Array) -> tuple[Array, Array]:
+        """Joint angles and rates (T, n), rad and rad/s, at times (T,) s after its beginning."""
+        angles = self.basis.value(np.clip(times / self.duration, 0.0, 1.0)) @ self.weights.T
+        return angles, self.rates(self.begin + times)
 
     def rates(self, times: Array) -> Array:
         """Joint rates (..., n), rad/s, at times (...,) s; times beyond the ends count as the ends."""
