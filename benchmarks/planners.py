@@ -3,6 +3,7 @@
 import argparse
 import json
 import sys
+from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +35,8 @@ def summary(env: str, output: Path, episodes: int, split: str) -> list[dict[str,
     """Rows of all planners of an id, played on medium goals."""
     names = [name for name in policies_for(env) if name not in NO_PLANNERS]
     arguments = ["--env", env, "--policy", *names, "--split", split, "--episodes", str(episodes)]
-    status = evaluate([*arguments, "--output", str(output), "--no-pictures", "--overwrite"])
+    with redirect_stdout(sys.stderr):  # the table below is the output of this command
+        status = evaluate([*arguments, "--output", str(output), "--no-pictures", "--overwrite"])
     if status != 0:
         raise SystemExit(status)
     return json.loads((output / "summary.json").read_text())["rows"]
