@@ -10,7 +10,7 @@ import benchmarks
 from space_envs.command_line import ended
 from space_envs.errors import unknown_name
 
-NOT_COMMANDS = ("__main__", "arguments", "machine")
+NOT_COMMANDS = ("__main__", "arguments", "machine", "same_records")
 
 
 def names() -> list[str]:
