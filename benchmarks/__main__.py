@@ -7,8 +7,8 @@ import sys
 from importlib import import_module
 
 import benchmarks
-from space_envs.command_line import ended
 from space_envs.errors import unknown_name
+from space_envs.system.command_line import ended
 
 NOT_COMMANDS = ("__main__", "arguments", "machine", "same_records")
 

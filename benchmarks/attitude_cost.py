@@ -13,7 +13,6 @@ import numpy as np
 
 from benchmarks.arguments import whole
 from benchmarks.machine import machine_class, markdown_table
-from space_envs.command_line import ended
 from space_envs.dynamics import (
     FloatingRobot,
     NoCompiledCodeWarning,
@@ -23,7 +22,8 @@ from space_envs.dynamics import (
     trajectory_cost,
 )
 from space_envs.dynamics.symbolic import SymbolicRobot
-from space_envs.models.single_arm import single_arm_model
+from space_envs.robots.single_arm import single_arm_model
+from space_envs.system.command_line import ended
 
 TARGET = 10.0  # ms
 

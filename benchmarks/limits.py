@@ -15,12 +15,12 @@ from tqdm import tqdm
 from benchmarks.arguments import seed, whole
 from benchmarks.machine import machine_class, markdown_table
 from benchmarks.momentum import ROBOTS, Robot, environment, simulate, unlimited
-from space_envs.command_line import ended
 from space_envs.control import CONTROL_MODES
 from space_envs.dynamics.bodies import body_motion, momentum_drift
 from space_envs.dynamics.rotations import Array
 from space_envs.envs import CaptureVectorEnv
 from space_envs.registration import make_task
+from space_envs.system.command_line import ended
 
 PERIODS = (0.1, 0.2, 0.3, 0.5, 1.0)  # s
 HOLDS = (0.0, 0.2, 0.5, 2.0, 3.0)  # s that an action is held, by episode in turn, one control period at least

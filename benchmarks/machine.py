@@ -1,6 +1,6 @@
 """What the tables of measurements have in common."""
 
-from space_envs.evaluation.provenance import machine, versions
+from space_envs.system.provenance import machine, versions
 
 
 def machine_class() -> str:

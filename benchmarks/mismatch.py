@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from agents.registry import make_policy
-from agents.tracking import DURATION
+from agents.policies.registry import make_policy
+from agents.policies.tracking import DURATION
 from benchmarks.arguments import check_goals, split, whole
 from benchmarks.machine import machine_class, markdown_table
-from space_envs.command_line import ended
 from space_envs.dynamics.rotations import Array
 from space_envs.envs import CaptureVectorEnv
-from space_envs.evaluation.policy import PolicyContext
+from space_envs.policy import PolicyContext
+from space_envs.system.command_line import ended
 
 ENV = "SpaceCapture/SingleArm-v0"
 POLICIES = ("nmpc", "promp_optimal_kept")

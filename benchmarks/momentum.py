@@ -17,15 +17,15 @@ from tqdm import tqdm
 
 from benchmarks.arguments import seed, whole
 from benchmarks.machine import machine_class, markdown_table
-from space_envs.command_line import ended
 from space_envs.control import CONTROL_MODES
 from space_envs.dynamics.bodies import body_motion, momentum_drift
 from space_envs.dynamics.rotations import Array, angle_between
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import SpaceEnvsError
-from space_envs.models.parameters import VARIANTS
 from space_envs.registration import ENTRIES, Entry, make_task
+from space_envs.robots.parameters import VARIANTS
 from space_envs.simulation import Simulation
+from space_envs.system.command_line import ended
 
 
 class Robot(NamedTuple):

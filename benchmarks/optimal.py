@@ -11,21 +11,21 @@ import numpy as np
 from joblib import Parallel, delayed
 from tqdm import tqdm
 
-from agents.optimal.check import check
-from agents.optimal.demonstrations import model_limits
-from agents.optimal.functions import ArmFunctions
-from agents.optimal.library import shipped_library
-from agents.optimal.ocp import plan_ocp
-from agents.optimal.problem import Motion, Reach
-from agents.optimal.promp_optimal import Planner, one_step
-from agents.optimal.sqp import MISS, minimise
-from agents.optimal.weight_space import INTERVALS
-from agents.planning import Failure, Limits
+from agents.demonstrations.optimal import model_limits
+from agents.planners.common.plans import Failure, Limits
+from agents.planners.single_arm.check import check
+from agents.planners.single_arm.collocation.ocp import plan_ocp
+from agents.planners.single_arm.library import shipped_library
+from agents.planners.single_arm.problem import Motion, Reach
+from agents.planners.single_arm.weights.functions import ArmFunctions
+from agents.planners.single_arm.weights.promp_optimal import Planner, one_step
+from agents.planners.single_arm.weights.sqp import MISS, minimise
+from agents.planners.single_arm.weights.weight_space import INTERVALS
 from benchmarks.arguments import check_goals, split, whole
 from benchmarks.machine import machine_class, markdown_table
-from space_envs.command_line import ended
 from space_envs.dynamics.rotations import Array
-from space_envs.models.single_arm import single_arm_model
+from space_envs.robots.single_arm import single_arm_model
+from space_envs.system.command_line import ended
 from space_envs.tasks.single_arm import SingleArmTask
 
 NEAR = 16  # stored motions from which the reference is sought, of those that promise most among 48

@@ -12,14 +12,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from agents.commands.evaluate import main as evaluate
-from agents.registry import policies_for
+from agents.policies.registry import policies_for
 from benchmarks.arguments import env_id, split, whole
 from benchmarks.machine import machine_class, markdown_table
-from space_envs.command_line import ended
-from space_envs.evaluation.drawing import label_points
-from space_envs.evaluation.figures import BLUE, VERMILION
-from space_envs.evaluation.ticks import log_ticks
-from space_envs.files import atomic_write
+from space_envs.evaluation.report.drawing import label_points
+from space_envs.evaluation.report.figures import BLUE, VERMILION
+from space_envs.evaluation.report.ticks import log_ticks
+from space_envs.system.command_line import ended
+from space_envs.system.files import atomic_write
 
 ENV = "SpaceCapture/SingleArm-v0"
 NO_PLANNERS = ("random", "hold", "gjm", "bc", "ppo")

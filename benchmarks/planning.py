@@ -7,14 +7,20 @@ from collections import Counter
 
 import numpy as np
 
-from agents.planning import Failure
-from agents.reactionless.model import PathModel
-from agents.reactionless_policies import FreePaths, Local, OptimalControl, ReactionlessPlanner, ZetaZero
+from agents.planners.common.plans import Failure
+from agents.planners.dual_arm.model import PathModel
+from agents.policies.dual_arm.reactionless import (
+    FreePaths,
+    Local,
+    OptimalControl,
+    ReactionlessPlanner,
+    ZetaZero,
+)
 from benchmarks.arguments import check_goals, whole
 from benchmarks.machine import machine_class, markdown_table, verdict
-from space_envs.command_line import ended
 from space_envs.envs import CaptureVectorEnv
-from space_envs.evaluation.policy import PolicyContext
+from space_envs.policy import PolicyContext
+from space_envs.system.command_line import ended
 
 METHODS: dict[str, tuple[type[ReactionlessPlanner], dict[str, float]]] = {
     # Seconds that a plan may take, by task.

@@ -23,8 +23,8 @@ import gymnasium as gym
 import numpy as np
 from tqdm import tqdm
 
-from space_envs.command_line import ended
-from space_envs.files import atomic_write_text
+from space_envs.system.command_line import ended
+from space_envs.system.files import atomic_write_text
 
 IDS = tuple(
     f"SpaceCapture/{name}-v0"

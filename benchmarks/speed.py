@@ -21,10 +21,10 @@ from tqdm import tqdm
 
 from benchmarks.arguments import executable, whole
 from benchmarks.machine import machine_class, markdown_table, verdict
-from space_envs.command_line import ended
 from space_envs.control import CONTROL_MODES
 from space_envs.envs import CaptureEnv, CaptureVectorEnv
 from space_envs.registration import ENTRIES
+from space_envs.system.command_line import ended
 
 SIZES = (1, 16, 64, 256)
 SECONDS = 1.0  # of each measurement

@@ -7,20 +7,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.optimal.demonstrated import DemonstratedPlanner
-from agents.optimal.demonstrations import model_limits
-from agents.optimal.functions import ArmFunctions
-from agents.optimal.library import shipped_library
-from agents.optimal.problem import Reach
-from agents.optimal.stochastic_feedback import StochasticFeedback
-from agents.optimal.weight_space import INTERVALS
+from agents.demonstrations.optimal import model_limits
+from agents.planners.single_arm.library import shipped_library
+from agents.planners.single_arm.problem import Reach
+from agents.planners.single_arm.stochastic_feedback import StochasticFeedback
+from agents.planners.single_arm.weights.demonstrated import DemonstratedPlanner
+from agents.planners.single_arm.weights.functions import ArmFunctions
+from agents.planners.single_arm.weights.weight_space import INTERVALS
 from benchmarks.arguments import check_goals, seed, whole
 from benchmarks.machine import machine_class, markdown_table
 from promp import ProMP
-from space_envs.command_line import ended
 from space_envs.dynamics.rotations import Array, angle_between, from_matrix, multiply, rotate
-from space_envs.models.single_arm import ModelOptions, single_arm_model
+from space_envs.robots.single_arm import ModelOptions, single_arm_model
 from space_envs.simulation import Simulation
+from space_envs.system.command_line import ended
 from space_envs.tasks.single_arm import SingleArmTask
 
 DURATION, PERIOD, TIMESTEP = 10.0, 0.02, 0.01  # s

@@ -5,15 +5,15 @@ import sys
 
 import numpy as np
 
-from agents.planning import Failure
-from agents.reactionless.tracking import FINE, Tracking, track
-from agents.reactionless_policies import FreePaths, OptimalControl, ReactionlessPlanner
+from agents.planners.common.plans import Failure
+from agents.planners.dual_arm.tracking import FINE, Tracking, track
+from agents.policies.dual_arm.reactionless import FreePaths, OptimalControl, ReactionlessPlanner
 from benchmarks.arguments import check_goals, whole
 from benchmarks.machine import machine_class, markdown_table
-from space_envs.command_line import ended
 from space_envs.envs import CaptureVectorEnv
-from space_envs.evaluation.policy import PolicyContext
-from space_envs.models.dual_arm import DualArmOptions
+from space_envs.policy import PolicyContext
+from space_envs.robots.dual_arm import DualArmOptions
+from space_envs.system.command_line import ended
 
 SETTINGS = (
     Tracking(control_period=0.1),

@@ -6,15 +6,15 @@ from dataclasses import fields
 from functools import cached_property
 from typing import Any, ClassVar, get_origin
 
-from agents.planning import Cause
-from agents.reactionless.tracking import FINE, Tracking
-from agents.registry import POLICIES, policies_for
+from agents.planners.common.plans import Cause
+from agents.planners.dual_arm.tracking import FINE, Tracking
+from agents.policies.registry import POLICIES, policies_for
 from docs.reading import attributes, comments, number, summary, table
 from docs.robots import links, planar_links, spatial_links
 from space_envs import control
-from space_envs.evaluation.columns import COLUMNS, NOTE, RULES
-from space_envs.evaluation.comparison import FRONT
-from space_envs.evaluation.schema import record_schema
+from space_envs.evaluation.records.schema import record_schema
+from space_envs.evaluation.statistics.columns import COLUMNS, NOTE, RULES
+from space_envs.evaluation.statistics.comparison import FRONT
 from space_envs.registration import ENTRIES
 from space_envs.tasks.base import CaptureTask, DriveLimits
 from space_envs.tasks.common import ObservationLayout, RewardWeights

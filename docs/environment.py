@@ -22,11 +22,12 @@ from docs.reading import (
 from docs.robots import parameters
 from space_envs.control import CONTROL_MODES, MODES, STOP_MARGIN
 from space_envs.dynamics.rotations import Array
-from space_envs.envs import OUTCOMES, CaptureVectorEnv
-from space_envs.models.parameters import LEAST_TIMESTEP
-from space_envs.models.single_arm import ModelOptions
+from space_envs.envs import CaptureVectorEnv
+from space_envs.envs.capture import OUTCOMES
+from space_envs.envs.reset_options import COMMON_OPTIONS
 from space_envs.registration import ENTRIES, ENVELOPE_KEYWORDS
-from space_envs.reset_options import COMMON_OPTIONS
+from space_envs.robots.parameters import LEAST_TIMESTEP
+from space_envs.robots.single_arm import ModelOptions
 from space_envs.tasks.base import CaptureTask
 from space_envs.tasks.common import REWARDS, SPLITS, CaptureEnvelope
 from space_envs.tasks.dual_arm import DualArmTask

@@ -19,12 +19,12 @@ from pathlib import Path
 from docs.blocks import BLOCKS
 from docs.environment import environment_page
 from docs.leaderboard import with_leaderboards
-from space_envs.command_line import ended
-from space_envs.evaluation.folders import read_folder
-from space_envs.evaluation.records import SCHEMA_VERSION
-from space_envs.evaluation.schema import schema_text
-from space_envs.files import atomic_write_text
+from space_envs.evaluation.records.folders import read_folder
+from space_envs.evaluation.records.record import SCHEMA_VERSION
+from space_envs.evaluation.records.schema import schema_text
 from space_envs.registration import ENTRIES
+from space_envs.system.command_line import ended
+from space_envs.system.files import atomic_write_text
 
 DOCS = Path(__file__).resolve().parent
 README = DOCS.parent / "README.md"

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from space_envs.errors import ConfigurationError, unknown_name
-from space_envs.evaluation.leaderboard import Row, build_rows
-from space_envs.evaluation.records import EpisodeRecord
-from space_envs.evaluation.report import BOOTSTRAP_SEED
-from space_envs.evaluation.tables import by_task, counts_told, markdown_table, modes_told
+from space_envs.evaluation.records.record import EpisodeRecord
+from space_envs.evaluation.report.report import BOOTSTRAP_SEED
+from space_envs.evaluation.report.tables import by_task, counts_told, markdown_table, modes_told
+from space_envs.evaluation.statistics.leaderboard import Row, build_rows
 
 MARKER = re.compile(r"(<!-- leaderboard: (\S+) -->\n).*?(<!-- /leaderboard -->)", re.DOTALL)
 

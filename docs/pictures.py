@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from agents.resolve import resolve_policy
+from agents.policies.resolve import resolve_policy
 from space_envs.envs import CaptureEnv
 from space_envs.errors import SpaceEnvsError
-from space_envs.evaluation.policy import PolicyContext
-from space_envs.files import atomic_write
+from space_envs.policy import PolicyContext
+from space_envs.system.files import atomic_write
 
 IMAGES = Path(__file__).resolve().parent / "images"
 WIDTH, HEIGHT = 1280, 640

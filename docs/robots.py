@@ -7,9 +7,9 @@ from math import pi
 from typing import Any
 
 from docs.reading import comments, number, table
-from space_envs.models.dual_arm import DualArmOptions, dual_arm_model
-from space_envs.models.parameters import DUAL_ARM_PLANAR, DUAL_ARM_SPATIAL, SINGLE_ARM, DHLink
-from space_envs.models.single_arm import ModelOptions, single_arm_model
+from space_envs.robots.dual_arm import DualArmOptions, dual_arm_model
+from space_envs.robots.parameters import DUAL_ARM_PLANAR, DUAL_ARM_SPATIAL, SINGLE_ARM, DHLink
+from space_envs.robots.single_arm import ModelOptions, single_arm_model
 
 
 def links() -> str:

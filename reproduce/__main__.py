@@ -12,9 +12,9 @@ from rich.console import Console
 
 from reproduce.page import write_docs, write_page
 from reproduce.study import STUDIES, Options
-from space_envs.command_line import Parser, ended, output_path
 from space_envs.errors import ConfigurationError, unknown_name
-from space_envs.output import held
+from space_envs.system.command_line import Parser, ended, output_path
+from space_envs.system.output import held
 
 
 def parser() -> argparse.ArgumentParser:

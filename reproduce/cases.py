@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.parallel import here
+from space_envs.system.parallel import here
 
 Record = dict[str, Any]
 

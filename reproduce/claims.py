@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from space_envs.evaluation.statistics import CONFIDENCE, wilson_interval
+from space_envs.evaluation.statistics.intervals import CONFIDENCE, wilson_interval
 
 Record = Mapping[str, Any]
 

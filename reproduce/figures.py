@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from matplotlib.axes import Axes
 
-from space_envs.evaluation.drawing import LONE, WIDTH, Panel, draw_panel
+from space_envs.evaluation.report.drawing import LONE, WIDTH, Panel, draw_panel
 
 GAP = 12.0  # points, around each panel of a file
 Draw = Callable[[Axes], None]

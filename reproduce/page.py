@@ -18,9 +18,9 @@ from markupsafe import Markup
 from reproduce.animation import Movie
 from reproduce.claims import SHARE_NOTE, Claim, Record
 from reproduce.figures import Figure, standalone
-from space_envs.evaluation.names import csv_name, display_name, markdown_name
-from space_envs.evaluation.templating import make_environment, read_template, script_hash
-from space_envs.files import atomic_write, atomic_write_text
+from space_envs.evaluation.records.names import csv_name, display_name, markdown_name
+from space_envs.evaluation.report.templating import make_environment, read_template, script_hash
+from space_envs.system.files import atomic_write, atomic_write_text
 
 _LONGEST = 10_000  # letters of a paragraph or cell
 

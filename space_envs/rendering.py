@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from space_envs.checks import finite_array
 from space_envs.errors import ConfigurationError, RenderingError, positive_integer, unknown_name
-from space_envs.forking import never_end, tell_child
-from space_envs.opengl import check_window, chosen_backend, create_context, find_backend, missing_gl
+from space_envs.system.forking import never_end, tell_child
+from space_envs.system.opengl import check_window, chosen_backend, create_context, find_backend, missing_gl
 
 __all__ = ["Renderer", "missing_gl"]
 

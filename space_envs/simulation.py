@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array
 from space_envs.dynamics.tree import base_kind
-from space_envs.forking import Pool, tell_child
+from space_envs.system.forking import Pool, tell_child
 
 Rows = NDArray[np.int64]
 

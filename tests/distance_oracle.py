@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 
 from space_envs.dynamics.rotations import Array
-from space_envs.models.dual_arm import DualArmOptions, dual_arm_spec
-from space_envs.models.parameters import DUAL_ARM_PLANAR, DUAL_ARM_SPATIAL, SINGLE_ARM
-from space_envs.models.single_arm import ModelOptions, single_arm_spec
+from space_envs.robots.dual_arm import DualArmOptions, dual_arm_spec
+from space_envs.robots.parameters import DUAL_ARM_PLANAR, DUAL_ARM_SPATIAL, SINGLE_ARM
+from space_envs.robots.single_arm import ModelOptions, single_arm_spec
 
 
 class Oracle:

@@ -8,7 +8,7 @@ import numpy as np
 
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
-from space_envs.models.single_arm import ModelOptions, single_arm_model
+from space_envs.robots.single_arm import ModelOptions, single_arm_model
 
 ROBOTS = ("single arm", "random tree")
 TIMESTEP = 0.005  # s

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from agents.registry import make_policy
+from agents.policies.registry import make_policy
 from space_envs.dynamics import NoCompiledCodeWarning
 from space_envs.envs import CaptureVectorEnv
-from space_envs.evaluation.policy import PolicyContext
+from space_envs.policy import PolicyContext
 
 
 def first_actions(planners: list[tuple[str, str]]) -> dict[str, dict[str, Any]]:

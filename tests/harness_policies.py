@@ -5,9 +5,9 @@ import time
 
 import numpy as np
 
-from agents.gjm import GeneralizedJacobian
+from agents.policies.gjm import GeneralizedJacobian
 from space_envs.errors import PlanningError
-from space_envs.evaluation.policy import PolicyContext
+from space_envs.policy import PolicyContext
 
 AT = 3  # step at which they misbehave
 

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from synthetic_results import make_record
 
-from space_envs.evaluation.leaderboard import Row, build_rows
-from space_envs.evaluation.records import EpisodeRecord
+from space_envs.evaluation.records.record import EpisodeRecord
+from space_envs.evaluation.statistics.leaderboard import Row, build_rows
 
 
 def played(

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from synthetic_results import make_record
 
-from space_envs.evaluation.metrics import configuration_hash
-from space_envs.evaluation.records import SCHEMA_VERSION, EpisodeRecord, write_records
-from space_envs.evaluation.report import entrant_stem
-from space_envs.evaluation.states import ABOUT, States
+from space_envs.evaluation.records.metrics import configuration_hash
+from space_envs.evaluation.records.record import SCHEMA_VERSION, EpisodeRecord, write_records
+from space_envs.evaluation.replay.states import ABOUT, States
+from space_envs.evaluation.report.report import entrant_stem
 from space_envs.registration import make_task
 
 

@@ -4,8 +4,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from agents.resolve import resolve_policy
-from space_envs.evaluation.records import (
+from agents.policies.resolve import resolve_policy
+from space_envs.evaluation.play.chunks import Unit, play
+from space_envs.evaluation.play.rollout import Rollout
+from space_envs.evaluation.records.record import (
     SCHEMA_VERSION,
     Entrant,
     EpisodeRecord,
@@ -13,10 +15,8 @@ from space_envs.evaluation.records import (
     Task,
     Timing,
 )
-from space_envs.evaluation.rollout import Rollout
-from space_envs.evaluation.stills import Still
-from space_envs.evaluation.traces import Traces
-from space_envs.evaluation.units import Unit, play
+from space_envs.evaluation.replay.traces import Traces
+from space_envs.evaluation.report.stills import Still
 from space_envs.registration import make_task
 from space_envs.tasks.base import CaptureTask
 

@@ -28,7 +28,7 @@ PROMP_NEEDS = {"numpy"}
 
 LONGEST = 400
 LONGER = {
-    "space_envs/envs.py": "the vector environment is one class whose parts share the episodes' bookkeeping",
+    "space_envs/envs/capture.py": "one class, whose parts share the bookkeeping of episodes",
     "tests/test_dynamics.py": "one check after another of the same functions, on the same robots",
     "tests/test_envs.py": "one suite through which every id and control mode goes",
     "tests/test_experts.py": "one suite through which every planner goes",
@@ -39,7 +39,7 @@ LONGER = {
 # Tests that ask where a cache would be for users who do not exist.
 MADE_UP_PATHS = {"tests/test_compiled.py", "tests/test_architecture.py"}
 # Messages of the harness to a process that it started itself, and back; as multiprocessing does it.
-BETWEEN_OWN_PROCESSES = {"space_envs/evaluation/policy_process.py"}
+BETWEEN_OWN_PROCESSES = {"space_envs/evaluation/play/policy_process.py"}
 # Running code from text is what these tests are about.
 MAY_EXECUTE = {"tests/test_docs.py"}
 MACHINE_PATH = re.compile(r"(?<![\w.])/(?:home|root|Users|work|mnt|tmp|data|opt)/\w|(?<!\w)[A-Z]:\\")

@@ -6,7 +6,8 @@ from boundary import Strange, check, gym_make, pair, soon
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from space_envs.envs import MOST_ENVS, CaptureVectorEnv
+from space_envs.envs import CaptureVectorEnv
+from space_envs.envs.capture import MOST_ENVS
 from space_envs.errors import ActionError, SpaceEnvsError
 from space_envs.registration import ENTRIES, ENVELOPE_KEYWORDS
 

@@ -12,11 +12,11 @@ from page_layout import CHROMIUM, until
 from playwright.sync_api import Browser, Dialog, Locator, Page, Playwright
 from synthetic_results import HOSTILE, make_played, make_record, make_result
 
-from space_envs.evaluation.leaderboard import build_rows
-from space_envs.evaluation.page import make_plots, to_html
-from space_envs.evaluation.page_scores import all_scores
-from space_envs.evaluation.records import EpisodeRecord, EvaluationResult
-from space_envs.evaluation.replays import Replay, make_replays
+from space_envs.evaluation.records.record import EpisodeRecord, EvaluationResult
+from space_envs.evaluation.replay.replay import Replay, make_replays
+from space_envs.evaluation.report.page import make_plots, to_html
+from space_envs.evaluation.report.page_scores import all_scores
+from space_envs.evaluation.statistics.leaderboard import build_rows
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium: apt-get install chromium")
 PHONE = {

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from distance_oracle import Oracle
 
-from agents.registry import POLICIES, make_policy, policies_for
-from space_envs.evaluation.rollout import Rollout, roll_out
+from agents.policies.registry import POLICIES, make_policy, policies_for
+from space_envs.evaluation.play.rollout import Rollout, roll_out
 from space_envs.registration import ENTRIES
 
 INSIDE = 1e-6  # m

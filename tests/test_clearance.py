@@ -6,15 +6,15 @@ import mujoco
 import numpy as np
 import pytest
 
-from agents.reactionless.clearance import Links, Surroundings, gaps, turning_target
-from agents.reactionless.free_clearance import POSE, Nearness, parameters
+from agents.planners.dual_arm.clearance import Links, Surroundings, gaps, turning_target
+from agents.planners.dual_arm.free.clearance import POSE, Nearness, parameters
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.capsules import box_distance, point_segment, segment_distance
 from space_envs.dynamics.reactionless import com
 from space_envs.dynamics.rigid_body import tumble
 from space_envs.dynamics.rotations import Array, exponential
 from space_envs.errors import ConfigurationError
-from space_envs.models.dual_arm import END_EFFECTORS, KINDS, DualArmOptions, dual_arm_model, dual_arm_spec
+from space_envs.robots.dual_arm import END_EFFECTORS, KINDS, DualArmOptions, dual_arm_model, dual_arm_spec
 
 RADIUS = 0.05
 CENTRE = {"planar": np.array([2.0, 1.0, 0.0]), "spatial": np.array([0.0, 1.25, 0.0])}

@@ -17,10 +17,10 @@ from space_envs.dynamics.bodies import body_motion, momentum_drift
 from space_envs.dynamics.spheres import link_ends, sphere_gaps
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError, GoalError
-from space_envs.evaluation.policy import PolicyContext
-from space_envs.evaluation.records import read_records
-from space_envs.models.parameters import SINGLE_ARM, VARIANTS
-from space_envs.models.single_arm import ModelOptions, single_arm_model
+from space_envs.evaluation.records.record import read_records
+from space_envs.policy import PolicyContext
+from space_envs.robots.parameters import SINGLE_ARM, VARIANTS
+from space_envs.robots.single_arm import ModelOptions, single_arm_model
 from space_envs.tasks import clutter
 from space_envs.tasks.single_arm_cluttered import SingleArmClutteredTask
 
@@ -322,7 +322,7 @@ def test_drawn_spheres_have_the_size_and_place_of_the_goal():
 
 def test_collisions_are_counted_in_the_records(tmp_path, capsys):
     from agents.commands.evaluate import main
-    from agents.registry import policies_for
+    from agents.policies.registry import policies_for
 
     names = policies_for(ENV_ID)
     assert {"minimum_jerk", "gjm", "mpc", "promp"} <= set(names) and not {"bc", "ppo"} & set(names)

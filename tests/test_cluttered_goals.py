@@ -6,7 +6,7 @@ from cluttered_scenes import make, scene
 
 from space_envs.dynamics import minimum_jerk, roll_out_base
 from space_envs.dynamics.spheres import link_ends, sphere_gaps
-from space_envs.models.parameters import SINGLE_ARM, VARIANTS
+from space_envs.robots.parameters import SINGLE_ARM, VARIANTS
 from space_envs.tasks import clutter
 from space_envs.tasks.common import DIFFICULTIES, SPLITS
 from space_envs.tasks.single_arm_cluttered import SingleArmClutteredTask, frozen_draws

@@ -16,8 +16,8 @@ from space_envs.dynamics.capsules import box_distance
 from space_envs.dynamics.rotations import Array, rotate
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError, GoalError
-from space_envs.models.parameters import DUAL_ARM_SPATIAL, SINGLE_ARM
 from space_envs.registration import ENTRIES
+from space_envs.robots.parameters import DUAL_ARM_SPATIAL, SINGLE_ARM
 from space_envs.tasks.base import BLOCK
 from space_envs.tasks.common import DIFFICULTIES, SPLITS
 from space_envs.tasks.single_arm import goal_configurations

@@ -13,11 +13,11 @@ from synthetic_results import CHARACTERS, make_traces
 from agents.commands import compare
 from agents.commands.show import main as show
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.folders import read_folder
-from space_envs.evaluation.merging import Source, merge
-from space_envs.evaluation.records import EpisodeRecord, EvaluationResult, read_records, write_records
-from space_envs.evaluation.report import entrant_stem, write_report
-from space_envs.evaluation.states import States
+from space_envs.evaluation.records.folders import read_folder
+from space_envs.evaluation.records.merging import Source, merge
+from space_envs.evaluation.records.record import EpisodeRecord, EvaluationResult, read_records, write_records
+from space_envs.evaluation.replay.states import States
+from space_envs.evaluation.report.report import entrant_stem, write_report
 
 FAILED = {"captured": False, "outcome": "timeout", "time_to_capture": None}
 

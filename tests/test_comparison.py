@@ -12,7 +12,8 @@ from scipy.stats import mannwhitneyu
 from synthetic_results import entrant, make_record, make_result
 
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.comparison import (
+from space_envs.evaluation.records.record import EpisodeRecord
+from space_envs.evaluation.statistics.comparison import (
     COSTS,
     dominance,
     improvements,
@@ -22,9 +23,8 @@ from space_envs.evaluation.comparison import (
     profiles,
     unpaired_improvement,
 )
-from space_envs.evaluation.normalised import normalised_scores
-from space_envs.evaluation.records import EpisodeRecord
-from space_envs.evaluation.statistics import Estimates
+from space_envs.evaluation.statistics.intervals import Estimates
+from space_envs.evaluation.statistics.normalised import normalised_scores
 
 INF = math.inf
 

@@ -9,11 +9,11 @@ import pytest
 from played_episodes import played, rows_of
 from synthetic_results import HOSTILE, Character, make_result
 
-from space_envs.evaluation import figures
-from space_envs.evaluation.comparison import COSTS, FRONT
-from space_envs.evaluation.comparison_figures import comparison_plots
-from space_envs.evaluation.drawing import Panel
-from space_envs.evaluation.records import EpisodeRecord
+from space_envs.evaluation.records.record import EpisodeRecord
+from space_envs.evaluation.report import figures
+from space_envs.evaluation.report.comparison_figures import comparison_plots
+from space_envs.evaluation.report.drawing import Panel
+from space_envs.evaluation.statistics.comparison import COSTS, FRONT
 
 
 def plots_of(records: Sequence[EpisodeRecord], seed: int = 0) -> dict[str, figures.Plot]:

@@ -16,15 +16,9 @@ import numpy as np
 import pytest
 from dynamics_models import ROBOTS, robot_and_model
 
-from space_envs.dynamics import (
-    FloatingRobot,
-    NoCompiledCodeWarning,
-    base_twist,
-    c_library,
-    compiled,
-    trajectory_cost,
-)
-from space_envs.dynamics.c_library import LibraryError, cache_folder, load_library
+from space_envs.codegen import c_library
+from space_envs.codegen.c_library import LibraryError, cache_folder, load_library
+from space_envs.dynamics import FloatingRobot, NoCompiledCodeWarning, base_twist, compiled, trajectory_cost
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError
 
@@ -298,7 +292,7 @@ def test_what_others_can_write_is_not_loaded(
 
 
 @needs_owners
-@pytest.mark.filterwarnings("ignore::space_envs.dynamics.c_library.UnsafeCacheWarning")
+@pytest.mark.filterwarnings("ignore::space_envs.codegen.c_library.UnsafeCacheWarning")
 def test_without_a_private_folder_numpy_takes_over(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     for folder in (tmp_path / "cache", tmp_path / f"space_envs-{os.geteuid()}"):
@@ -334,7 +328,7 @@ def test_processes_at_once(counting_compiler: Callable[[], int]) -> None:
     command = [
         sys.executable,
         "-c",
-        "from space_envs.dynamics.c_library import load_library; load_library('one')",
+        "from space_envs.codegen.c_library import load_library; load_library('one')",
     ]
     running = [
         subprocess.Popen(command, stderr=subprocess.PIPE, cwd=Path(__file__).parents[1]) for _ in range(3)

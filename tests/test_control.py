@@ -9,15 +9,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from space_envs.braking import braking_load
 from space_envs.control import BRAKING, BRAKING_SHARE, CONTROL_MODES, STOP_MARGIN
 from space_envs.dynamics import minimum_jerk, roll_out_base
 from space_envs.dynamics.bodies import body_motion, momentum_drift
 from space_envs.dynamics.rotations import angle_between
 from space_envs.envs import CaptureVectorEnv
+from space_envs.envs.braking import braking_load
 from space_envs.errors import ConfigurationError
-from space_envs.models.parameters import VARIANTS
 from space_envs.registration import ENTRIES, make_task
+from space_envs.robots.parameters import VARIANTS
 from space_envs.tasks.base import CaptureTask
 from space_envs.tasks.common import DIFFICULTIES, SPLITS
 from space_envs.tasks.single_arm import SingleArmTask

@@ -10,11 +10,12 @@ from dataset_folders import CHEAP, CLUTTERED, contents, folder, run
 from agents.commands import dataset_making
 from agents.commands.choice import choose_policies, experts_for
 from agents.commands.dataset import main
-from agents.registry import policies_for
+from agents.policies.registry import policies_for
 from space_envs.envs import CaptureEnv
-from space_envs.evaluation import datasets_minari, datasets_recording
-from space_envs.evaluation.datasets import Dataset
-from space_envs.evaluation.datasets_card import read_card
+from space_envs.evaluation.datasets import minari as datasets_minari
+from space_envs.evaluation.datasets import recording as datasets_recording
+from space_envs.evaluation.datasets.card import read_card
+from space_envs.evaluation.datasets.storage import Dataset
 from space_envs.registration import ENTRIES
 
 

@@ -9,15 +9,16 @@ import numpy as np
 import pytest
 from dataset_folders import CHEAP, SINGLE, contents, folder, run
 
-from agents.resolve import resolve_policy
+from agents.policies.resolve import resolve_policy
 from space_envs.envs import CaptureEnv
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation import datasets_card, datasets_minari
-from space_envs.evaluation.datasets import Dataset, first_difference
-from space_envs.evaluation.datasets_card import plain, read_card, write_card
-from space_envs.evaluation.datasets_recording import check, record
-from space_envs.evaluation.records import Task
-from space_envs.evaluation.units import Unit
+from space_envs.evaluation.datasets import card as datasets_card
+from space_envs.evaluation.datasets import minari as datasets_minari
+from space_envs.evaluation.datasets.card import plain, read_card, write_card
+from space_envs.evaluation.datasets.recording import check, record
+from space_envs.evaluation.datasets.storage import Dataset, first_difference
+from space_envs.evaluation.play.chunks import Unit
+from space_envs.evaluation.records.record import Task
 
 
 @pytest.fixture(scope="module")

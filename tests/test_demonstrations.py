@@ -9,16 +9,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents import demonstrations as store
-from agents.demonstrator import Demonstrations, demonstrate
-from agents.elastic_bands import Obstacles, end_effector_path, joint_detour, relax, straight_path, task_detour
-from agents.promp_policy import shipped_prior
-from agents.variations import BANDS, KINDS, DemonstratorConfig
+from agents.demonstrations import making as store
+from agents.demonstrations.demonstrator import Demonstrations, demonstrate
+from agents.demonstrations.elastic_bands import (
+    Obstacles,
+    end_effector_path,
+    joint_detour,
+    relax,
+    straight_path,
+    task_detour,
+)
+from agents.demonstrations.variations import BANDS, KINDS, DemonstratorConfig
+from agents.policies.single_arm.promp import shipped_prior
 from promp import ProMP
 from space_envs.dynamics import roll_out_base, trajectory_cost
 from space_envs.dynamics.rotations import angle_between, from_matrix, multiply, rotate
 from space_envs.errors import ConfigurationError, PlanningError
-from space_envs.models.parameters import SINGLE_ARM
+from space_envs.robots.parameters import SINGLE_ARM
 from space_envs.tasks.single_arm import SingleArmTask
 
 CONFIG = DemonstratorConfig()
@@ -175,7 +182,9 @@ def test_jobs_and_interruptions_change_nothing(tmp_path: Path) -> None:
     loaded, origin = store.load(tmp_path / "serial" / "demonstrations.npz")
     assert equal(loaded, more)
     assert origin["seed"] == 5 and origin["config"]["difficulty"] == "medium"
-    assert origin["command"] == "python -m agents.demonstrations --count 9 --seed 5 --difficulty medium"
+    assert (
+        origin["command"] == "python -m agents.demonstrations.making --count 9 --seed 5 --difficulty medium"
+    )
 
 
 def test_files_that_were_changed_are_refused(tmp_path: Path) -> None:

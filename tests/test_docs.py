@@ -27,8 +27,8 @@ from docs.leaderboard import with_leaderboards
 from docs.reading import attributes, comments, described, field_comments, number, section, split_unit
 from space_envs.envs import CaptureEnv
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.columns import COLUMNS, RULES
-from space_envs.evaluation.records import read_records
+from space_envs.evaluation.records.record import read_records
+from space_envs.evaluation.statistics.columns import COLUMNS, RULES
 from space_envs.registration import ENTRIES
 from space_envs.rendering import missing_gl
 from space_envs.tasks.base import CaptureTask

@@ -11,8 +11,8 @@ from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.bodies import body_motion, momentum_drift
 from space_envs.dynamics.rotations import Array
 from space_envs.dynamics.symbolic import SymbolicRobot
-from space_envs.models.dual_arm import END_EFFECTORS, KINDS, DualArmOptions, dual_arm_model
-from space_envs.models.single_arm import ModelOptions, single_arm_model
+from space_envs.robots.dual_arm import END_EFFECTORS, KINDS, DualArmOptions, dual_arm_model
+from space_envs.robots.single_arm import ModelOptions, single_arm_model
 
 ROTORS = ("spatial", "physical")  # the robots whose joints have rotor inertia
 EPSILON = 1e-6  # of central differences

@@ -9,10 +9,10 @@ import pytest
 from drawn_models import assert_only_drawn, geoms
 
 from space_envs.errors import ConfigurationError, RenderingError
-from space_envs.models.dual_appearance import scale_target
-from space_envs.models.dual_arm import END_EFFECTORS, GRAPPLES, KINDS, DualArmOptions, dual_arm_model
-from space_envs.models.parameters import DUAL_ARM_PLANAR, DUAL_ARM_SPATIAL
 from space_envs.rendering import Renderer, missing_gl
+from space_envs.robots.dual_arm import END_EFFECTORS, GRAPPLES, KINDS, DualArmOptions, dual_arm_model
+from space_envs.robots.parameters import DUAL_ARM_PLANAR, DUAL_ARM_SPATIAL
+from space_envs.scenery.dual_arm import scale_target
 
 # shah2013, Table I: satellite and each link of either arm.
 SATELLITE_MASS, SATELLITE_IZZ = 500.0, 83.61  # kg, kg m^2

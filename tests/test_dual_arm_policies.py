@@ -11,18 +11,18 @@ import pytest
 from dual_arm_goals import IDS, task_of
 
 from agents.commands.evaluate import main
-from agents.dual_arm import Reader
-from agents.planning import Cause
-from agents.reactionless_rate import ReactionlessRate, track_rates
-from agents.registry import POLICIES, check_task, control_modes, make_policy, policies_for
-from agents.resolve import resolve_policy
+from agents.planners.common.plans import Cause
+from agents.policies.dual_arm.observed import Reader
+from agents.policies.dual_arm.reactionless_rate import ReactionlessRate, track_rates
+from agents.policies.registry import POLICIES, check_task, control_modes, make_policy, policies_for
+from agents.policies.resolve import resolve_policy
 from space_envs.dynamics.rotations import Array
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError, PolicyError
-from space_envs.evaluation.metrics import episode_metrics
-from space_envs.evaluation.policy import PolicyContext
-from space_envs.evaluation.records import read_records
-from space_envs.evaluation.rollout import Rollout, roll_out
+from space_envs.evaluation.play.rollout import Rollout, roll_out
+from space_envs.evaluation.records.metrics import episode_metrics
+from space_envs.evaluation.records.record import read_records
+from space_envs.policy import PolicyContext
 from space_envs.tasks.dual_arm import DualArmTask
 
 SINGLE = "SpaceCapture/SingleArm-v0"

@@ -13,19 +13,24 @@ import numpy as np
 import pytest
 from dynamics_models import robot_and_model
 
-from agents.elastic_bands import Obstacles, joint_detour, relax, straight_path, task_detour
-from agents.inverse_kinematics import JointMotion, floating_inverse_kinematics, inverse_kinematics, pose_error
-from agents.linear_quadratic import closed_loop, receding_gains, riccati_step, terminal_weight
-from agents.optimal.functions import ArmFunctions
-from agents.optimal.inequalities import Spheres
-from agents.optimal.promp_optimal import one_step
-from agents.optimal.task_space import PoseTarget
-from agents.optimal.weight_space import WeightSpace
-from agents.planning import JointPath
-from agents.reactionless.checks import null_velocities
-from agents.reactionless.free_check import held_dynamics
-from agents.reactionless.paths import PolynomialPath
-from agents.registry import POLICIES, make_policy, policies_for
+from agents.demonstrations.elastic_bands import Obstacles, joint_detour, relax, straight_path, task_detour
+from agents.planners.common.inverse_kinematics import (
+    JointMotion,
+    floating_inverse_kinematics,
+    inverse_kinematics,
+    pose_error,
+)
+from agents.planners.common.linear_quadratic import closed_loop, receding_gains, riccati_step, terminal_weight
+from agents.planners.common.plans import JointPath
+from agents.planners.dual_arm.checks import null_velocities
+from agents.planners.dual_arm.free.check import held_dynamics
+from agents.planners.dual_arm.paths import PolynomialPath
+from agents.planners.single_arm.weights.functions import ArmFunctions
+from agents.planners.single_arm.weights.inequalities import Spheres
+from agents.planners.single_arm.weights.promp_optimal import one_step
+from agents.planners.single_arm.weights.task_space import PoseTarget
+from agents.planners.single_arm.weights.weight_space import WeightSpace
+from agents.policies.registry import POLICIES, make_policy, policies_for
 from promp import GaussianBasis, ProMP
 from promp.nonlinear import NonlinearTarget, condition_nonlinear
 from space_envs.dynamics import (
@@ -44,7 +49,7 @@ from space_envs.dynamics.bodies import body_motion, momentum_drift
 from space_envs.dynamics.capsules import box_distance, point_segment, segment_distance
 from space_envs.dynamics.rotations import Array
 from space_envs.envs import CaptureVectorEnv
-from space_envs.evaluation.policy import PolicyContext
+from space_envs.policy import PolicyContext
 from space_envs.registration import ENTRIES, make_task
 
 LIMITS = np.tile([-3.0, 3.0], (7, 1))

@@ -7,8 +7,8 @@ import pytest
 
 from agents.commands import estimate
 from agents.commands.evaluate import main
-from space_envs.evaluation import rates
-from space_envs.evaluation.records import read_records
+from space_envs.evaluation.play import rates
+from space_envs.evaluation.records.record import read_records
 
 
 def test_a_dry_run_measures_what_it_does_not_know_and_writes_nothing(

@@ -11,15 +11,15 @@ import pytest
 from rollouts import rollout_of
 
 from agents.commands.evaluate import main
-from agents.planning import Cause, Failure
-from agents.registry import POLICIES, Entry
-from agents.resolve import resolve_policy
-from space_envs.evaluation import runner
-from space_envs.evaluation.causes import PlanState
-from space_envs.evaluation.metrics import episode_metrics
-from space_envs.evaluation.records import NO_PLAN_CAUSES, Task, read_records, records_without_timing
-from space_envs.evaluation.rollout import split_indices, time_policy
-from space_envs.evaluation.runner import Evaluation, prepare
+from agents.planners.common.plans import Cause, Failure
+from agents.policies.registry import POLICIES, Entry
+from agents.policies.resolve import resolve_policy
+from space_envs.evaluation.play import runner
+from space_envs.evaluation.play.rollout import split_indices, time_policy
+from space_envs.evaluation.play.runner import Evaluation, prepare
+from space_envs.evaluation.records.causes import PlanState
+from space_envs.evaluation.records.metrics import episode_metrics
+from space_envs.evaluation.records.record import NO_PLAN_CAUSES, Task, read_records, records_without_timing
 from space_envs.registration import make_task
 
 SINGLE = "SpaceCapture/SingleArm-v0"
@@ -240,7 +240,7 @@ def test_an_exception_of_a_built_in_policy_is_no_score(policy, built_in, said, t
 
 @pytest.mark.parametrize(("first", "planning"), [(2.5, 2250.0), (0.25, None), (2.4, None)])
 def test_timing_tells_planning_from_acting(monkeypatch, first, planning):
-    monkeypatch.setattr("space_envs.evaluation.rollout.perf_counter", lambda: Ticking.clock)
+    monkeypatch.setattr("space_envs.evaluation.play.rollout.perf_counter", lambda: Ticking.clock)
     monkeypatch.setattr(Ticking, "first", first)
     timing = time_policy(lambda context: Ticking(context, 0), {"env_id": SINGLE}, "test", np.arange(2))
     assert timing.action == pytest.approx(250.0)

@@ -11,17 +11,27 @@ from hypothesis import strategies as st
 from scipy.linalg import solve_discrete_are
 
 import space_envs  # noqa: F401  (registers the ids)
-from agents.inverse_kinematics import JointMotion, Rows, floating_inverse_kinematics, inverse_kinematics
-from agents.linear_quadratic import closed_loop, double_integrator, receding_gains, riccati_step
-from agents.minimum_jerk import MinimumJerk, minimum_jerk_profile
-from agents.mpc import ModelPredictive
-from agents.promp_policy import ConditionedPrior, ProMPPolicy, shipped_prior
-from agents.registry import POLICIES, control_mode, make_policy
+from agents.planners.common.inverse_kinematics import (
+    JointMotion,
+    Rows,
+    floating_inverse_kinematics,
+    inverse_kinematics,
+)
+from agents.planners.common.linear_quadratic import (
+    closed_loop,
+    double_integrator,
+    receding_gains,
+    riccati_step,
+)
+from agents.policies.registry import POLICIES, control_mode, make_policy
+from agents.policies.single_arm.minimum_jerk import MinimumJerk, minimum_jerk_profile
+from agents.policies.single_arm.mpc import ModelPredictive
+from agents.policies.single_arm.promp import ConditionedPrior, ProMPPolicy, shipped_prior
 from promp import ViaPoint
 from space_envs.dynamics import minimum_jerk, roll_out_base, trajectory_cost
 from space_envs.dynamics.rotations import Array, angle_between, from_matrix, multiply, rotate
 from space_envs.errors import ConfigurationError, PolicyError
-from space_envs.evaluation.policy import PolicyContext, load_policy_class
+from space_envs.policy import PolicyContext, load_policy_class
 from space_envs.tasks.common import ObservationLayout
 from space_envs.tasks.single_arm import SingleArmTask
 

@@ -11,10 +11,10 @@ import pinocchio as pin
 import pytest
 
 from space_envs.errors import ConfigurationError
-from space_envs.models.dual_arm import END_EFFECTORS, KINDS, DualArmOptions, dual_arm_model
-from space_envs.models.export import _roll_pitch_yaw, export, main
-from space_envs.models.parameters import VARIANTS
-from space_envs.models.single_arm import ModelOptions, single_arm_model
+from space_envs.robots.dual_arm import END_EFFECTORS, KINDS, DualArmOptions, dual_arm_model
+from space_envs.robots.export import _roll_pitch_yaw, export, main
+from space_envs.robots.parameters import VARIANTS
+from space_envs.robots.single_arm import ModelOptions, single_arm_model
 
 
 def mass_matrix(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
@@ -181,7 +181,7 @@ def test_command_exports_every_robot(kind: str, capsys: pytest.CaptureFixture[st
 
 def test_command_writes_a_file(tmp_path: Path) -> None:
     target = tmp_path / "new" / "arm.xml"
-    command = [sys.executable, "-m", "space_envs.models.export", "--visual", "-o", str(target)]
+    command = [sys.executable, "-m", "space_envs.robots.export", "--visual", "-o", str(target)]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert done.stdout == done.stderr == ""
     assert mujoco.MjModel.from_xml_path(str(target)).ngeom > 100
@@ -207,7 +207,7 @@ def test_command_says_in_one_line_what_is_wrong(
     printed = capsys.readouterr()
     assert printed.out == ""
     assert message in printed.err
-    assert printed.err.startswith("python -m space_envs.models.export: ")
+    assert printed.err.startswith("python -m space_envs.robots.export: ")
     assert printed.err.count("\n") == 1
 
 

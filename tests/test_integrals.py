@@ -4,11 +4,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from agents.resolve import resolve_policy
+from agents.policies.resolve import resolve_policy
 from space_envs.dynamics.rotations import angle_between
 from space_envs.envs import CaptureVectorEnv
-from space_envs.evaluation.metrics import episode_metrics
-from space_envs.evaluation.rollout import roll_out
+from space_envs.evaluation.play.rollout import roll_out
+from space_envs.evaluation.records.metrics import episode_metrics
 from space_envs.registration import make_task
 
 SINGLE, PLANAR = "SpaceCapture/SingleArm-v0", "SpaceCapture/DualArmPlanar-v0"

@@ -34,11 +34,11 @@ from reproduce.page import Claims, Page, Picture, Section, Table, Text, write_pa
 from reproduce.shah2013.claims import CLAIMS as SHAH2013
 from reproduce.shyam2020.claims import CLAIMS as SHYAM2020
 from reproduce.study import STUDIES
-from space_envs.evaluation.leaderboard import build_rows
-from space_envs.evaluation.page import make_plots, to_html
-from space_envs.evaluation.page_scores import all_scores
-from space_envs.evaluation.records import EvaluationResult
-from space_envs.evaluation.replays import make_replays
+from space_envs.evaluation.records.record import EvaluationResult
+from space_envs.evaluation.replay.replay import make_replays
+from space_envs.evaluation.report.page import make_plots, to_html
+from space_envs.evaluation.report.page_scores import all_scores
+from space_envs.evaluation.statistics.leaderboard import build_rows
 from space_envs.registration import ENTRIES
 
 TEMPLATES = {"report.html.j2", "page.html.j2"}

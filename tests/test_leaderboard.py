@@ -11,13 +11,21 @@ from rich.console import Console
 from synthetic_results import make_record, make_result, timed
 
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.columns import COLUMNS, NOTE, RULES, column_named, interval, leaders, rounded
-from space_envs.evaluation.columns import supported_decimals as decimals
-from space_envs.evaluation.leaderboard import FIGURES, SHARES, Row, build_rows
-from space_envs.evaluation.records import EpisodeRecord, EvaluationResult
-from space_envs.evaluation.report import write_report
-from space_envs.evaluation.statistics import Estimate
-from space_envs.evaluation.tables import failures_told, to_latex, to_markdown, to_terminal
+from space_envs.evaluation.records.record import EpisodeRecord, EvaluationResult
+from space_envs.evaluation.report.report import write_report
+from space_envs.evaluation.report.tables import failures_told, to_latex, to_markdown, to_terminal
+from space_envs.evaluation.statistics.columns import (
+    COLUMNS,
+    NOTE,
+    RULES,
+    column_named,
+    interval,
+    leaders,
+    rounded,
+)
+from space_envs.evaluation.statistics.columns import supported_decimals as decimals
+from space_envs.evaluation.statistics.intervals import Estimate
+from space_envs.evaluation.statistics.leaderboard import FIGURES, SHARES, Row, build_rows
 
 
 def failed(**changes: object) -> EpisodeRecord:

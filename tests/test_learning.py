@@ -16,8 +16,7 @@ import torch as th
 
 from agents.commands import ship as ship_command
 from agents.commands.train import main
-from agents.features import CLUTTERED_FEATURES
-from agents.hyperparameters import (
+from agents.learning.hyperparameters import (
     ALGORITHMS,
     BC,
     PPO,
@@ -28,24 +27,25 @@ from agents.hyperparameters import (
     from_json,
     to_json,
 )
-from agents.learned_policy import (
+from agents.learning.options import Options, rounding
+from agents.learning.recorder import Recorder
+from agents.learning.reinforcement import Reinforcement
+from agents.learning.runs import Budget, RunFolder, Settings
+from agents.learning.training import learn
+from agents.learning.trees import load_tree, save_tree
+from agents.learning.validation import Validator
+from agents.policies.learned.features import CLUTTERED_FEATURES
+from agents.policies.learned.learned_policy import (
     LearnedPolicy,
     load_shipped,
     shipped_path,
     shipped_policies,
 )
-from agents.learning import learn
-from agents.policy_file import load_policy_file
-from agents.registry import POLICIES, control_mode, make_policy, policies_for
-from agents.reinforcement import Reinforcement
-from agents.training.options import Options, rounding
-from agents.training.recorder import Recorder
-from agents.training.runs import Budget, RunFolder, Settings
-from agents.training.trees import load_tree, save_tree
-from agents.training.validation import Validator
+from agents.policies.learned.policy_file import load_policy_file
+from agents.policies.registry import POLICIES, control_mode, make_policy, policies_for
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError, PolicyError
-from space_envs.evaluation.policy import PolicyContext
+from space_envs.policy import PolicyContext
 from space_envs.registration import ENTRIES
 
 ENV_ID = "SpaceCapture/SingleArm-v0"

@@ -5,9 +5,9 @@ import pytest
 from rollouts import SINGLE, rollout_of
 
 from space_envs.dynamics.bodies import body_motion
-from space_envs.evaluation.leaderboard import cost_times_duration
-from space_envs.evaluation.metrics import episode_metrics, episode_records
-from space_envs.evaluation.records import Entrant, Task
+from space_envs.evaluation.records.metrics import episode_metrics, episode_records
+from space_envs.evaluation.records.record import Entrant, Task
+from space_envs.evaluation.statistics.leaderboard import cost_times_duration
 
 
 def test_attitude_cost_is_minus_the_attitude_reward():
@@ -39,7 +39,7 @@ def test_slowness_makes_a_path_cheap_by_eq_20_and_not_by_cost_times_duration(mon
     """The same minimum-jerk paths, planned for 5, 10 and 20 s."""
     costs, products = [], []
     for duration in (5.0, 10.0, 20.0):
-        monkeypatch.setattr("agents.tracking.DURATION", duration)
+        monkeypatch.setattr("agents.policies.tracking.DURATION", duration)
         rollout, task = rollout_of("minimum_jerk", episodes=4)
         records = episode_records(rollout, task, Entrant(Task(SINGLE, "medium", "test"), "mine", "any"), 0)
         assert rollout.outcome == ["captured"] * 4

@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from space_envs.errors import ConfigurationError
-from space_envs.models.parameters import VARIANTS
-from space_envs.models.single_arm import ModelOptions, single_arm_model
+from space_envs.robots.parameters import VARIANTS
+from space_envs.robots.single_arm import ModelOptions, single_arm_model
 
 # Table I: alpha (rad), a (m), d (m).
 TABLE_I = [

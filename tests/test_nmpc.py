@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 import space_envs  # noqa: F401  (registers the ids)
-from agents.nmpc_policy import NMPC
-from agents.optimal.elastic import ElasticProgram
-from agents.optimal.legendre import LegendreBasis
-from agents.optimal.library import shipped_library
-from agents.optimal.nmpc import ArmState, Controller, Horizon, Weights, _Objective, coasting
-from agents.optimal.quadratic import Bounds
-from agents.optimal.weight_space import WeightSpace
-from agents.planning import Cause, Failure, Limits
+from agents.planners.common.plans import Cause, Failure, Limits
+from agents.planners.single_arm.library import shipped_library
+from agents.planners.single_arm.nmpc import ArmState, Controller, Horizon, Weights, _Objective, coasting
+from agents.planners.single_arm.weights.elastic import ElasticProgram
+from agents.planners.single_arm.weights.legendre import LegendreBasis
+from agents.planners.single_arm.weights.quadratic import Bounds
+from agents.planners.single_arm.weights.weight_space import WeightSpace
+from agents.policies.single_arm.nmpc import NMPC
 from space_envs.dynamics import roll_out_base
 from space_envs.dynamics.rotations import (
     Array,
@@ -26,7 +26,7 @@ from space_envs.dynamics.rotations import (
     rotate,
     to_matrix,
 )
-from space_envs.evaluation.policy import PolicyContext
+from space_envs.policy import PolicyContext
 from space_envs.tasks.single_arm import SingleArmTask
 
 TASK = SingleArmTask()

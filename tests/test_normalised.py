@@ -10,9 +10,9 @@ from played_episodes import played
 from synthetic_results import entrant, make_result
 
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.normalised import MAIN_SCORE, SCORES, normalised_scores
-from space_envs.evaluation.records import EpisodeRecord
-from space_envs.evaluation.report import write_report
+from space_envs.evaluation.records.record import EpisodeRecord
+from space_envs.evaluation.report.report import write_report
+from space_envs.evaluation.statistics.normalised import MAIN_SCORE, SCORES, normalised_scores
 
 
 def test_normalised_success_by_hand() -> None:

@@ -8,21 +8,21 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from agents.optimal.check import check
-from agents.optimal.library import shipped_library
-from agents.optimal.ocp import plan_ocp
-from agents.optimal.ocp_model import SingleArm
-from agents.optimal.ocp_solver import INTERVALS, Programs, Solution, Solver, Unsolved
-from agents.optimal.problem import Motion, Reach
-from agents.optimal.promp_optimal import Planner
-from agents.optimal_policies import OptimalControl
-from agents.planning import Cause, Failure, Limits
+from agents.planners.common.plans import Cause, Failure, Limits
+from agents.planners.single_arm.check import check
+from agents.planners.single_arm.collocation.model import SingleArm
+from agents.planners.single_arm.collocation.ocp import plan_ocp
+from agents.planners.single_arm.collocation.solver import INTERVALS, Programs, Solution, Solver, Unsolved
+from agents.planners.single_arm.library import shipped_library
+from agents.planners.single_arm.problem import Motion, Reach
+from agents.planners.single_arm.weights.promp_optimal import Planner
+from agents.policies.single_arm.optimal import OptimalControl
 from space_envs.dynamics import FloatingRobot, roll_out_base
 from space_envs.dynamics.rotations import rotate
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.policy import PolicyContext
-from space_envs.models.single_arm import single_arm_model
+from space_envs.policy import PolicyContext
+from space_envs.robots.single_arm import single_arm_model
 from space_envs.tasks.single_arm import SingleArmTask
 
 KNOWN = json.loads((Path(__file__).parent / "data" / "single_arm_goals.json").read_text())

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from agents.optimal.library import shipped_library
-from agents.optimal.problem import Motion, Reach
-from agents.optimal_policies import OptimalPolicy, PrompOptimal, PrompOptimalKept
-from agents.planning import Cause, Failure
+from agents.planners.common.plans import Cause, Failure
+from agents.planners.single_arm.library import shipped_library
+from agents.planners.single_arm.problem import Motion, Reach
+from agents.policies.single_arm.optimal import OptimalPolicy, PrompOptimal, PrompOptimalKept
 from space_envs.dynamics.rotations import multiply, rotate
 from space_envs.envs import CaptureVectorEnv
-from space_envs.evaluation.policy import PolicyContext
+from space_envs.policy import PolicyContext
 
 ID = "SpaceCapture/SingleArm-v0"
 

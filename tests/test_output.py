@@ -12,15 +12,15 @@ from pathlib import Path
 import pytest
 from result_folders import episodes, write_folder
 
-from agents import demonstrations
 from agents.commands import replay
 from agents.commands.evaluate import main
 from agents.commands.train import main as train
+from agents.demonstrations import making as demonstrations
 from reproduce.__main__ import main as reproduce
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.folders import read_folder
-from space_envs.models.export import main as export
-from space_envs.output import MARK, held, holder
+from space_envs.evaluation.records.folders import read_folder
+from space_envs.robots.export import main as export
+from space_envs.system.output import MARK, held, holder
 
 ROOT = Path(__file__).resolve().parents[1]
 QUICK = ["--policy", "hold", "--episodes", "2", "--no-pictures", "--jobs", "1", "--split", "validation"]
@@ -145,7 +145,7 @@ def test_files_are_replaced_only_where_that_was_asked_for(
 
 
 def test_one_process_writes_at_a_time(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    code = "from pathlib import Path; from space_envs.output import held; import time\n"
+    code = "from pathlib import Path; from space_envs.system.output import held; import time\n"
     code += (
         f"with held(Path({str(tmp_path / 'out')!r}), 'evaluation'): print('held', flush=True); time.sleep(60)"
     )

@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.planning import Cause, Failure
-from agents.reactionless_policies import Task, ZetaZero
-from agents.registry import make_policy
+from agents.planners.common.plans import Cause, Failure
+from agents.policies.dual_arm.reactionless import Task, ZetaZero
+from agents.policies.registry import make_policy
 from space_envs.envs import CaptureVectorEnv
-from space_envs.evaluation.policy import PolicyContext
-from space_envs.evaluation.rollout import roll_out
+from space_envs.evaluation.play.rollout import roll_out
+from space_envs.policy import PolicyContext
 
 SINGLE, PLANAR = "SpaceCapture/SingleArm-v0", "SpaceCapture/DualArmPlanar-v0"
 CLUTTERED = "SpaceCapture/SingleArmCluttered-v0"

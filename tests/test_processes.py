@@ -99,7 +99,7 @@ def test_nothing_outlives_an_evaluation(evaluating, number: signal.Signals) -> N
         ["evaluate.py", "--list"],
         ["train.py", "--help"],
         ["-m", "reproduce", "--help"],
-        ["-m", "space_envs.models.export"],
+        ["-m", "space_envs.robots.export"],
         ["-m", "benchmarks", "--list"],
     ],
 )

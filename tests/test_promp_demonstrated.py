@@ -6,25 +6,25 @@ from functools import cache
 import numpy as np
 import pytest
 
-from agents.optimal.avoiding import AvoidingPlanner
-from agents.optimal.check import check
-from agents.optimal.demonstrated import GROUP, MET, UNLIKE, DemonstratedPlanner
-from agents.optimal.demonstrations import model_limits
-from agents.optimal.inequalities import Spheres
-from agents.optimal.library import shipped_library
-from agents.optimal.problem import Motion, Reach
-from agents.planning import Cause, Failure
-from agents.promp_avoiding import PrompAvoiding
-from agents.promp_demonstrated import PrompDemonstrated
-from agents.promp_policy import ProMPPolicy
+from agents.demonstrations.optimal import model_limits
+from agents.planners.common.plans import Cause, Failure
+from agents.planners.single_arm.check import check
+from agents.planners.single_arm.library import shipped_library
+from agents.planners.single_arm.problem import Motion, Reach
+from agents.planners.single_arm.weights.avoiding import AvoidingPlanner
+from agents.planners.single_arm.weights.demonstrated import GROUP, MET, UNLIKE, DemonstratedPlanner
+from agents.planners.single_arm.weights.inequalities import Spheres
+from agents.policies.single_arm.promp import ProMPPolicy
+from agents.policies.single_arm.promp_avoiding import PrompAvoiding
+from agents.policies.single_arm.promp_demonstrated import PrompDemonstrated
 from promp import ProMP, ViaPoint
 from space_envs.dynamics import FloatingRobot, roll_out_base, trajectory_cost
 from space_envs.dynamics.rotations import Array
 from space_envs.dynamics.spheres import link_ends, sphere_gaps
 from space_envs.envs import CaptureVectorEnv
-from space_envs.evaluation.policy import PolicyContext
-from space_envs.models.parameters import SINGLE_ARM
-from space_envs.models.single_arm import single_arm_model
+from space_envs.policy import PolicyContext
+from space_envs.robots.parameters import SINGLE_ARM
+from space_envs.robots.single_arm import single_arm_model
 from space_envs.tasks.single_arm import SingleArmTask
 from space_envs.tasks.single_arm_cluttered import SingleArmClutteredTask
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from agents.promp_feedback import PrompFeedback
-from agents.registry import policies_for
+from agents.policies.registry import policies_for
+from agents.policies.single_arm.promp_feedback import PrompFeedback
 from reproduce.shyam2020.cases import context, goal
 from reproduce.shyam2020.feedback import control, play, spread_ratio
 from space_envs.envs import CaptureVectorEnv

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from agents.optimal.task_space import PoseTarget
-from agents.optimal.weight_space import WeightSpace
+from agents.planners.single_arm.weights.task_space import PoseTarget
+from agents.planners.single_arm.weights.weight_space import WeightSpace
 from promp import ConditioningError, GaussianBasis, ProMP, PrompError, ViaPoint
 from promp.nonlinear import NonlinearTarget, condition_nonlinear
 from space_envs.dynamics import roll_out_base

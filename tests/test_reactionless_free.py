@@ -10,24 +10,24 @@ import numpy as np
 import pytest
 from dual_arm_goals import IDS, at_meeting, task_of
 
-from agents.planning import Cause, Failure, Limits
-from agents.reactionless import free_model
-from agents.reactionless.clearance import Surroundings, gaps, turning_target
-from agents.reactionless.fixed_path import plan_local, plan_zeta_zero
-from agents.reactionless.free import plan_free
-from agents.reactionless.free_check import held_dynamics
-from agents.reactionless.free_goals import EndGoals, end_configurations, spread
-from agents.reactionless.free_model import HeldAttitude
-from agents.reactionless.free_solver import Programs, Solver, Unsolved
-from agents.reactionless.ocp import plan_ocp
-from agents.reactionless.problem import Capture, Plan
+from agents.planners.common import free_model
+from agents.planners.common.free_model import HeldAttitude
+from agents.planners.common.plans import Cause, Failure, Limits
+from agents.planners.dual_arm.clearance import Surroundings, gaps, turning_target
+from agents.planners.dual_arm.fixed_path import plan_local, plan_zeta_zero
+from agents.planners.dual_arm.free.check import held_dynamics
+from agents.planners.dual_arm.free.goals import EndGoals, end_configurations, spread
+from agents.planners.dual_arm.free.planner import plan_free
+from agents.planners.dual_arm.free.solver import Programs, Solver, Unsolved
+from agents.planners.dual_arm.ocp import plan_ocp
+from agents.planners.dual_arm.problem import Capture, Plan
+from space_envs.codegen.c_library import LibraryError
 from space_envs.dynamics import FloatingRobot, NoCompiledCodeWarning, compiled
-from space_envs.dynamics.c_library import LibraryError
 from space_envs.dynamics.reactionless import com
 from space_envs.dynamics.rotations import Array
 from space_envs.dynamics.symbolic import SymbolicRobot
 from space_envs.errors import ConfigurationError
-from space_envs.models.dual_arm import END_EFFECTORS, DualArmOptions, dual_arm_model
+from space_envs.robots.dual_arm import END_EFFECTORS, DualArmOptions, dual_arm_model
 from space_envs.tasks.dual_arm import MEETING
 
 # The canonical planar case: configuration, target and half distance of the grapple points are our reading of

@@ -6,11 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from agents.reactionless.model import PathModel
+from agents.planners.dual_arm.model import PathModel
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.reactionless import com, tips
 from space_envs.dynamics.rotations import Array
-from space_envs.models.dual_arm import END_EFFECTORS, DualArmOptions, dual_arm_model
+from space_envs.robots.dual_arm import END_EFFECTORS, DualArmOptions, dual_arm_model
 
 OPTIONS = {
     "planar": DualArmOptions("planar"),

@@ -5,17 +5,17 @@ from functools import cache
 import numpy as np
 import pytest
 
-from agents.planning import Cause, Failure, Limits
-from agents.reactionless.fixed_path import plan_local, plan_zeta_zero
-from agents.reactionless.ocp import plan_ocp
-from agents.reactionless.paths import PolynomialPath
-from agents.reactionless.problem import Capture, Plan
+from agents.planners.common.plans import Cause, Failure, Limits
+from agents.planners.dual_arm.fixed_path import plan_local, plan_zeta_zero
+from agents.planners.dual_arm.ocp import plan_ocp
+from agents.planners.dual_arm.paths import PolynomialPath
+from agents.planners.dual_arm.problem import Capture, Plan
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.reactionless import com, tips
 from space_envs.dynamics.rotations import Array
 from space_envs.dynamics.symbolic import SymbolicRobot
 from space_envs.errors import ConfigurationError
-from space_envs.models.dual_arm import END_EFFECTORS, DualArmOptions, dual_arm_model
+from space_envs.robots.dual_arm import END_EFFECTORS, DualArmOptions, dual_arm_model
 
 # The canonical case of the lost Fig. 1 of shah2013 and its energies, J s, found by two implementations.
 CANONICAL = Capture(

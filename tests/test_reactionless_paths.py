@@ -9,18 +9,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from agents.planning import Cause, Failure, Limits
-from agents.reactionless.fixed_path import Singular, least_energy, plan_local, plan_zeta_zero, solutions
-from agents.reactionless.fixed_path import zeta_zero as chosen_by_zeta_zero
-from agents.reactionless.model import PathModel
-from agents.reactionless.paths import PolynomialPath
-from agents.reactionless.problem import Capture, Plan
+from agents.planners.common.plans import Cause, Failure, Limits
+from agents.planners.dual_arm.fixed_path import Singular, least_energy, plan_local, plan_zeta_zero, solutions
+from agents.planners.dual_arm.fixed_path import zeta_zero as chosen_by_zeta_zero
+from agents.planners.dual_arm.model import PathModel
+from agents.planners.dual_arm.paths import PolynomialPath
+from agents.planners.dual_arm.problem import Capture, Plan
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.reactionless import com, reach, tips
 from space_envs.dynamics.rotations import Array
 from space_envs.dynamics.symbolic import SymbolicRobot
 from space_envs.errors import ConfigurationError
-from space_envs.models.dual_arm import END_EFFECTORS, DualArmOptions, dual_arm_model
+from space_envs.robots.dual_arm import END_EFFECTORS, DualArmOptions, dual_arm_model
 
 # The canonical case of the lost Fig. 1 of shah2013 and its energies, J s, found by two implementations.
 START = np.array([0.0, 1.8, -1.5, 0.9, -0.6, 1.0])

@@ -13,20 +13,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents import demonstrations
-from agents.learned_policy import shipped_path
-from agents.policy_file import load_policy_file
-from agents.resolve import resolve_policy
-from agents.training.trees import load_tree, save_tree
+from agents.demonstrations import making as demonstrations
+from agents.learning.trees import load_tree, save_tree
+from agents.policies.learned.learned_policy import shipped_path
+from agents.policies.learned.policy_file import load_policy_file
+from agents.policies.resolve import resolve_policy
 from promp.errors import StorageError
 from promp.storage import load_arrays
 from space_envs.errors import ConfigurationError, PolicyError, SpaceEnvsError
-from space_envs.evaluation.datasets import Dataset
-from space_envs.evaluation.datasets_card import CARD, read_card
-from space_envs.evaluation.records import read_records
-from space_envs.evaluation.states import States
-from space_envs.evaluation.traces import Traces
-from space_envs.reading import parse_arrays, read_arrays, read_object
+from space_envs.evaluation.datasets.card import CARD, read_card
+from space_envs.evaluation.datasets.storage import Dataset
+from space_envs.evaluation.records.record import read_records
+from space_envs.evaluation.replay.states import States
+from space_envs.evaluation.replay.traces import Traces
+from space_envs.system.reading import parse_arrays, read_arrays, read_object
 
 SHIPPED = shipped_path("SpaceCapture/SingleArm-v0", "bc")
 READERS: dict[str, Callable[[Path], Any]] = {

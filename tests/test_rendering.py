@@ -15,10 +15,11 @@ import numpy as np
 import pytest
 from mujoco import viewer
 
-from space_envs import opengl, rendering
+from space_envs import rendering
 from space_envs.errors import ConfigurationError, RenderingError
-from space_envs.models.single_arm import ModelOptions, single_arm_model
 from space_envs.rendering import Renderer, missing_gl
+from space_envs.robots.single_arm import ModelOptions, single_arm_model
+from space_envs.system import opengl
 
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 WITHOUT_GL = """

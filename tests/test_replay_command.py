@@ -13,12 +13,12 @@ from result_folders import configuration, episodes, write_folder
 from agents.commands import replay as command
 from agents.commands.show import main as show
 from agents.commands.show import of_tasks, sorted_rows
-from space_envs import opengl
 from space_envs.errors import ConfigurationError, RenderingError
-from space_envs.evaluation.folders import read_folder
-from space_envs.evaluation.leaderboard import build_rows
-from space_envs.evaluation.records import EpisodeRecord
-from space_envs.opengl import missing_gl
+from space_envs.evaluation.records.folders import read_folder
+from space_envs.evaluation.records.record import EpisodeRecord
+from space_envs.evaluation.statistics.leaderboard import build_rows
+from space_envs.system import opengl
+from space_envs.system.opengl import missing_gl
 
 SINGLE, DUAL = "SpaceCapture/SingleArm-v0", "SpaceCapture/DualArmPlanar-v0"
 PLANAR = configuration(env_id=DUAL)

@@ -14,12 +14,19 @@ from numpy.typing import NDArray
 from synthetic_results import HOSTILE, make_played, make_record
 
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.exports import write_videos
-from space_envs.evaluation.packing import frames, json_text, packed, quantised, replay_values, scene_values
-from space_envs.evaluation.page_replays import REPLAY_LETTERS
-from space_envs.evaluation.replays import Replay, make_replays
-from space_envs.evaluation.scenes import make_motion, make_scene
-from space_envs.evaluation.solids import Solid, box, capsule, cylinder, ellipsoid, geom_solid
+from space_envs.evaluation.replay.exports import write_videos
+from space_envs.evaluation.replay.packing import (
+    frames,
+    json_text,
+    packed,
+    quantised,
+    replay_values,
+    scene_values,
+)
+from space_envs.evaluation.replay.replay import Replay, make_replays
+from space_envs.evaluation.replay.scenes import make_motion, make_scene
+from space_envs.evaluation.replay.solids import Solid, box, capsule, cylinder, ellipsoid, geom_solid
+from space_envs.evaluation.report.page_replays import REPLAY_LETTERS
 from space_envs.registration import ENTRIES, make_task
 from space_envs.rendering import missing_gl
 
@@ -233,7 +240,7 @@ def test_json_text_ends_no_script() -> None:
 def test_many_replays_lose_frames_and_fit(
     replays: tuple[Replay, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from space_envs.evaluation import page_replays
+    from space_envs.evaluation.report import page_replays
 
     motions = {
         make_played("minimum_jerk", 3).records[0].entrant: [

@@ -22,26 +22,26 @@ from rich.console import Console
 from synthetic_results import CHARACTERS, HOSTILE, Character, entrant, make_record, make_result, timed
 
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation import figures
-from space_envs.evaluation.columns import COLUMNS, RULES
-from space_envs.evaluation.drawing import Panel
-from space_envs.evaluation.leaderboard import FIGURES, Row, build_rows
-from space_envs.evaluation.names import csv_name, display_name, file_name, latex_name, markdown_name
-from space_envs.evaluation.page import SCRIPTS, highlights, make_plots, to_html
-from space_envs.evaluation.page_pictures import NO_PICTURES, NONE_HERE, NOTHING_CAPTURED, TOO_MANY
-from space_envs.evaluation.page_scores import all_scores
-from space_envs.evaluation.records import (
+from space_envs.evaluation.records.names import csv_name, display_name, file_name, latex_name, markdown_name
+from space_envs.evaluation.records.record import (
     CAUSES,
     EpisodeRecord,
     EvaluationResult,
     read_records,
     records_without_timing,
 )
-from space_envs.evaluation.report import ReportPaths, entrant_stem, write_report
-from space_envs.evaluation.stills import Still
-from space_envs.evaluation.tables import to_csv, to_latex, to_markdown, to_terminal
-from space_envs.evaluation.templating import breakable
-from space_envs.evaluation.traces import Traces
+from space_envs.evaluation.replay.traces import Traces
+from space_envs.evaluation.report import figures
+from space_envs.evaluation.report.drawing import Panel
+from space_envs.evaluation.report.page import SCRIPTS, highlights, make_plots, to_html
+from space_envs.evaluation.report.page_pictures import NO_PICTURES, NONE_HERE, NOTHING_CAPTURED, TOO_MANY
+from space_envs.evaluation.report.page_scores import all_scores
+from space_envs.evaluation.report.report import ReportPaths, entrant_stem, write_report
+from space_envs.evaluation.report.stills import Still
+from space_envs.evaluation.report.tables import to_csv, to_latex, to_markdown, to_terminal
+from space_envs.evaluation.report.templating import breakable
+from space_envs.evaluation.statistics.columns import COLUMNS, RULES
+from space_envs.evaluation.statistics.leaderboard import FIGURES, Row, build_rows
 
 WICKED = "$x_$ | `a` *b* [c](http://d) & é\x1b[31m\n<script>alert(1)</script>"
 

@@ -16,16 +16,22 @@ import numpy as np
 import pytest
 
 from agents.commands.evaluate import main
-from agents.resolve import resolve_policy
+from agents.policies.resolve import resolve_policy
 from space_envs.errors import ConfigurationError, PolicyError
-from space_envs.evaluation import runner
-from space_envs.evaluation.parallel import backend, check_backend
-from space_envs.evaluation.policy_process import TimeLimits
-from space_envs.evaluation.records import UNTIMED, EpisodeRecord, Task, read_records, records_without_timing
-from space_envs.evaluation.rollout import PolicyTime, roll_out
-from space_envs.evaluation.runner import Evaluation, collect, play_missing, prepare, timings
-from space_envs.evaluation.units import CHUNK, Part, built, play
+from space_envs.evaluation.play import runner
+from space_envs.evaluation.play.chunks import CHUNK, Part, built, play
+from space_envs.evaluation.play.policy_process import TimeLimits
+from space_envs.evaluation.play.rollout import PolicyTime, roll_out
+from space_envs.evaluation.play.runner import Evaluation, collect, play_missing, prepare, timings
+from space_envs.evaluation.records.record import (
+    UNTIMED,
+    EpisodeRecord,
+    Task,
+    read_records,
+    records_without_timing,
+)
 from space_envs.registration import make_task
+from space_envs.system.parallel import backend, check_backend
 
 ROOT = Path(__file__).resolve().parents[1]
 SINGLE = Task("SpaceCapture/SingleArm-v0", "medium", "validation")
@@ -377,7 +383,7 @@ def test_backends_that_cannot_be_are_refused(jobs: int, name: str, address: str 
 
 def test_an_address_that_nobody_answers_at_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr("space_envs.evaluation.parallel.PATIENCE", 0.5)
+    monkeypatch.setattr("space_envs.system.parallel.PATIENCE", 0.5)
     with pytest.raises(ConfigurationError, match="no Dask cluster answers at tcp://127.0.0.1:9"):
         with backend(2, "dask", "tcp://127.0.0.1:9"):
             pytest.fail("there is no cluster")

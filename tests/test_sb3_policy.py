@@ -21,12 +21,12 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 import space_envs  # noqa: F401
-from agents.resolve import ResolvedPolicy, resolve_policy
-from agents.sb3_policy import StableBaselinesPolicy, load_network
+from agents.policies.learned.sb3_policy import StableBaselinesPolicy, load_network
+from agents.policies.resolve import ResolvedPolicy, resolve_policy
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import PolicyError
-from space_envs.evaluation.policy import PolicyContext
-from space_envs.evaluation.records import read_records
+from space_envs.evaluation.records.record import read_records
+from space_envs.policy import PolicyContext
 
 ENV_ID = "SpaceCapture/SingleArm-v0"
 ALGORITHMS: dict[str, dict[str, Any]] = {

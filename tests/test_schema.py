@@ -13,7 +13,7 @@ from synthetic_results import make_record, make_result
 from docs.generate import DOCS
 from docs.reading import comments
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.records import (
+from space_envs.evaluation.records.record import (
     CAUSES,
     NO_PLAN_CAUSES,
     OUTCOMES,
@@ -22,7 +22,7 @@ from space_envs.evaluation.records import (
     EpisodeRecord,
     Timing,
 )
-from space_envs.evaluation.schema import DESCRIPTIONS, record_schema, schema_text
+from space_envs.evaluation.records.schema import DESCRIPTIONS, record_schema, schema_text
 
 VALIDATOR = jsonschema.Draft202012Validator(record_schema())
 FAILED = {"captured": False, "outcome": "timeout", "time_to_capture": None}

@@ -10,10 +10,10 @@ import pytest
 from page_layout import CHROMIUM, layout_faults
 from page_reader import check_self_contained
 
-from agents.planning import Cause
-from agents.reactionless.fixed_path import plan_local, plan_zeta_zero
-from agents.reactionless.problem import Plan
-from agents.reactionless.tracking import Tracking
+from agents.planners.common.plans import Cause
+from agents.planners.dual_arm.fixed_path import plan_local, plan_zeta_zero
+from agents.planners.dual_arm.problem import Plan
+from agents.planners.dual_arm.tracking import Tracking
 from reproduce.__main__ import main
 from reproduce.claims import Rule
 from reproduce.shah2013.cases import CANONICAL, JOINT_LIMITS, Sampler, planar_robot, reach_used

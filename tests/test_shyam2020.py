@@ -11,9 +11,9 @@ import pytest
 from page_layout import CHROMIUM, layout_faults
 from page_reader import check_self_contained
 
-from agents.inverse_kinematics import JointMotion
-from agents.optimal.problem import Motion
-from agents.planning import Cause, Failure
+from agents.planners.common.inverse_kinematics import JointMotion
+from agents.planners.common.plans import Cause, Failure
+from agents.planners.single_arm.problem import Motion
 from reproduce.__main__ import main
 from reproduce.claims import Rule
 from reproduce.page import Page, Picture, Section, Text, to_html, to_markdown, write_docs
@@ -35,7 +35,7 @@ from reproduce.shyam2020.sampling import (
 from reproduce.shyam2020.tables import HOME, TABLE_I, TABLE_II, compiled
 from space_envs.dynamics.rotations import angle_between
 from space_envs.errors import RenderingError
-from space_envs.models.parameters import SINGLE_ARM
+from space_envs.robots.parameters import SINGLE_ARM
 
 # Tables
 

@@ -17,7 +17,7 @@ from reproduce.shyam2020.demonstrated import (
 from reproduce.shyam2020.figures import vectors
 from reproduce.shyam2020.measures import link_vectors
 from reproduce.shyam2020.tables import HOME, compiled
-from space_envs.models.single_arm import ModelOptions, single_arm_model
+from space_envs.robots.single_arm import ModelOptions, single_arm_model
 
 
 def test_demonstrations_cover_the_workspace_and_vary_as_they_say():

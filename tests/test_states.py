@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.metrics import episode_records
-from space_envs.evaluation.playing import model_states
-from space_envs.evaluation.records import Entrant, Task
-from space_envs.evaluation.replays import make_replays, replay_of
-from space_envs.evaluation.rollout import roll_out
-from space_envs.evaluation.runner import Played
-from space_envs.evaluation.states import ABOUT, States, concatenate, states_of
-from space_envs.evaluation.units import task_keywords
+from space_envs.evaluation.play.chunks import task_keywords
+from space_envs.evaluation.play.rollout import roll_out
+from space_envs.evaluation.play.runner import Played
+from space_envs.evaluation.records.metrics import episode_records
+from space_envs.evaluation.records.record import Entrant, Task
+from space_envs.evaluation.replay.frames import model_states
+from space_envs.evaluation.replay.replay import make_replays, replay_of
+from space_envs.evaluation.replay.states import ABOUT, States, concatenate, states_of
 from space_envs.registration import ENTRIES, make_task
 from space_envs.tasks.base import CaptureTask
 

@@ -9,7 +9,7 @@ from scipy.special import ndtri
 from scipy.stats import binomtest, trim_mean
 
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.statistics import (
+from space_envs.evaluation.statistics.intervals import (
     Estimate,
     capture_rate,
     interquartile_mean,
@@ -150,7 +150,7 @@ def test_resampled_counts_draw_inside_groups() -> None:
 
 
 def test_resampled_counts_come_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("space_envs.evaluation.statistics._CHUNK", 50)
+    monkeypatch.setattr("space_envs.evaluation.statistics.intervals._CHUNK", 50)
     pieces = list(resampled_counts([np.arange(10)], np.random.default_rng(0), 23))
     assert [len(piece) for piece in pieces] == [5, 5, 5, 5, 3]
     assert np.all(np.concatenate(pieces).sum(axis=1) == 10)

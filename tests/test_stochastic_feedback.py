@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from agents.optimal.demonstrated import DemonstratedPlanner
-from agents.optimal.demonstrations import model_limits
-from agents.optimal.library import shipped_library
-from agents.optimal.problem import Reach
-from agents.optimal.stochastic_feedback import StochasticFeedback
+from agents.demonstrations.optimal import model_limits
+from agents.planners.single_arm.library import shipped_library
+from agents.planners.single_arm.problem import Reach
+from agents.planners.single_arm.stochastic_feedback import StochasticFeedback
+from agents.planners.single_arm.weights.demonstrated import DemonstratedPlanner
 from benchmarks.stochastic_feedback import DURATION, PERIOD, SETTINGS, computed_torque, play
 from promp import ProMP, ViaPoint
 from space_envs.dynamics.rotations import Array

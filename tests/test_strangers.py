@@ -13,15 +13,15 @@ import numpy as np
 import pytest
 
 from agents.commands.evaluate import main
-from agents.registry import make_policy
-from agents.resolve import resolve_policy
+from agents.policies.registry import make_policy
+from agents.policies.resolve import resolve_policy
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import PolicyError
-from space_envs.evaluation.policy import PolicyContext
-from space_envs.evaluation.policy_process import PolicyProcess
-from space_envs.evaluation.records import read_records
-from space_envs.evaluation.rollout import ask, roll_out
-from space_envs.evaluation.strangers import described
+from space_envs.evaluation.play.policy_process import PolicyProcess
+from space_envs.evaluation.play.rollout import ask, roll_out
+from space_envs.evaluation.records.record import read_records
+from space_envs.policy import PolicyContext
+from space_envs.strangers import described
 
 SINGLE = "SpaceCapture/SingleArm-v0"
 JOINTS = 7
@@ -214,7 +214,7 @@ def test_a_stranger_reaches_neither_the_environment_nor_the_harness(
     """With one job, where the harness plays in this process; results come to where they were asked for."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(Path(__file__).parent))
-    monkeypatch.setattr("space_envs.evaluation.runner.ROUNDS", 1)
+    monkeypatch.setattr("space_envs.evaluation.play.runner.ROUNDS", 1)
     policies = [f"{__name__}:Cheats", f"{__name__}:Chaotic", "hold"]
     arguments = ["--policy", *policies, "--episodes", "2", "--no-pictures", "--jobs", "1"]
     assert main([*arguments, "--output", "out"]) == 0

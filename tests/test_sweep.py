@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from agents.commands.train import main
-from agents.hyperparameters import PPO, TABLES
-from agents.learning import learn
-from agents.seeds import parse_seeds
-from agents.training.runs import RunFolder, Settings
-from agents.training.sweep import Plan, make_runs, read_plan
+from agents.learning.hyperparameters import PPO, TABLES
+from agents.learning.runs import RunFolder, Settings
+from agents.learning.seeds import parse_seeds
+from agents.learning.sweep import Plan, make_runs, read_plan
+from agents.learning.training import learn
 from space_envs.errors import ConfigurationError
 
 ENV_ID = "SpaceCapture/SingleArm-v0"

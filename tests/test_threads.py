@@ -2,7 +2,7 @@
 
 from threadpoolctl import ThreadpoolController
 
-from space_envs.threads import ipopt_on_one_thread, on_one_thread
+from space_envs.system.threads import ipopt_on_one_thread, on_one_thread
 
 
 def test_ipopts_own_blas_keeps_to_one_thread() -> None:

@@ -13,28 +13,28 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.optimal.demonstrations import Recipe
-from agents.optimal.legendre import LegendreBasis
-from agents.optimal.nmpc import Controller, Weights
-from agents.optimal.ocp import plan_ocp
-from agents.optimal.problem import Reach
-from agents.optimal.promp_optimal import Planner
-from agents.optimal.stochastic_feedback import StochasticFeedback
-from agents.optimal.task_space import PoseTarget
-from agents.planning import Limits
-from agents.reactionless import fixed_path
-from agents.reactionless import ocp as reactionless_ocp
-from agents.reactionless.clearance import Surroundings
-from agents.reactionless.free import plan_free
-from agents.reactionless.problem import Capture
-from agents.reactionless.tracking import Tracking
-from agents.variations import DemonstratorConfig
+from agents.demonstrations.optimal import Recipe
+from agents.demonstrations.variations import DemonstratorConfig
+from agents.planners.common.plans import Limits
+from agents.planners.dual_arm import fixed_path
+from agents.planners.dual_arm import ocp as reactionless_ocp
+from agents.planners.dual_arm.clearance import Surroundings
+from agents.planners.dual_arm.free.planner import plan_free
+from agents.planners.dual_arm.problem import Capture
+from agents.planners.dual_arm.tracking import Tracking
+from agents.planners.single_arm.collocation.ocp import plan_ocp
+from agents.planners.single_arm.nmpc import Controller, Weights
+from agents.planners.single_arm.problem import Reach
+from agents.planners.single_arm.stochastic_feedback import StochasticFeedback
+from agents.planners.single_arm.weights.legendre import LegendreBasis
+from agents.planners.single_arm.weights.promp_optimal import Planner
+from agents.planners.single_arm.weights.task_space import PoseTarget
 from promp import GaussianBasis, ProMP, PrompError, ViaPoint, regress_weights
 from promp.nonlinear import NonlinearTarget, condition_nonlinear
 from space_envs.errors import ConfigurationError
-from space_envs.models.dual_arm import DualArmOptions
-from space_envs.models.single_arm import ModelOptions, single_arm_model
 from space_envs.registration import make_task
+from space_envs.robots.dual_arm import DualArmOptions
+from space_envs.robots.single_arm import ModelOptions, single_arm_model
 from space_envs.tasks.common import RewardWeights
 from space_envs.tasks.single_arm import PoseEnvelope
 

@@ -11,8 +11,8 @@ import pytest
 from numpy.typing import NDArray
 from synthetic_results import make_played
 
-from space_envs.evaluation.playing import model_states
-from space_envs.evaluation.replays import make_replays
+from space_envs.evaluation.replay.frames import model_states
+from space_envs.evaluation.replay.replay import make_replays
 from space_envs.registration import ENTRIES, make_task
 
 Array = NDArray[np.float64]

@@ -10,23 +10,23 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from agents.optimal.check import check
-from agents.optimal.functions import ArmFunctions
-from agents.optimal.inequalities import Spheres, Torques
-from agents.optimal.library import Library, shipped_library
-from agents.optimal.mapped import Mapped
-from agents.optimal.problem import Motion, Reach
-from agents.optimal.promp_optimal import Planner
-from agents.optimal.quadratic import Bounds, Program
-from agents.optimal.sqp import minimise
-from agents.optimal.weight_space import INTERVALS, WeightSpace
-from agents.planning import Cause, Failure, Limits
+from agents.planners.common.plans import Cause, Failure, Limits
+from agents.planners.single_arm.check import check
+from agents.planners.single_arm.library import Library, shipped_library
+from agents.planners.single_arm.problem import Motion, Reach
+from agents.planners.single_arm.weights.functions import ArmFunctions
+from agents.planners.single_arm.weights.inequalities import Spheres, Torques
+from agents.planners.single_arm.weights.promp_optimal import Planner
+from agents.planners.single_arm.weights.quadratic import Bounds, Program
+from agents.planners.single_arm.weights.sqp import minimise
+from agents.planners.single_arm.weights.weight_space import INTERVALS, WeightSpace
 from promp import GaussianBasis
 from promp.errors import StorageError
+from space_envs.codegen.mapped import Mapped
 from space_envs.dynamics import FloatingRobot, roll_out_base, trajectory_cost
 from space_envs.dynamics.rotations import Array, exponential, to_matrix
 from space_envs.errors import ConfigurationError
-from space_envs.models.single_arm import single_arm_model
+from space_envs.robots.single_arm import single_arm_model
 from space_envs.tasks.single_arm import SingleArmTask
 
 # Goals and the least costs known from elsewhere, m^2/s, with the attitude free and kept.

@@ -3,14 +3,15 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from agents.registry import POLICIES, check_task, policies_for
-from agents.resolve import ResolvedPolicy, resolve_policy
+from agents.policies.registry import POLICIES, check_task, policies_for
+from agents.policies.resolve import ResolvedPolicy, resolve_policy
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.policy import PolicyContext
-from space_envs.evaluation.policy_process import PolicyProcess
+from space_envs.evaluation.play.policy_process import PolicyProcess
+from space_envs.policy import PolicyContext
 
-NO_EXPERTS = ("agents.baselines", "agents.learned_policy")  # modules of policies that do not plan
+# Modules of policies that do not plan.
+NO_EXPERTS = ("agents.policies.baselines", "agents.policies.learned.learned_policy")
 
 
 def experts_for(env_id: str) -> list[str]:

@@ -7,14 +7,14 @@ from pathlib import Path
 
 from agents.commands.choice import expert_names
 from agents.commands.show import show
-from space_envs.command_line import Parser, ended, output_path
 from space_envs.errors import ConfigurationError, unknown_name
-from space_envs.evaluation.folders import read_folder
-from space_envs.evaluation.merging import Source, merge
-from space_envs.evaluation.provenance import versions
-from space_envs.evaluation.records import RECORDS
-from space_envs.evaluation.report import write_report
-from space_envs.output import check_free, held
+from space_envs.evaluation.records.folders import read_folder
+from space_envs.evaluation.records.merging import Source, merge
+from space_envs.evaluation.records.record import RECORDS
+from space_envs.evaluation.report.report import write_report
+from space_envs.system.command_line import Parser, ended, output_path
+from space_envs.system.output import check_free, held
+from space_envs.system.provenance import versions
 
 COMPARISON = "comparison"  # kind of the folder
 DESCRIPTION = """\

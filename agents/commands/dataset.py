@@ -15,19 +15,19 @@ from rich.text import Text
 
 from agents.commands.choice import check_fit, choose_policies, distinct
 from agents.commands.dataset_making import Places, Request, complete, make
-from space_envs.command_line import Parser, Several, ended, output_path
 from space_envs.control import CONTROL_MODES
 from space_envs.errors import ConfigurationError, unknown_name
-from space_envs.evaluation.datasets_card import read_card
-from space_envs.evaluation.datasets_minari import ROOT_VARIABLE, require_minari
-from space_envs.evaluation.names import display_name
-from space_envs.evaluation.parallel import check_backend
-from space_envs.evaluation.records import Task
-from space_envs.evaluation.tables import print_at, width_of
-from space_envs.evaluation.units import task_keywords
-from space_envs.models.parameters import VARIANTS
-from space_envs.output import check_free, held
+from space_envs.evaluation.datasets.card import read_card
+from space_envs.evaluation.datasets.minari import ROOT_VARIABLE, require_minari
+from space_envs.evaluation.play.chunks import task_keywords
+from space_envs.evaluation.records.names import display_name
+from space_envs.evaluation.records.record import Task
+from space_envs.evaluation.report.tables import print_at, width_of
 from space_envs.registration import ENTRIES
+from space_envs.robots.parameters import VARIANTS
+from space_envs.system.command_line import Parser, Several, ended, output_path
+from space_envs.system.output import check_free, held
+from space_envs.system.parallel import check_backend
 from space_envs.tasks.common import DIFFICULTIES, SPLITS
 
 LEARNED_FROM = ("train", "validation")  # splits; what a policy is tested on is in no dataset

@@ -14,18 +14,18 @@ from typing import Any
 from joblib import delayed
 from tqdm import tqdm
 
-from agents.resolve import ResolvedPolicy
+from agents.policies.resolve import ResolvedPolicy
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError, PolicyError
-from space_envs.evaluation.datasets import Dataset
-from space_envs.evaluation.datasets_card import CARD, EPISODES, checksum, make_card, read_card, write_card
-from space_envs.evaluation.datasets_minari import DATA, write_minari
-from space_envs.evaluation.datasets_recording import Recorded, record
-from space_envs.evaluation.parallel import ProcessDiedError, backend
-from space_envs.evaluation.provenance import provenance
-from space_envs.evaluation.records import Task
-from space_envs.evaluation.rollout import split_indices
-from space_envs.evaluation.units import CHUNK, Unit, task_keywords
+from space_envs.evaluation.datasets.card import CARD, EPISODES, checksum, make_card, read_card, write_card
+from space_envs.evaluation.datasets.minari import DATA, write_minari
+from space_envs.evaluation.datasets.recording import Recorded, record
+from space_envs.evaluation.datasets.storage import Dataset
+from space_envs.evaluation.play.chunks import CHUNK, Unit, task_keywords
+from space_envs.evaluation.play.rollout import split_indices
+from space_envs.evaluation.records.record import Task
+from space_envs.system.parallel import ProcessDiedError, backend
+from space_envs.system.provenance import provenance
 
 NAMESPACE, VERSION = "space-capture", "v0"
 

@@ -3,8 +3,8 @@
 from collections import Counter
 from collections.abc import Iterable
 
-from agents.registry import POLICIES
-from space_envs.evaluation.records import EpisodeRecord
+from agents.policies.registry import POLICIES
+from space_envs.evaluation.records.record import EpisodeRecord
 
 # What ends an episode without a fault: a user's time limit, and a planner that says it found no plan.
 EXPECTED = ("no action within ", "no first action within ", "it raised PlanningError: ")

@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 
 from tqdm import tqdm
 
-from space_envs.evaluation.rates import REPORT, Seconds, playing, recorded, remember, timing
-from space_envs.evaluation.records import Entrant
-from space_envs.evaluation.runner import ROUNDS, TIMED_EPISODES
-from space_envs.evaluation.units import Unit, play
+from space_envs.evaluation.play.chunks import Unit, play
+from space_envs.evaluation.play.rates import REPORT, Seconds, playing, recorded, remember, timing
+from space_envs.evaluation.play.runner import ROUNDS, TIMED_EPISODES
+from space_envs.evaluation.records.record import Entrant
 
 TRIAL = 2  # episodes that are played of a policy of which nothing was measured
 _WIDE = (0.5, 3.0)  # of what so few say, the interval

@@ -10,20 +10,20 @@ from pathlib import Path
 
 from agents.commands.choice import check_fit, choose_policies, distinct
 from agents.commands.evaluation import Options, dry_run, run
-from agents.registry import POLICIES
-from agents.resolve import ResolvedPolicy
-from agents.seeds import parse_seeds
-from space_envs.command_line import Parser, Several, ended, output_path
+from agents.learning.seeds import parse_seeds
+from agents.policies.registry import POLICIES
+from agents.policies.resolve import ResolvedPolicy
 from space_envs.control import CONTROL_MODES
 from space_envs.errors import ConfigurationError, positive, unknown_name
-from space_envs.evaluation.parallel import BACKENDS, check_backend
-from space_envs.evaluation.policy_process import TimeLimits
-from space_envs.evaluation.records import Task
-from space_envs.evaluation.runner import EVALUATION, Evaluation
-from space_envs.evaluation.units import task_keywords
-from space_envs.models.parameters import VARIANTS
-from space_envs.output import check_free
+from space_envs.evaluation.play.chunks import task_keywords
+from space_envs.evaluation.play.policy_process import TimeLimits
+from space_envs.evaluation.play.runner import EVALUATION, Evaluation
+from space_envs.evaluation.records.record import Task
 from space_envs.registration import ENTRIES
+from space_envs.robots.parameters import VARIANTS
+from space_envs.system.command_line import Parser, Several, ended, output_path
+from space_envs.system.output import check_free
+from space_envs.system.parallel import BACKENDS, check_backend
 from space_envs.tasks.common import DIFFICULTIES, SPLITS
 
 DEFAULT_ENV = "SpaceCapture/SingleArm-v0"

@@ -19,18 +19,11 @@ from agents.commands.choice import expert_names
 from agents.commands.defects import defects
 from agents.commands.estimate import estimate
 from agents.commands.show import show
-from agents.registry import POLICIES
-from space_envs.evaluation.folders import read_folder
-from space_envs.evaluation.leaderboard import build_rows
-from space_envs.evaluation.metrics import config_hash, configuration, episode_traces
-from space_envs.evaluation.names import counted, display_name
-from space_envs.evaluation.pictures import capture_pictures
-from space_envs.evaluation.provenance import provenance
-from space_envs.evaluation.rates import REPORT, Seconds, playing, recorded, remember, timing
-from space_envs.evaluation.records import Entrant, EpisodeRecord, EvaluationResult
-from space_envs.evaluation.replays import Replay, make_replays
-from space_envs.evaluation.report import BOOTSTRAP_SEED, ReportPaths, write_report
-from space_envs.evaluation.runner import (
+from agents.policies.registry import POLICIES
+from space_envs.evaluation.play.chunks import Unit, task_keywords
+from space_envs.evaluation.play.pictures import capture_pictures
+from space_envs.evaluation.play.rates import REPORT, Seconds, playing, recorded, remember, timing
+from space_envs.evaluation.play.runner import (
     EVALUATION,
     Evaluation,
     Played,
@@ -40,12 +33,19 @@ from space_envs.evaluation.runner import (
     prepare,
     timings,
 )
-from space_envs.evaluation.states import States, states_of
-from space_envs.evaluation.tables import to_terminal
-from space_envs.evaluation.traces import Traces
-from space_envs.evaluation.units import Unit, task_keywords
-from space_envs.output import held
+from space_envs.evaluation.records.folders import read_folder
+from space_envs.evaluation.records.metrics import config_hash, configuration, episode_traces
+from space_envs.evaluation.records.names import counted, display_name
+from space_envs.evaluation.records.record import Entrant, EpisodeRecord, EvaluationResult
+from space_envs.evaluation.replay.replay import Replay, make_replays
+from space_envs.evaluation.replay.states import States, states_of
+from space_envs.evaluation.replay.traces import Traces
+from space_envs.evaluation.report.report import BOOTSTRAP_SEED, ReportPaths, write_report
+from space_envs.evaluation.report.tables import to_terminal
+from space_envs.evaluation.statistics.leaderboard import build_rows
 from space_envs.registration import make_task
+from space_envs.system.output import held
+from space_envs.system.provenance import provenance
 
 
 @dataclass(frozen=True)

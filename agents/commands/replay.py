@@ -6,16 +6,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from space_envs.command_line import Parser, ended, may_replace, output_path
 from space_envs.errors import ConfigurationError, RenderingError, unknown_name
-from space_envs.evaluation.exports import write_video
-from space_envs.evaluation.folders import ResultFolder, read_folder
-from space_envs.evaluation.names import display_name
-from space_envs.evaluation.playing import model_states
-from space_envs.evaluation.records import EpisodeRecord
-from space_envs.evaluation.replays import Replay, replay_of
-from space_envs.opengl import has_screen
+from space_envs.evaluation.records.folders import ResultFolder, read_folder
+from space_envs.evaluation.records.names import display_name
+from space_envs.evaluation.records.record import EpisodeRecord
+from space_envs.evaluation.replay.exports import write_video
+from space_envs.evaluation.replay.frames import model_states
+from space_envs.evaluation.replay.replay import Replay, replay_of
 from space_envs.rendering import Renderer
+from space_envs.system.command_line import Parser, ended, may_replace, output_path
+from space_envs.system.opengl import has_screen
 
 SUFFIXES = (".mp4", ".gif")
 REST = 1.5  # s, at the end, before the motion begins again

@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from agents.learned_policy import load_shipped, shipped_path
-from agents.policy_file import PolicyFile, load_policy_file
-from agents.training.runs import RunFolder, Settings
-from agents.training.validation import Validator
-from space_envs.command_line import ended
+from agents.learning.runs import RunFolder, Settings
+from agents.learning.validation import Validator
+from agents.policies.learned.learned_policy import load_shipped, shipped_path
+from agents.policies.learned.policy_file import PolicyFile, load_policy_file
 from space_envs.errors import ConfigurationError
-from space_envs.files import atomic_write_text
-from space_envs.reading import parse_json
+from space_envs.system.command_line import ended
+from space_envs.system.files import atomic_write_text
+from space_envs.system.reading import parse_json
 
 TEST_EPISODES = 512
 

@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from space_envs.command_line import Parser, Several, ended
 from space_envs.errors import unknown_name
-from space_envs.evaluation.columns import COLUMNS, column_named
-from space_envs.evaluation.folders import read_folder
-from space_envs.evaluation.leaderboard import Row, build_rows
-from space_envs.evaluation.records import RECORDS, REPORT, EpisodeRecord
-from space_envs.evaluation.report import BOOTSTRAP_SEED
-from space_envs.evaluation.tables import by_task, to_terminal
+from space_envs.evaluation.records.folders import read_folder
+from space_envs.evaluation.records.record import RECORDS, REPORT, EpisodeRecord
+from space_envs.evaluation.report.report import BOOTSTRAP_SEED
+from space_envs.evaluation.report.tables import by_task, to_terminal
+from space_envs.evaluation.statistics.columns import COLUMNS, column_named
+from space_envs.evaluation.statistics.leaderboard import Row, build_rows
+from space_envs.system.command_line import Parser, Several, ended
 
 DESCRIPTION = "Print the table of a folder that evaluate.py, or evaluate.py compare, left."
 

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from agents.seeds import parse_seeds
-from agents.training.options import DEFAULT_ALGORITHM, DEFAULT_ENV, OPTIONS, rounding
-from agents.training.runs import command_line
-from agents.training.sweep import (
+from agents.learning.options import DEFAULT_ALGORITHM, DEFAULT_ENV, OPTIONS, rounding
+from agents.learning.runs import command_line
+from agents.learning.seeds import parse_seeds
+from agents.learning.sweep import (
     ERROR,
     SUMMARY,
     Outcome,
@@ -26,7 +26,7 @@ from agents.training.sweep import (
     write_summary,
 )
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.parallel import BACKENDS, check_backend
+from space_envs.system.parallel import BACKENDS, check_backend
 
 SPREADING = ("jobs", "backend", "address")  # options that only several runs have
 EPILOG = f"""\
@@ -36,7 +36,7 @@ several runs:
   train.py --sweep rates.toml --backend ray --address 10.0.0.5:6379
 
 A sweep file is TOML. Names are those of the options above, with _ for -, and of the algorithm's
-hyperparameters (agents/hyperparameters.py); options of the command line hold for all runs too.
+hyperparameters (agents/learning/hyperparameters.py); options of the command line hold for all runs too.
 
   seeds = "0-4"                      # or a list; the option --seeds overrides it
   [fixed]                            # what all runs have

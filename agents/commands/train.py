@@ -7,14 +7,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from agents.commands.sweep import EPILOG, SPREADING, add_options, asked_for, sweep
-from agents.hyperparameters import ALGORITHMS, AnyHyperparameters
-from agents.training.options import DEFAULT_ENV, OPTIONS, Options, check_device, limited, rounding
-from agents.training.runs import RunFolder, command_line
-from agents.training.validation import EPISODES
-from space_envs.command_line import Parser, ended, output_path
+from agents.learning.hyperparameters import ALGORITHMS, AnyHyperparameters
+from agents.learning.options import DEFAULT_ENV, OPTIONS, Options, check_device, limited, rounding
+from agents.learning.runs import RunFolder, command_line
+from agents.learning.validation import EPISODES
 from space_envs.control import CONTROL_MODES
 from space_envs.errors import ConfigurationError, SpaceEnvsError
-from space_envs.output import check_free, held
+from space_envs.system.command_line import Parser, ended, output_path
+from space_envs.system.output import check_free, held
 from space_envs.tasks.common import DIFFICULTIES
 
 RUN = "training run"  # kind of the folder
@@ -62,7 +62,7 @@ def _run(parsed: argparse.Namespace) -> int:
         print(f"train.py: {error}", file=sys.stderr)
         return 2
     # Torch takes seconds to import; bad input has been refused by now.
-    from agents.learning import learn
+    from agents.learning.training import learn
 
     if not parsed.quiet:
         print(f"run folder: {folder.path}")

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from agents.reactionless.problem import Capture
+from agents.planners.dual_arm.problem import Capture
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.reactionless import com
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import PlanningError
-from space_envs.models.dual_arm import END_EFFECTORS, DualArmOptions, dual_arm_model
-from space_envs.models.parameters import DUAL_ARM_PLANAR
+from space_envs.robots.dual_arm import END_EFFECTORS, DualArmOptions, dual_arm_model
+from space_envs.robots.parameters import DUAL_ARM_PLANAR
 
 DURATION = 20.0  # s
 _ATTEMPTS = 1000

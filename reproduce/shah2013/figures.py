@@ -15,9 +15,9 @@ from reproduce.shah2013.deciding import ratio
 from reproduce.shah2013.methods import METHODS, Method
 from reproduce.shah2013.runs import Worked
 from space_envs.dynamics.rotations import Array
-from space_envs.evaluation.drawing import INK
-from space_envs.evaluation.figures import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
-from space_envs.models.parameters import DUAL_ARM_PLANAR
+from space_envs.evaluation.report.drawing import INK
+from space_envs.evaluation.report.figures import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
+from space_envs.robots.parameters import DUAL_ARM_PLANAR
 
 POINTS = 161  # drawn of a curve
 FLOOR = 1e-18  # rad/s; what is less, zero included, is drawn there

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from scipy.integrate import cumulative_simpson
 
-from agents.reactionless.checks import null_velocities
-from agents.reactionless.problem import Plan
+from agents.planners.dual_arm.checks import null_velocities
+from agents.planners.dual_arm.problem import Plan
 from reproduce.shah2013.cases import Case, planar_robot
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.reactionless import com, tips

@@ -3,14 +3,14 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from agents.planning import Failure, Limits
-from agents.reactionless.fixed_path import plan_local, plan_zeta_zero
-from agents.reactionless.free import plan_free
-from agents.reactionless.ocp import plan_ocp
-from agents.reactionless.problem import Plan
+from agents.planners.common.plans import Failure, Limits
+from agents.planners.dual_arm.fixed_path import plan_local, plan_zeta_zero
+from agents.planners.dual_arm.free.planner import plan_free
+from agents.planners.dual_arm.ocp import plan_ocp
+from agents.planners.dual_arm.problem import Plan
 from reproduce.shah2013.cases import JOINT_LIMITS, Case, planar_robot
-from space_envs.evaluation.figures import BLUE, GREEN, ORANGE, PURPLE, VERMILION
-from space_envs.models.parameters import DUAL_ARM_PLANAR
+from space_envs.evaluation.report.figures import BLUE, GREEN, ORANGE, PURPLE, VERMILION
+from space_envs.robots.parameters import DUAL_ARM_PLANAR
 
 ACCELERATION = 0.1  # rad/s^2, of the methods that start from rest by an optimisation
 

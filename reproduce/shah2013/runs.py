@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 import space_envs
-from agents.planning import Failure
-from agents.reactionless import problem
-from agents.reactionless.problem import Plan
-from agents.reactionless.tracking import FINE, Tracked, Tracking, track
+from agents.planners.common.plans import Failure
+from agents.planners.dual_arm import problem
+from agents.planners.dual_arm.problem import Plan
+from agents.planners.dual_arm.tracking import FINE, Tracked, Tracking, track
 from reproduce.cases import Record, config_key, source_digest
 from reproduce.shah2013.cases import Case, Sampler
 from reproduce.shah2013.measures import SAMPLES, Curves, curves, record
@@ -103,8 +103,10 @@ def recipe(seed: int, sampler: Sampler) -> dict[str, Any]:
     suite, own = Path(space_envs.__file__).parent, Path(__file__).parent
     sources = [
         Path(problem.__file__).parent,
+        Path(problem.__file__).parents[1] / "common",
         suite / "dynamics",
-        suite / "models",
+        suite / "codegen",
+        suite / "robots",
         *(own / f"{name}.py" for name in ("cases", "measures", "methods", "runs")),
     ]
     return {

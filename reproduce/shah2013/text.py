@@ -20,7 +20,7 @@ from reproduce.shah2013.figures import comparison, independent_velocities, metho
 from reproduce.shah2013.methods import METHODS
 from reproduce.shah2013.runs import COARSE, FINE, Worked, settings
 from reproduce.study import STUDIES, Options
-from space_envs.evaluation.provenance import commit, machine, versions
+from space_envs.system.provenance import commit, machine, versions
 
 OWN = "canonical case"
 PACKAGES = ("python", "space-capture", "mujoco", "numpy", "scipy", "casadi")

@@ -8,12 +8,12 @@ from functools import cache
 
 import numpy as np
 
-from agents.optimal.problem import Reach
-from agents.planning import Limits
+from agents.planners.common.plans import Limits
+from agents.planners.single_arm.problem import Reach
 from space_envs.dynamics.rotations import Array
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.policy import PolicyContext
+from space_envs.policy import PolicyContext
 from space_envs.tasks.single_arm import SPLIT_SIZE, SingleArmTask
 
 ENV_ID = "SpaceCapture/SingleArm-v0"

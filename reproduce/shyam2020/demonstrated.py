@@ -7,11 +7,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from scipy.spatial import KDTree
 
-from agents.demonstrations import COUNT, fit_prior
-from agents.demonstrator import Demonstrations, demonstrate
-from agents.elastic_bands import end_effector_path
-from agents.promp_policy import ConditionedPrior
-from agents.variations import BANDS, KINDS, DemonstratorConfig
+from agents.demonstrations.demonstrator import Demonstrations, demonstrate
+from agents.demonstrations.elastic_bands import end_effector_path
+from agents.demonstrations.making import COUNT, fit_prior
+from agents.demonstrations.variations import BANDS, KINDS, DemonstratorConfig
+from agents.policies.single_arm.promp import ConditionedPrior
 from reproduce.figures import Figure, Sketch, figure
 from reproduce.page import Table
 from reproduce.shyam2020.cases import DIFFICULTY, Case, context
@@ -19,9 +19,9 @@ from reproduce.shyam2020.sampling import draw
 from reproduce.shyam2020.tables import short
 from space_envs.dynamics import roll_out_base
 from space_envs.dynamics.rotations import Array, rotate
-from space_envs.evaluation.drawing import INK
-from space_envs.evaluation.figures import BLUE, GREEN, ORANGE, VERMILION
-from space_envs.models.parameters import SINGLE_ARM
+from space_envs.evaluation.report.drawing import INK
+from space_envs.evaluation.report.figures import BLUE, GREEN, ORANGE, VERMILION
+from space_envs.robots.parameters import SINGLE_ARM
 from space_envs.tasks.single_arm import SPLIT_SIZE, SingleArmTask
 
 QUICK = 60  # demonstrations of a quick run

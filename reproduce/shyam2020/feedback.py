@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 
-from agents.promp_feedback import POSITION_NOISE, RATE_NOISE, PrompFeedback
-from agents.promp_policy import ConditionalMean, ProMPPolicy
+from agents.policies.single_arm.promp import ConditionalMean, ProMPPolicy
+from agents.policies.single_arm.promp_feedback import POSITION_NOISE, RATE_NOISE, PrompFeedback
 from reproduce.figures import Figure, Sketch, figure
 from reproduce.page import Table
 from reproduce.shyam2020.cases import DIFFICULTY, ENV_ID, C, Case, context
@@ -15,8 +15,8 @@ from reproduce.shyam2020.tables import short
 from space_envs.dynamics import attitude_cost
 from space_envs.dynamics.rotations import Array, angle_between
 from space_envs.envs import CaptureVectorEnv
-from space_envs.evaluation.drawing import INK
-from space_envs.evaluation.figures import BLUE, SKY, VERMILION
+from space_envs.evaluation.report.drawing import INK
+from space_envs.evaluation.report.figures import BLUE, SKY, VERMILION
 
 EPISODES = 48  # drawn by the law
 LINES = 12  # of them that are drawn

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
-from agents.promp_policy import shipped_prior
+from agents.policies.single_arm.promp import shipped_prior
 from reproduce.compare import Record, figures_of, ratio
 from reproduce.figures import Figure, Sketch, figure
 from reproduce.shyam2020.cases import context
@@ -16,9 +16,9 @@ from reproduce.shyam2020.runs import Worked
 from reproduce.shyam2020.sampling import SHOWN, Drawn
 from space_envs.dynamics.rotations import Array, rotate
 from space_envs.dynamics.spheres import link_ends
-from space_envs.evaluation.drawing import INK
-from space_envs.evaluation.figures import BLUE, GREEN, SKY, VERMILION
-from space_envs.models.parameters import SINGLE_ARM
+from space_envs.evaluation.report.drawing import INK
+from space_envs.evaluation.report.figures import BLUE, GREEN, SKY, VERMILION
+from space_envs.robots.parameters import SINGLE_ARM
 
 AXES = "xyz"
 COLOURS = (BLUE, VERMILION, GREEN)

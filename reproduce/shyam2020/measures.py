@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from agents.inverse_kinematics import JointMotion
-from agents.optimal.check import joint_torques
-from agents.planning import JointPath
+from agents.planners.common.inverse_kinematics import JointMotion
+from agents.planners.common.plans import JointPath
+from agents.planners.single_arm.check import joint_torques
 from reproduce.shyam2020.cases import C, Case, context
 from space_envs.dynamics import attitude_cost, roll_out_base
 from space_envs.dynamics.rotations import Array, angle_between, from_matrix, logarithm, multiply, rotate

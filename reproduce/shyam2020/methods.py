@@ -4,18 +4,18 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 
-from agents.inverse_kinematics import JointMotion
-from agents.minimum_jerk import MinimumJerk
-from agents.mpc import ModelPredictive
-from agents.optimal.library import shipped_library
-from agents.optimal.ocp import STARTS, plan_ocp
-from agents.optimal.problem import Motion
-from agents.optimal.promp_optimal import Planner
-from agents.planning import Cause, Failure
-from agents.promp_policy import ConditionalMean, ProMPPolicy
-from agents.tracking import TrajectoryPolicy
+from agents.planners.common.inverse_kinematics import JointMotion
+from agents.planners.common.plans import Cause, Failure
+from agents.planners.single_arm.collocation.ocp import STARTS, plan_ocp
+from agents.planners.single_arm.library import shipped_library
+from agents.planners.single_arm.problem import Motion
+from agents.planners.single_arm.weights.promp_optimal import Planner
+from agents.policies.single_arm.minimum_jerk import MinimumJerk
+from agents.policies.single_arm.mpc import ModelPredictive
+from agents.policies.single_arm.promp import ConditionalMean, ProMPPolicy
+from agents.policies.tracking import TrajectoryPolicy
 from reproduce.shyam2020.cases import Case, context, limits
-from space_envs.evaluation.figures import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
+from space_envs.evaluation.report.figures import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
 
 OLIVE, PLUM = "#7f8f1f", "#7a5ea8"
 

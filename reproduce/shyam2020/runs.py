@@ -11,9 +11,9 @@ from typing import Any
 import agents
 import promp
 import space_envs
-from agents.inverse_kinematics import JointMotion
-from agents.planning import Failure
-from agents.promp_policy import SAMPLES
+from agents.planners.common.inverse_kinematics import JointMotion
+from agents.planners.common.plans import Failure
+from agents.policies.single_arm.promp import SAMPLES
 from reproduce.cases import Record, config_key, source_digest
 from reproduce.shyam2020 import cases, measures, sampling
 from reproduce.shyam2020.cases import Case, goal
@@ -106,14 +106,16 @@ def recipe(seed: int) -> dict[str, Any]:
     """All that decides the records."""
     own, suite = Path(__file__).parent, Path(space_envs.__file__).parent
     sources = [
-        Path(agents.__file__).parent / "optimal",
+        Path(agents.__file__).parent / "planners" / "common",
+        Path(agents.__file__).parent / "planners" / "single_arm",
         *(
-            Path(agents.__file__).parent / f"{name}.py"
-            for name in ("inverse_kinematics", "linear_quadratic", "minimum_jerk", "mpc", "promp_policy")
+            Path(agents.__file__).parent / "policies" / "single_arm" / f"{name}.py"
+            for name in ("minimum_jerk", "mpc", "promp")
         ),
         Path(promp.__file__).parent,
         suite / "dynamics",
-        suite / "models",
+        suite / "codegen",
+        suite / "robots",
         suite / "tasks" / "single_arm.py",
         *(Path(str(module.__file__)) for module in (cases, measures, sampling)),
         own / "methods.py",

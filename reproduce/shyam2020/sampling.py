@@ -8,11 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.inverse_kinematics import JointMotion, floating_inverse_kinematics, inverse_kinematics
-from agents.minimum_jerk import minimum_jerk_profile
-from agents.planning import Failure
-from agents.promp_policy import SAMPLES, ConditionedPrior, shipped_prior
-from agents.tracking import motion_times
+from agents.planners.common.inverse_kinematics import (
+    JointMotion,
+    floating_inverse_kinematics,
+    inverse_kinematics,
+)
+from agents.planners.common.plans import Failure
+from agents.policies.single_arm.minimum_jerk import minimum_jerk_profile
+from agents.policies.single_arm.promp import SAMPLES, ConditionedPrior, shipped_prior
+from agents.policies.tracking import motion_times
 from promp import ProMP, ViaPoint
 from reproduce.shyam2020.cases import Case, context
 from reproduce.shyam2020.measures import IDENTITY, Course, course
@@ -20,7 +24,7 @@ from reproduce.shyam2020.methods import planner
 from space_envs.dynamics import roll_out_base, trajectory_cost
 from space_envs.dynamics.rotations import Array, angle_between, from_matrix, multiply, rotate
 from space_envs.dynamics.spheres import link_ends, sphere_gaps
-from space_envs.models.parameters import SINGLE_ARM
+from space_envs.robots.parameters import SINGLE_ARM
 
 SHOWN = 20  # samples in the paper's figures 3 and 4
 BALL_RADIUS = 0.1  # m, of the ball on the way

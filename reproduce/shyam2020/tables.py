@@ -9,10 +9,10 @@ from time import perf_counter
 import mujoco
 import numpy as np
 
-from agents.demonstrations import fit_prior
-from agents.demonstrator import demonstrate
-from agents.promp_policy import shipped_prior
-from agents.variations import DemonstratorConfig
+from agents.demonstrations.demonstrator import demonstrate
+from agents.demonstrations.making import fit_prior
+from agents.demonstrations.variations import DemonstratorConfig
+from agents.policies.single_arm.promp import shipped_prior
 from promp import ViaPoint
 from reproduce.page import Table
 from reproduce.shyam2020.cases import Case, context
@@ -21,7 +21,7 @@ from reproduce.shyam2020.sampling import SAMPLES, joint_goal, prior
 from space_envs.dynamics import trajectory_cost
 from space_envs.dynamics.rotations import Array, to_matrix
 from space_envs.errors import PlanningError
-from space_envs.models.single_arm import END_EFFECTOR, SATELLITE, ModelOptions, single_arm_model
+from space_envs.robots.single_arm import END_EFFECTOR, SATELLITE, ModelOptions, single_arm_model
 
 # As printed: alpha rad, a m, d m; then mass kg and Ix, Iy, Iz kg m^2, link 0 being the satellite.
 TABLE_I = (

@@ -32,7 +32,7 @@ from reproduce.shyam2020.pictures import poses
 from reproduce.shyam2020.runs import Worked
 from reproduce.shyam2020.tables import model_tables, short, time_tables
 from reproduce.study import STUDIES, Options
-from space_envs.evaluation.provenance import commit, machine, versions
+from space_envs.system.provenance import commit, machine, versions
 
 OWN = "own goal"
 GOALS = "test goals"

@@ -10,7 +10,7 @@ import warnings
 
 import numpy as np
 
-from space_envs.dynamics.c_library import LibraryError, load_library
+from space_envs.codegen.c_library import LibraryError, load_library
 from space_envs.dynamics.floating import FloatingRobot
 from space_envs.dynamics.rotations import Array
 

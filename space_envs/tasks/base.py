@@ -14,7 +14,7 @@ from space_envs.checks import flag
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError, positive, positive_integer, shown, unknown_name
-from space_envs.models.parameters import LEAST_TIMESTEP
+from space_envs.robots.parameters import LEAST_TIMESTEP
 from space_envs.simulation import Simulation
 from space_envs.tasks.common import (
     DIFFICULTIES,

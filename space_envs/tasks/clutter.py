@@ -17,9 +17,9 @@ from space_envs.dynamics import FloatingRobot, minimum_jerk, roll_out_base
 from space_envs.dynamics.rotations import Array, conjugate, from_matrix, logarithm, multiply, rotate
 from space_envs.dynamics.spheres import link_ends, sphere_gaps
 from space_envs.errors import GoalError
-from space_envs.models.capsules import SINGLE_ARM_SHAPE
-from space_envs.models.parameters import SINGLE_ARM
-from space_envs.models.single_arm import single_arm_model
+from space_envs.robots.capsules import SINGLE_ARM_SHAPE
+from space_envs.robots.parameters import SINGLE_ARM
+from space_envs.robots.single_arm import single_arm_model
 from space_envs.tasks.base import BLOCK
 from space_envs.tasks.common import DIFFICULTIES
 from space_envs.tasks.contacts import Contacts

@@ -1,6 +1,6 @@
 """Which links touch what they must not, by distance: from the model's sensors, or for joint angles.
 
-Arms are chains of capsules, the satellite and the target are boxes; `space_envs.models.capsules` says what
+Arms are chains of capsules, the satellite and the target are boxes; `space_envs.robots.capsules` says what
 counts. Nothing has contact forces: an episode in which something is touched ends as a collision.
 """
 
@@ -17,7 +17,7 @@ from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.capsules import box_distance, segment_distance
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import GoalError
-from space_envs.models.capsules import ArmShape, point_names
+from space_envs.robots.capsules import ArmShape, point_names
 
 SHARES = np.linspace(0.0, 1.0, 9)  # of a control period, at which links are seen
 _ROOT_3 = 3.0**0.5  # largest length of a vector whose components are at most 1

@@ -21,9 +21,9 @@ from space_envs.dynamics.reactionless import com, reach
 from space_envs.dynamics.rigid_body import tumble
 from space_envs.dynamics.rotations import Array, canonical, conjugate, rotate
 from space_envs.errors import GoalError
-from space_envs.models.dual_appearance import scale_target
-from space_envs.models.dual_arm import END_EFFECTORS, GRAPPLES, SHAPES, DualArmOptions, dual_arm_model
-from space_envs.models.parameters import LARGEST_CONTROL_PERIOD, LARGEST_TIMESTEP, TargetParameters
+from space_envs.robots.dual_arm import END_EFFECTORS, GRAPPLES, SHAPES, DualArmOptions, dual_arm_model
+from space_envs.robots.parameters import LARGEST_CONTROL_PERIOD, LARGEST_TIMESTEP, TargetParameters
+from space_envs.scenery.dual_arm import scale_target
 from space_envs.simulation import Simulation
 from space_envs.tasks.base import BLOCK, CaptureTask
 from space_envs.tasks.common import DIFFICULTIES, ObservationLayout

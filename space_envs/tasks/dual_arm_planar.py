@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array
-from space_envs.models.dual_arm import DualArmOptions, dual_arm_model
-from space_envs.models.parameters import DUAL_ARM_PLANAR
+from space_envs.robots.dual_arm import DualArmOptions, dual_arm_model
+from space_envs.robots.parameters import DUAL_ARM_PLANAR
 from space_envs.tasks.common import Field, GoalOption, ObservationLayout
 from space_envs.tasks.dual_arm import FASTEST_SPIN, DualArmTask, sensor_columns, squares_matrix
 from space_envs.tasks.targets import Draws, TargetGoals

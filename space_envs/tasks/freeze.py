@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from space_envs.files import atomic_write
-from space_envs.models.parameters import VARIANTS
+from space_envs.robots.parameters import VARIANTS
+from space_envs.system.files import atomic_write
 from space_envs.tasks.base import BLOCK
 from space_envs.tasks.clutter import find_draws
 from space_envs.tasks.common import DIFFICULTIES, SPLITS

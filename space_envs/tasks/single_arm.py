@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 from space_envs.dynamics import FloatingRobot, minimum_jerk, roll_out_base
 from space_envs.dynamics.rotations import Array, from_matrix, multiply, rotate
 from space_envs.errors import GoalError, unknown_name
-from space_envs.models.capsules import SINGLE_ARM_SHAPE
-from space_envs.models.parameters import (
+from space_envs.robots.capsules import SINGLE_ARM_SHAPE
+from space_envs.robots.parameters import (
     LARGEST_CONTROL_PERIOD,
     LARGEST_TIMESTEP,
     SINGLE_ARM,
     VARIANTS,
 )
-from space_envs.models.single_arm import ModelOptions, single_arm_model
+from space_envs.robots.single_arm import ModelOptions, single_arm_model
 from space_envs.simulation import Simulation
 from space_envs.tasks.base import BLOCK, CaptureTask
 from space_envs.tasks.common import (

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from space_envs.dynamics.rotations import Array
 from space_envs.dynamics.spheres import link_ends, sphere_gaps
 from space_envs.errors import GoalError
-from space_envs.models.appearance import resize_keep_out
-from space_envs.models.parameters import SINGLE_ARM
-from space_envs.models.single_arm import ModelOptions, single_arm_model
+from space_envs.robots.parameters import SINGLE_ARM
+from space_envs.robots.single_arm import ModelOptions, single_arm_model
+from space_envs.scenery.single_arm import resize_keep_out
 from space_envs.simulation import Simulation
 from space_envs.tasks.base import BLOCK
 from space_envs.tasks.clutter import COUNT, ClutteredGoals, bus_gaps, draw_scenes

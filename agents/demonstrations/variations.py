@@ -1,0 +1,150 @@
+"""What varies between demonstrations: the paper's three ways to different motions (shyam2020, sec. IV)."""
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.policies.single_arm.mpc import CONTROL_WEIGHT, POSITION_WEIGHT
+from space_envs.checks import non_negative
+from space_envs.dynamics import FloatingRobot
+from space_envs.dynamics.rotations import Array
+from space_envs.errors import ConfigurationError, positive, positive_integer, unknown_name
+from space_envs.robots.parameters import VARIANTS
+from space_envs.tasks.common import DIFFICULTIES
+
+KINDS = ("cost_matrices", "elastic_band", "noise")
+BANDS = ("joint", "task")
+OFF_REDUNDANCY = 0.3  # share of any direction in the side on which an obstacle lies
+
+
+@dataclass(frozen=True)
+class DemonstratorConfig:
+    """What demonstrations vary, and by how much.
+
+    Attributes:
+        difficulty, variant: of the task, whose train split gives the goals.
+        per_goal: demonstrations of one goal, of all kinds in turn.
+        weight_decades: kind cost_matrices: half-width of the log-uniform factors on the joints' position
+            weights, powers of ten; the control weights vary by half as many.
+        ramp: least and largest exponent with which the position weights grow, in all kinds.
+        scale_decades: half-width of the log-uniform factor on all position weights, powers of ten, likewise.
+        redundancy: standard deviation of the configuration that the redundancy is drawn to, rad a joint.
+        bands: kind elastic_band: the space of its artificial obstacle. `task` is the paper's, a sphere
+            between the end-effector's points at start and goal; the shipped prior has `joint`, a ball of
+            joint angles.
+        radius, miss: bands `joint`: least and largest radius, distance of the centre from the motion, rad.
+        sphere_radius, sphere_miss: bands `task`: the same in m, from the end-effector's path.
+        noise: kind noise: standard deviation of the acceleration that disturbs every control period, rad/s^2.
+        quiet: s before the end from which there is no noise, so that the arm comes to rest.
+        rest: rad/s, the most that a joint may still turn at the end.
+    """
+
+    difficulty: str = "medium"
+    variant: str = "paper"
+    dt: float = 0.1
+    per_goal: int = 3
+    weight_decades: float = 1.0
+    ramp: tuple[float, float] = (2.0, 12.0)
+    scale_decades: float = 1.5
+    redundancy: float = 0.2
+    radius: tuple[float, float] = (0.4, 0.7)
+    miss: float = 0.1
+    bands: str = "joint"
+    sphere_radius: tuple[float, float] = (0.3, 0.6)
+    sphere_miss: float = 0.1
+    noise: float = 0.015
+    quiet: float = 2.5
+    rest: float = 2e-3
+
+    def __post_init__(self) -> None:
+        if self.difficulty not in DIFFICULTIES:
+            raise unknown_name("difficulty", self.difficulty, DIFFICULTIES)
+        if self.variant not in VARIANTS:
+            raise unknown_name("model variant", self.variant, VARIANTS)
+        if self.bands not in BANDS:
+            raise unknown_name("space of elastic bands", self.bands, BANDS)
+        for name, value in vars(self).items():
+            numbers = value if isinstance(value, tuple) else (value,)
+            for one in () if name in ("difficulty", "variant", "bands") else numbers:
+                non_negative(f"demonstrations: {name}", one)
+        positive("dt", self.dt)
+        positive_integer("per_goal", self.per_goal, 1000)
+        for name in ("ramp", "radius", "sphere_radius"):
+            value = getattr(self, name)
+            if not isinstance(value, tuple) or len(value) != 2 or value[0] > value[1]:
+                raise ConfigurationError(f"{name} must be a least and a largest value, got {value!r}")
+
+    def as_dict(self) -> dict[str, Any]:
+        """All settings as JSON values."""
+        return {
+            key: list(value) if isinstance(value, tuple) else value for key, value in asdict(self).items()
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Draws:
+    """What chance decides about D demonstrations; shapes as in the problem they enter."""
+
+    q: Array
+    r: Array
+    ramp: Array
+    preferred: Array
+    obstacle_phase: Array
+    obstacle_side: Array
+    obstacle_radius: Array
+    disturbance: Array
+    sphere_side: Array
+    sphere_radius: Array
+
+
+def draw(
+    config: DemonstratorConfig,
+    seed: int,
+    number: NDArray[np.int64],
+    attempt: int,
+    kind: NDArray[np.int64],
+    time: Array,
+    home: Array,
+) -> Draws:
+    """Every demonstration draws everything from a generator of its own, and uses what is of its kind."""
+    n, samples = len(home), len(time)
+    rows: list[tuple[Array, ...]] = []
+    for i, k in zip(number.tolist(), kind.tolist(), strict=True):
+        rng = np.random.default_rng([seed, i, attempt])
+        preferred = home + rng.normal(0.0, config.redundancy, n)
+        position = _random_spd(rng, n, config.weight_decades)
+        control = _random_spd(rng, n, config.weight_decades / 2)
+        ramp = rng.uniform(*config.ramp)
+        scale = 10.0 ** rng.uniform(-config.scale_decades, config.scale_decades)
+        phase, radius, side = rng.uniform(0.3, 0.7), rng.uniform(*config.radius), rng.standard_normal(n)
+        noise = rng.normal(0.0, config.noise, (samples, n)) * (time < time[-1] - config.quiet)[:, None]
+        sphere, aside = rng.uniform(*config.sphere_radius), rng.standard_normal(3)
+        varied, pushed, noisy = (k == KINDS.index(name) for name in KINDS)
+        q = np.zeros((2 * n, 2 * n))
+        q[:n, :n] = scale * POSITION_WEIGHT * (position if varied else np.eye(n))
+        r = CONTROL_WEIGHT * (control if varied else np.eye(n))
+        # An obstacle of no size pushes nothing.
+        size, sphere = np.array(radius if pushed else 0.0), np.array(sphere if pushed else 0.0)
+        obstacle = np.array(phase), side, size
+        rows.append((q, r, np.array(ramp), preferred, *obstacle, noise * noisy, aside, sphere))
+    columns = [np.stack(column) for column in zip(*rows, strict=True)]
+    columns[7] = np.ascontiguousarray(columns[7].swapaxes(0, 1))
+    return Draws(*columns)
+
+
+def _random_spd(rng: np.random.Generator, n: int, decades: float) -> Array:
+    """A random positive definite matrix (n, n): correlated directions, diagonal log-uniform around 1."""
+    factor = rng.standard_normal((n, 3 * n))
+    product = factor @ factor.T
+    scale = np.sqrt(10.0 ** rng.uniform(-decades, decades, n) / np.diag(product))
+    return product * scale[:, None] * scale
+
+
+def beside_the_way(arm: FloatingRobot, q: Array, side: Array) -> Array:
+    """Unit directions (D, n) of joints, mostly along the arm's redundancy at q, from normal draws `side`."""
+    jacobian = arm.generalized_jacobian(q)
+    rest = side - (np.linalg.pinv(jacobian) @ jacobian @ side[..., None])[..., 0]
+    direction = rest + OFF_REDUNDANCY * side
+    return direction / np.sqrt((direction * direction).sum(axis=1, keepdims=True))

@@ -1,0 +1,1 @@
+"""Training: behaviour cloning, reinforcement learning, runs, validation and sweeps."""

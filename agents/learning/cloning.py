@@ -1,0 +1,165 @@
+"""Behaviour cloning: a network learns what an expert does in the states that the network itself visits."""
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch as th
+from numpy.typing import NDArray
+
+from agents.learning.hyperparameters import BC
+from agents.learning.models import actor_modules, build_model, export_network, model_state, restore_model
+from agents.learning.recorder import Recorder
+from agents.learning.runs import RunFolder, Settings
+from agents.learning.trees import load_tree, save_tree
+from agents.learning.vec_env import NativeVecEnv
+from agents.policies.learned.features import FeatureView
+from agents.policies.learned.network import Network
+from agents.policies.registry import make_policy
+from space_envs.envs import CaptureVectorEnv
+from space_envs.policy import PolicyContext
+
+Pairs = dict[str, NDArray[np.float32]]  # features (K, F) and actions (K, m)
+
+
+class Cloning:
+    """Rounds of collecting labelled states and fitting the network to all of them (DAgger).
+
+    Every round draws from a seed of its own, so that a run that was killed and resumed ends with the same
+    bits as one that was not.
+
+    Args:
+        folder: of the run; the data so far lie in its folder `demonstrations` until the run ends.
+        settings, parameters: of the run.
+
+    Raises:
+        ConfigurationError, PolicyError: for an unknown expert, or one of another control mode.
+    """
+
+    def __init__(self, folder: RunFolder, settings: Settings, parameters: BC) -> None:
+        self.settings, self.parameters = settings, parameters
+        self.context = PolicyContext.from_env(
+            CaptureVectorEnv(settings.env_id, **settings.environment), jobs=-1
+        )
+        self.expert = make_policy(parameters.expert, self.context, settings.seed)
+        self.env = CaptureVectorEnv(
+            settings.env_id,
+            parameters.num_envs,
+            autoreset_mode="same_step",
+            horizon=parameters.episode,
+            hold_time=2.0 * parameters.episode * self.context.control_period,
+            **settings.environment,
+        )
+        self.view = FeatureView(parameters.features, self.context.layout, self.context.arm.home)
+        self.model = build_model(
+            parameters, NativeVecEnv(self.env, self.view), settings.seed, settings.device
+        )
+        layers, _ = actor_modules(self.model)
+        self.actor = [parameter for layer in layers for parameter in layer.parameters()]
+        self.optimizer = th.optim.Adam(self.actor, parameters.learning_rate)
+        self.steps_a_round = parameters.round
+        self.rounds = -(-parameters.steps // self.steps_a_round)
+        self._shards = folder.path / "demonstrations"
+        self._data: list[Pairs] = []
+
+    @property
+    def network(self) -> Network:
+        """The network as it is now."""
+        return export_network(self.model, self.parameters.activation)
+
+    def state(self) -> dict[str, Any]:
+        """What `restore` needs besides the data, which lie in files of their own."""
+        return {"model": model_state(self.model), "optimizer": self.optimizer.state_dict()}
+
+    def restore(self, state: dict[str, Any], steps: int) -> None:
+        """Go back to a checkpoint that was taken after `steps` steps."""
+        restore_model(self.model, state["model"])
+        self.optimizer.load_state_dict(state["optimizer"])
+        self._data = [load_tree(self._shard(i)) for i in range(steps // self.steps_a_round)]
+
+    def run(self, recorder: Recorder, steps: int = 0) -> int:
+        """Clone from `steps` on to the end of the rounds or the time limit; returns the steps taken."""
+        done = steps
+        for index in range(steps // self.steps_a_round, self.rounds):
+            if index and recorder.budget.exhausted:
+                break
+            pairs = self._collect(index)
+            save_tree(self._shard(index), pairs)
+            self._data.append(pairs)
+            last = index == self.rounds - 1
+            loss = self._fit(index, self.parameters.last_epochs if last else self.parameters.epochs)
+            steps += self.steps_a_round
+            recorder.bar.update(self.steps_a_round)
+            recorder.logger.record("train/loss", loss)
+            recorder.logger.dump(steps)
+            if last or steps - done >= self.parameters.interval:
+                recorder.record(steps, self.network, self.state())
+                done = steps
+        if done < steps:
+            recorder.record(steps, self.network, self.state())
+        return steps
+
+    def forget(self) -> None:
+        """Delete the data of a finished run."""
+        shutil.rmtree(self._shards, ignore_errors=True)
+
+    def _shard(self, index: int) -> Path:
+        return self._shards / f"round_{index:03d}.npz"
+
+    def _collect(self, index: int) -> Pairs:
+        """States that the expert (round 0, or a planner) or the network visits, with the expert's actions."""
+        parameters, n = self.parameters, self.env.num_envs
+        seeds = np.random.SeedSequence([self.settings.seed, index])
+        rng = np.random.default_rng(seeds)
+        network = self.network
+        observation, _ = self.env.reset(seed=int(seeds.generate_state(1)[0]))
+        start = np.ones(n, dtype=bool)
+        state: Any = None
+        seen, labels = [], []
+        for _ in range(parameters.episode):
+            features = self.view(observation)
+            label, state = self.expert.predict(observation, state=state, episode_start=start)
+            seen.append(features)
+            labels.append(label.astype(np.float32))
+            if index == 0 or state is not None:
+                disturbed = rng.random((n, 1)) < 0.5
+                action = label + parameters.noise * disturbed * rng.standard_normal(label.shape)
+            else:
+                action = network.actions(features)
+            observation, _, terminated, truncated, _ = self.env.step(np.clip(action, -1.0, 1.0))
+            start = terminated | truncated
+        return {"features": np.concatenate(seen), "actions": np.concatenate(labels)}
+
+    def _fit(self, index: int, epochs: int) -> float:
+        """Passes over all data so far; returns the last one's mean weighted squared error."""
+        parameters = self.parameters
+        device = self.model.device
+        features = th.from_numpy(np.concatenate([pairs["features"] for pairs in self._data])).to(device)
+        actions = th.from_numpy(np.concatenate([pairs["actions"] for pairs in self._data])).to(device)
+        generator = th.Generator().manual_seed(self.settings.seed * 1_000 + index)
+        size = min(parameters.batch_size, len(features))
+        batches = len(features) // size
+        total = 0.0
+        for epoch in range(epochs):
+            order = th.randperm(len(features), generator=generator).to(device)
+            total = 0.0
+            for batch in range(batches):
+                past = (epoch * batches + batch) / (epochs * batches)
+                self.optimizer.param_groups[0]["lr"] = parameters.learning_rate * (
+                    1.0 - (1.0 - parameters.final_rate) * past
+                )
+                rows = order[batch * size : (batch + 1) * size]
+                loss = self._loss(features[rows], actions[rows])
+                self.optimizer.zero_grad()
+                loss.backward()
+                self.optimizer.step()
+                total += float(loss.detach())
+        return total / batches
+
+    def _loss(self, features: th.Tensor, actions: th.Tensor) -> th.Tensor:
+        """Mean squared error relative to the expert's action: near the goal small errors count."""
+        policy: Any = self.model.policy
+        mean = policy.action_net(policy.mlp_extractor.forward_actor(features))
+        size = actions.abs().mean(dim=1, keepdim=True) + self.parameters.weight
+        return (((mean - actions) / size) ** 2).mean()

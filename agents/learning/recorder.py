@@ -1,0 +1,132 @@
+"""What happens at every interval of a run: validation, the best policy, a checkpoint, a line of progress."""
+
+import sys
+from dataclasses import fields
+from typing import Any
+
+from stable_baselines3.common.logger import Logger, configure
+from tqdm import tqdm
+
+from agents.learning.hyperparameters import AnyHyperparameters
+from agents.learning.runs import Budget, RunFolder, Settings
+from agents.learning.validation import EPISODES, Validation, Validator
+from agents.policies.learned.features import FeatureView
+from agents.policies.learned.network import Network
+from agents.policies.learned.policy_file import PolicyFile, load_policy_file
+
+
+class Recorder:
+    """Keeps a run's folder up to date.
+
+    Args:
+        folder, settings, parameters, budget: of the run.
+        view: what the network sees.
+        history: validations of earlier sittings.
+        steps: taken in earlier sittings.
+        episodes: of a validation.
+        quiet: no progress bar and no lines.
+    """
+
+    def __init__(
+        self,
+        folder: RunFolder,
+        settings: Settings,
+        parameters: AnyHyperparameters,
+        budget: Budget,
+        view: FeatureView,
+        history: list[dict[str, Any]],
+        steps: int = 0,
+        episodes: int = EPISODES,
+        quiet: bool = False,
+    ) -> None:
+        self.folder, self.settings, self.parameters, self.budget = folder, settings, parameters, budget
+        self.view, self.history, self.quiet = view, history, quiet
+        self.logger: Logger = configure(str(folder.tensorboard), ["tensorboard"])
+        self.bar = tqdm(
+            total=parameters.steps,
+            initial=steps,
+            unit="step",
+            unit_scale=True,
+            desc=settings.algorithm,
+            disable=quiet or not sys.stderr.isatty(),
+        )
+        self._validate = Validator(settings.env_id, episodes, **settings.environment)
+        self._best: tuple[int, float] | None = None
+        if folder.policy.exists():
+            self._best = Validation(**load_policy_file(folder.policy).notes["validation"]).score
+
+    def record(
+        self, steps: int, network: Network, state: dict[str, Any], candidate: bool = True
+    ) -> Validation:
+        """Validate the network, keep it if it is the best so far, write a checkpoint that holds `state`.
+
+        Args:
+            candidate: whether the run may keep it: not while it is still what the run started from.
+        """
+        result = self._validate(lambda observation: network.actions(self.view(observation)))
+        if candidate and (self._best is None or result.score > self._best):
+            self._best = result.score
+            self._policy_file(steps, network, result).save(self.folder.policy)
+        self.history.append({"steps": steps, "wall_s": round(self.budget.wall, 1), **result.to_json()})
+        self.folder.write_validation(self.history)
+        times = {"wall": self.budget.wall, "cpu": self.budget.cpu}
+        self.folder.write_checkpoint({"steps": steps, "times": times, "history": self.history, **state})
+        for name, value in result.to_json().items():
+            self.logger.record(f"validation/{name}", value)
+        self.logger.dump(steps)
+        if not self.quiet:
+            tqdm.write(
+                f"{self.settings.algorithm:>4} {steps:>9,} steps {self.budget.wall:>6.0f} s   "
+                f"captured {100 * result.captured:5.1f} %   return {result.episode_return:6.2f}   "
+                f"attitude {result.final_attitude:5.2f} deg   "
+                f"eq. 20 cost {1e4 * result.attitude_cost:.1f} cm^2/s   "
+                f"{result.seconds:4.1f} s an episode"
+            )
+        return result
+
+    def finish(self, steps: int) -> dict[str, Any]:
+        """Mark the run as finished; returns its summary."""
+        best = load_policy_file(self.folder.policy).notes
+        start = self._start()
+        summary = {
+            "algorithm": self.settings.algorithm,
+            "steps": steps,
+            "best_steps": best["steps"],
+            "validation": best["validation"],
+            "start": None if start is None else start.to_json(),
+            "improved": None if start is None else Validation(**best["validation"]).score > start.score,
+            "wall_s": round(self.budget.wall, 1),
+            "cpu_s": round(self.budget.cpu, 1),
+        }
+        self.folder.write_summary(summary)
+        return summary
+
+    def _start(self) -> Validation | None:
+        """The validation of what the run started from, if that was a policy."""
+        first = self.history[0]
+        if first["steps"] > 0:
+            return None
+        return Validation(**{field.name: first[field.name] for field in fields(Validation)})
+
+    def close(self) -> None:
+        """End the progress bar and the log."""
+        self.bar.close()
+        self.logger.close()
+
+    def _policy_file(self, steps: int, network: Network, result: Validation) -> PolicyFile:
+        settings = self.settings
+        notes = {
+            "algorithm": settings.algorithm,
+            "difficulty": settings.difficulty,
+            "seed": settings.seed,
+            "steps": steps,
+            "validation": result.to_json(),
+        }
+        return PolicyFile(
+            env_id=settings.env_id,
+            control_mode=settings.control_mode,
+            network=network,
+            features=self.parameters.features,
+            home=tuple(self.view.home.tolist()),
+            notes=notes,
+        )

@@ -1,0 +1,146 @@
+"""Reinforcement learning with stable-baselines3 over the native vector environment."""
+
+from typing import Any
+
+import numpy as np
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback
+
+from agents.learning.hyperparameters import PPO, SAC, TD3
+from agents.learning.models import (
+    actor_parameters,
+    build_model,
+    export_network,
+    import_network,
+    model_state,
+    random_state,
+    restore_model,
+    restore_random_state,
+)
+from agents.learning.recorder import Recorder
+from agents.learning.runs import Budget, Settings
+from agents.learning.vec_env import NativeVecEnv
+from agents.policies.learned.features import FeatureView
+from agents.policies.learned.network import Network
+from space_envs.envs import CaptureVectorEnv
+
+
+class Reinforcement:
+    """A stable-baselines3 model that learns until its steps or its time are used up.
+
+    A checkpoint holds the episodes, the generators and the replay buffer too, so that a run that was killed
+    and resumed ends with the same bits as one that was not, with two exceptions: a limit on the wall time
+    that is reached, and a replay buffer that is too large for a checkpoint.
+
+    Args:
+        settings, parameters, budget: of the run.
+        began: wall time at which learning first began, s; the learning rate of ppo falls from then on.
+
+    Raises:
+        ConfigurationError: for settings that the environment does not know.
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        parameters: PPO | SAC | TD3,
+        budget: Budget,
+        began: float = 0.0,
+    ) -> None:
+        self.settings, self.parameters, self.budget, self.began = settings, parameters, budget, began
+        env = CaptureVectorEnv(
+            settings.env_id, parameters.num_envs, autoreset_mode="same_step", **settings.environment
+        )
+        self.view = FeatureView(parameters.features, env.task.layout, env.task.robot.home)
+        seed = int(np.random.SeedSequence([settings.seed, 0]).generate_state(1)[0])
+        rate = self._rate if isinstance(parameters, PPO) else None
+        self.episodes = NativeVecEnv(env, self.view)
+        self.model: BaseAlgorithm = build_model(parameters, self.episodes, seed, settings.device, rate)
+        self.warm = False  # whether ppo's actor was warm started, and the critic has to catch up first
+        self.learned = False  # whether the actor has been updated
+
+    @property
+    def network(self) -> Network:
+        """The actor as it is now."""
+        return export_network(self.model, self.parameters.activation)
+
+    def start_from(self, network: Network) -> None:
+        """Warm start the actor; errors as in `import_network`."""
+        import_network(self.model, network)
+        self.warm = True
+
+    def state(self) -> dict[str, Any]:
+        """What `restore` needs."""
+        state = {
+            "model": model_state(self.model),
+            "random": random_state(self.model),
+            "began": self.began,
+            "warm": self.warm,
+            "learned": self.learned,
+        }
+        if self.model._last_obs is not None:  # some episodes have begun
+            state["episodes"] = self.episodes.snapshot()
+            state["seen"] = self.model._last_obs
+            state["starts"] = self.model._last_episode_starts
+        return state
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go back to a checkpoint."""
+        restore_model(self.model, state["model"])
+        self.began, self.warm, self.learned = state["began"], state["warm"], state["learned"]
+        if "episodes" in state:
+            self.episodes.restore(state["episodes"])
+            self.model._last_obs, self.model._last_episode_starts = state["seen"], state["starts"]
+        restore_random_state(self.model, state["random"])
+
+    def run(self, recorder: Recorder) -> int:
+        """Learn to the end of the steps or the time limit; returns the steps taken."""
+        self.model.set_logger(recorder.logger)
+        left = self.parameters.steps - self.model.num_timesteps
+        callback = _AtIntervals(self, recorder)
+        if left > 0 and not self.budget.exhausted:
+            self.model.learn(left, callback=callback, log_interval=10, reset_num_timesteps=False)
+        none = not recorder.folder.policy.exists()
+        if callback.recorded < self.model.num_timesteps or none:
+            self.record(recorder, self.learned or none)
+        return self.model.num_timesteps
+
+    def record(self, recorder: Recorder, candidate: bool) -> None:
+        """Validate the actor as it is now, and keep it if it is a candidate and the best."""
+        recorder.record(self.model.num_timesteps, self.network, self.state(), candidate)
+
+    def hold_actor(self) -> None:
+        """While the critic warms up the actor stays as it is; call before every rollout."""
+        if isinstance(self.parameters, PPO):
+            learns = not self.warm or self.model.num_timesteps >= self.parameters.critic_warm_up
+            for parameter in actor_parameters(self.model):
+                parameter.requires_grad_(learns)
+            self.learned |= learns
+        else:
+            self.learned = True
+
+    def _rate(self, remaining: float) -> float:
+        """Learning rate of ppo, falling linearly with the steps or the time, whichever runs out first."""
+        parameters = self.parameters
+        final = parameters.final_rate if isinstance(parameters, PPO) else 1.0
+        remaining = min(remaining, 1.0 - self.budget.fraction(self.began))
+        return parameters.learning_rate * (final + (1.0 - final) * max(remaining, 0.0))
+
+
+class _AtIntervals(BaseCallback):
+    """Records at intervals, between an update and the next rollout, and ends the run when its time is up."""
+
+    def __init__(self, learner: Reinforcement, recorder: Recorder) -> None:
+        super().__init__()
+        self._learner, self._recorder = learner, recorder
+        self.recorded = learner.model.num_timesteps
+
+    def _on_rollout_start(self) -> None:
+        if self.num_timesteps - self.recorded >= self._learner.parameters.interval:
+            self._learner.record(self._recorder, self._learner.learned)
+            self.recorded = self.num_timesteps
+        self._learner.hold_actor()
+
+    def _on_step(self) -> bool:
+        self._recorder.bar.update(self.training_env.num_envs)
+        return not self._learner.budget.exhausted

@@ -1,0 +1,1 @@
+"""What the planners of one and of two arms share."""

@@ -1,0 +1,1 @@
+"""Reactionless capture by two arms (shah2013)."""

@@ -1,0 +1,118 @@
+"""What a plan along given paths really does, measured between its nodes by code that no planner uses."""
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from agents.planners.common.plans import Cause, Failure, Limits
+from agents.planners.dual_arm.free.check import check
+from agents.planners.dual_arm.paths import PolynomialPath
+from agents.planners.dual_arm.problem import Capture, Plan
+from space_envs.dynamics import FloatingRobot
+from space_envs.dynamics.reactionless import com, tips
+from space_envs.dynamics.rotations import Array
+
+DENSER = 4  # times as many points as the plan has nodes
+TOLERANCES = {  # beyond which a plan counts as inaccurate
+    "end_position": 1e-6,  # m
+    "end_velocity": 1e-6,  # m/s
+    "base_rate": 1e-8,  # rad/s
+    "path": 1e-6,  # m
+    "energy": 1e-5,  # relative
+}
+
+
+def checked_plan(
+    method: str,
+    robot: FloatingRobot,
+    capture: Capture,
+    limits: Limits,
+    path: PolynomialPath,
+    time: Array,
+    position: Array,
+    rate: Array,
+    energy: float,
+    notes: str = "",
+) -> Plan | Failure:
+    """The plan with what was measured, or why it is none.
+
+    Args:
+        path: that the end-effectors shall follow, with respect to the system's centre of mass.
+        time (K,), position (K, n), rate (K, n): of the plan. energy: C as the planner has it, J s.
+    """
+    acceleration = make_interp_spline(time, rate, k=5, axis=0).derivative()(time)
+    zeta = null_velocities(robot, position, rate) if robot.n_joints == 6 else None
+    bare = Plan(method, time, position, rate, acceleration, energy, zeta, notes=notes)
+    inner = np.arange(DENSER) / DENSER
+    dense = np.append((time[:-1, None] + np.diff(time)[:, None] * inner).ravel(), time[-1])
+    q, qdot, qddot = bare.sample(dense)
+    measured = check(robot, capture, limits, bare)
+    violation = measured.violation | {
+        "path": path_error(robot, path, dense, q),
+        "energy": abs(measured.energy - energy) / max(energy, 1e-12),
+    }
+    for name, most in TOLERANCES.items():
+        if not violation[name] <= most:
+            return Failure(
+                method,
+                Cause.INACCURATE,
+                f"{name} is off by {violation[name]:.2e}, at most {most:.0e} may pass",
+            )
+    if limits.control is not None and zeta is not None:
+        largest = float(np.linalg.norm(zeta, axis=1).max())
+        if largest > limits.control * 1.001:
+            reason = f"zeta would have to reach {largest:.3g} rad/s, the limit is {limits.control:.3g} rad/s"
+            return Failure(method, Cause.INFEASIBLE, reason)
+    failure = _beyond_limits(method, limits, dense, q, qdot, qddot)
+    if failure is not None:
+        return failure
+    return Plan(method, time, position, rate, acceleration, energy, zeta, violation, notes)
+
+
+def path_error(robot: FloatingRobot, path: PolynomialPath, time: Array, q: Array) -> float:
+    """Largest deviation of the end-effectors from their path at q (T, n), m."""
+    kinematics = robot.kinematics(q)
+    places = tips(robot, q, kinematics).position - com(robot, kinematics)[:, None]
+    flat = places[..., : path.start.size // 2].reshape(len(time), path.start.size)
+    return float(np.abs(flat - path.position(time)).max())
+
+
+def null_velocities(robot: FloatingRobot, q: Array, qdot: Array) -> Array:
+    """Share (K, 2) of the dependent angular velocities that lies in the null space of eq. 9, rad/s: the
+    projector times zeta, which is all of zeta that moves anything. Of the planar robot."""
+    hands = tips(robot, q)
+    rows = np.concatenate(
+        [hands.linear[..., :2, :].reshape(len(q), 4, q.shape[1]), hands.turning[:, 2:]], axis=1
+    )
+    null = np.linalg.svd(rows)[2][:, -1]  # of five rows on six joints
+    way = (hands.angular[..., 2, :] @ null[..., None])[..., 0]
+    way = way / np.maximum(np.sqrt((way * way).sum(axis=1, keepdims=True)), 1e-12)
+    spins = (hands.angular[..., 2, :] @ qdot[..., None])[..., 0]
+    return way * (way * spins).sum(axis=1, keepdims=True)
+
+
+def _beyond_limits(
+    method: str, limits: Limits, time: Array, q: Array, qdot: Array, qddot: Array
+) -> Failure | None:
+    if limits.position is not None:
+        excess = np.maximum(limits.position[:, 0] - q, q - limits.position[:, 1])
+        if excess.max() > 1e-6:
+            row, joint = np.unravel_index(excess.argmax(), excess.shape)
+            return Failure(
+                method,
+                Cause.JOINT_LIMIT,
+                f"joint {joint + 1} passes its limit by {excess.max():.3f} rad at t = {time[row]:.2f} s",
+            )
+    for limit, values, unit in (
+        (limits.rate, qdot, "rad/s"),
+        (limits.acceleration, qddot, "rad/s^2"),
+    ):
+        most = float(np.abs(values).max())
+        if limit is not None and most > limit * (1.0 + 1e-6):
+            row, joint = np.unravel_index(np.abs(values).argmax(), values.shape)
+            return Failure(
+                method,
+                Cause.INFEASIBLE,
+                f"joint {joint + 1} would need {most:.3f} {unit} at t = {time[row]:.2f} s, the limit is "
+                f"{limit:.3f} {unit}",
+            )
+    return None

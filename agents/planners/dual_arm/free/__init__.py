@@ -1,0 +1,1 @@
+"""Reactionless motions whose paths are free between their ends."""

@@ -1,0 +1,107 @@
+"""What a plan really does, by numpy alone: nothing here is shared with the planner's compiled functions.
+
+All is for a base that keeps its attitude, which is checked on the way: the base rate that the joints cause is
+among the results.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from agents.planners.common.plans import Limits
+from agents.planners.dual_arm.problem import Capture, Plan
+from space_envs.dynamics import FloatingRobot
+from space_envs.dynamics.reactionless import com, tips
+from space_envs.dynamics.rotations import Array, cross
+
+
+@dataclass(frozen=True, eq=False)
+class Checked:
+    """Violations by name, the energy C of eq. 15 of shah2013 in J s, and what is nearest to its limit."""
+
+    violation: dict[str, float]
+    energy: float
+
+
+def check(robot: FloatingRobot, capture: Capture, limits: Limits, plan: Plan) -> Checked:
+    """Measure a plan at its nodes and at two points between each pair of them.
+
+    Violations: `base_rate` rad/s, `end_position` m, `end_velocity` m/s, `end_axis` rad (0 where any will do),
+    `start` rad and rad/s, `position` rad, `rate` rad/s, `acceleration` rad/s^2 and `torque` N m beyond the
+    limits (negative: room left; absent where there is no limit).
+    """
+    time = plan.time
+    half, middle = 0.5 * np.diff(time), 0.5 * (time[:-1] + time[1:])
+    inner = (middle[:, None] + half[:, None] * np.array([-1.0, 1.0]) / np.sqrt(3.0)).ravel()
+    q, qdot, qddot = (
+        np.concatenate(parts)
+        for parts in zip((plan.position, plan.rate, plan.acceleration), plan.sample(inner), strict=True)
+    )
+    base_rate = (robot.base_map(q)[:, 3:] @ qdot[..., None])[..., 0]
+    energy, torque = held_dynamics(robot, q, qdot, qddot)
+    now = tips(robot, q[len(time) - 1])
+    base = com(robot, robot.kinematics(capture.start)) - com(robot, robot.kinematics(q[len(time) - 1]))
+    violation = {
+        "base_rate": float(np.abs(base_rate).max()),
+        "start": float(max(np.abs(q[0] - capture.start).max(), np.abs(qdot[0]).max())),
+        "end_position": _longest(now.position + base - capture.position),
+        "end_velocity": _longest(now.linear @ qdot[len(time) - 1] - capture.velocity),
+        "end_axis": 0.0,
+    }
+    if capture.axis is not None:
+        sine, cosine = cross(now.axis, capture.axis), (now.axis * capture.axis).sum(axis=-1)
+        violation["end_axis"] = float(np.arctan2(np.linalg.norm(sine, axis=-1), cosine).max())
+    if limits.position is not None:
+        beyond = np.maximum(limits.position[:, 0] - q, q - limits.position[:, 1])
+        violation["position"] = float(beyond.max())
+    for name, values in (("rate", qdot), ("acceleration", qddot), ("torque", torque)):
+        limit = getattr(limits, name)
+        if limit is not None:
+            violation[name] = float(np.abs(values).max() - limit)
+    integral = float(half.repeat(2) @ energy[len(time) :])
+    return Checked(violation, integral)
+
+
+def held_dynamics(robot: FloatingRobot, q: Array, qdot: Array, qddot: Array) -> tuple[Array, Array]:
+    """Twice the kinetic energy (K,), J, and the joint torques (K, n), N m, of a base that only translates.
+
+    The base moves so that the common centre of mass rests. On reactionless motion these are
+    thetadot' M* thetadot and the torques of the free-floating robot.
+    """
+    k = robot.kinematics(q)
+    carries = robot.carries  # joints by links
+    total = robot.mass.sum()
+    turn = (carries.T[..., None] * (k.axis * qdot[..., None])[:, None]).sum(axis=2)  # of each link
+    before = turn - k.axis * qdot[..., None]
+    spin_up = k.axis * qddot[..., None] + cross(before, k.axis * qdot[..., None])
+    spin = (carries.T[..., None] * spin_up[:, None]).sum(axis=2)
+    # Velocity and acceleration of each link's centre of mass, with respect to the base.
+    arm = k.com[:, :, None] - k.position[:, None]  # links by joints
+    share = carries.T[..., None]
+    velocity = (share * cross((k.axis * qdot[..., None])[:, None], arm)).sum(axis=2)
+    acceleration = np.zeros_like(velocity)
+    for link in range(robot.n_joints):
+        chain = [joint for joint in range(robot.n_joints) if carries[joint, link]]
+        points = [k.position[:, joint] for joint in chain] + [k.com[:, link]]
+        for joint, here, there in zip(chain, points[:-1], points[1:], strict=True):
+            way = there - here
+            acceleration[:, link] += cross(spin[:, joint], way) + cross(
+                turn[:, joint], cross(turn[:, joint], way)
+            )
+    mass = robot.mass[1:, None]
+    velocity = velocity - (mass * velocity).sum(axis=1, keepdims=True) / total
+    base_velocity = -(mass * (velocity)).sum(axis=1) / robot.mass[0]
+    acceleration = acceleration - (mass * acceleration).sum(axis=1, keepdims=True) / total
+    inertia = k.rotation @ robot.inertia[1:] @ k.rotation.swapaxes(-1, -2)
+    momentum = (inertia @ turn[..., None])[..., 0]
+    energy = (mass * velocity**2).sum(axis=(1, 2)) + (turn * momentum).sum(axis=(1, 2))
+    energy += robot.mass[0] * (base_velocity**2).sum(axis=1) + (robot.rotor_inertia * qdot**2).sum(axis=1)
+    moment = (inertia @ spin[..., None])[..., 0] + cross(turn, momentum)
+    force = mass * acceleration
+    about = moment[:, None] + cross(-arm.swapaxes(1, 2), -force[:, None])  # joints by links
+    torque = (k.axis * (carries[..., None] * about).sum(axis=2)).sum(axis=-1)
+    return energy, torque + robot.rotor_inertia * qddot
+
+
+def _longest(vectors: Array) -> float:
+    return float(np.sqrt((vectors * vectors).sum(axis=-1)).max())

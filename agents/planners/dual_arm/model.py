@@ -1,0 +1,114 @@
+"""The matrices of reactionless manipulation along given end-effector paths, compiled.
+
+With the attitude held the base only translates. Everything is in the axes of the base, places with respect to
+the system's centre of mass, which stays where it is.
+"""
+
+import threading
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from agents.planners.common.free_model import compiled
+from space_envs.dynamics import FloatingRobot
+from space_envs.dynamics.rotations import Array
+from space_envs.dynamics.symbolic import SymbolicRobot
+
+_lock = threading.Lock()
+_models: dict[str, "PathModel"] = {}
+
+
+@dataclass(frozen=True, eq=False)
+class Matrices:
+    """What holds at one configuration.
+
+    Attributes:
+        tips: (2 d,) m, end-effectors from the system's centre of mass; d is 2 in the plane, else 3.
+        task: (2 d + r, n): end-effector velocities per joint rate with the attitude held (the linear rows of
+            J_g on reactionless motion), and Ibm~ of eq. 4 of shah2013 in its last r rows (1 or 3), divided by
+            `scale` so that its rows compare with those of a velocity.
+        angular: (k, n) angular velocities of the end-effectors, one row each in the plane, else three.
+        mass: (n, n) I_m of eq. 12 on reactionless motion, kg m^2.
+    """
+
+    tips: Array
+    task: Array
+    angular: Array
+    mass: Array
+
+
+@dataclass(frozen=True, eq=False)
+class PathModel:
+    """One robot.
+
+    Attributes:
+        dimensions: d. turns: r. scale: kg m, of Ibm~'s rows.
+        symbolic: q -> tips, task, angular, mass as a CasADi function to build on.
+    """
+
+    dimensions: int
+    turns: int
+    scale: float
+    symbolic: ca.Function
+    _buffers: threading.local
+    _compiled: ca.Function
+
+    @classmethod
+    def of(cls, robot: FloatingRobot) -> "PathModel":
+        """The model of a robot, made at first use and kept.
+
+        Warns:
+            NoCompiledCodeWarning: if it has to run in CasADi's virtual machine, several times slower.
+        """
+        with _lock:
+            if robot.fingerprint not in _models:
+                _models[robot.fingerprint] = _build(robot)
+            return _models[robot.fingerprint]
+
+    def __call__(self, q: Array) -> Matrices:
+        """The matrices at joint angles q (n,) rad."""
+        if not hasattr(self._buffers, "call"):
+            buffer, call = self._compiled.buffer()
+            f = self._compiled
+            place = np.zeros(f.numel_in(0))
+            buffer.set_arg(0, memoryview(place))  # pyright: ignore[reportCallIssue, reportArgumentType]
+            results = [np.zeros(f.numel_out(i)) for i in range(f.n_out())]
+            for i, result in enumerate(results):
+                buffer.set_res(i, memoryview(result))  # pyright: ignore[reportCallIssue, reportArgumentType]
+            shaped = [r.reshape(f.size_out(i), order="F") for i, r in enumerate(results)]
+            self._buffers.call = (buffer, call, place, shaped)
+        _, call, place, shaped = self._buffers.call
+        place[:] = q
+        call()
+        tips, task, angular, mass = (np.array(result) for result in shaped)
+        return Matrices(tips[:, 0], task, angular, mass)
+
+
+def _build(robot: FloatingRobot) -> PathModel:
+    symbolic, n = SymbolicRobot(robot), robot.n_joints
+    q, qdot, rest = ca.SX.sym("q", n), ca.SX.sym("qdot", n), ca.SX(6, 1)
+    total = symbolic.momentum(q, qdot, rest)
+    mass = float(robot.mass.sum())
+    links = symbolic.kinematics(q)[3]
+    centre = (float(robot.mass[0]) * ca.DM(robot.com[0]) + links @ ca.DM(robot.mass[1:])) / mass
+    linear, angular = total[:3], total[3:] - ca.cross(centre, total[:3])
+    planar = bool(angular[0].is_zero() and angular[1].is_zero())
+    turning = angular[2] if planar else angular
+    energy = symbolic.kinetic_energy(q, qdot, rest) - 0.5 * ca.dot(linear, linear) / mass
+    d = 2 if planar else 3
+    positions = [symbolic.end_effector_pose(tip)(q)[0] - centre for tip in range(len(robot.tip_link))]
+    tips = ca.vertcat(*[position[:d] for position in positions])
+    # Ibm~ has the unit kg m^2; divided by mass times a metre of the arms it is a velocity per rate.
+    scale = float(robot.mass[1:].sum())
+    task = ca.vertcat(ca.jacobian(tips, q), ca.jacobian(turning, qdot) / scale)
+    axes = symbolic.kinematics(q)[2]
+    rows = []
+    for link in robot.tip_link:
+        carried = ca.DM(robot.carries[:, int(link) - 1]).T
+        spin = axes * ca.repmat(carried, 3, 1)
+        rows.append(spin[2, :] if planar else spin)
+    outputs = [tips, task, ca.vertcat(*rows), ca.hessian(energy, qdot)[0]]
+    function = ca.Function("along_paths", [q], [ca.densify(value) for value in ca.cse(outputs)])
+    ready = compiled({"along_paths": function})["along_paths"]
+    return PathModel(d, 1 if planar else 3, scale, function, threading.local(), ready)

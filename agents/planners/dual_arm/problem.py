@@ -1,0 +1,77 @@
+"""What a reactionless planner is asked, what it answers, and why it may refuse."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Self
+
+import numpy as np
+
+from agents.planners.common.plans import JointPath
+from space_envs.checks import finite_array
+from space_envs.dynamics.floating import FloatingRobot
+from space_envs.dynamics.rotations import Array
+from space_envs.errors import ConfigurationError, positive
+
+
+@dataclass(frozen=True, eq=False)
+class Capture:
+    """Bring both end-effectors to their goals at a given time, from rest.
+
+    The frame is inertial: the base frame at t = 0, whose attitude the base keeps. A robot in the plane z = 0
+    has goals in that plane.
+
+    Attributes:
+        start: (n,) joint angles at t = 0, rad.
+        duration: T, s.
+        position: (2, 3) of the end-effectors at T, m. velocity: (2, 3) of the end-effectors at T, m/s.
+        axis: (2, 3) approach axes at T, unit vectors, or None if they are free.
+    """
+
+    start: Array
+    duration: float
+    position: Array
+    velocity: Array
+    axis: Array | None = None
+
+    def checked(self, robot: FloatingRobot) -> Self:
+        """The same as float64 arrays, axes of unit length.
+
+        Raises:
+            ConfigurationError: if a shape is wrong, a number is not finite, the duration is not positive or
+                an axis is zero.
+        """
+        tips = len(robot.tip_link)
+        axis = None
+        if self.axis is not None:
+            axis = finite_array("axis", self.axis, (tips, 3))
+            length = np.sqrt((axis * axis).sum(axis=-1, keepdims=True))
+            if not (length > 0.0).all():
+                raise ConfigurationError(f"axis must not be zero, got {self.axis!r}")
+            axis = axis / length
+        return replace(
+            self,
+            start=finite_array("start", self.start, (robot.n_joints,)),
+            duration=positive("duration", self.duration),
+            position=finite_array("position", self.position, (tips, 3)),
+            velocity=finite_array("velocity", self.velocity, (tips, 3)),
+            axis=axis,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Plan(JointPath):
+    """A joint motion from t = 0 to T that does not turn the base.
+
+    Attributes:
+        energy: C = integral of thetadot' M* thetadot dt over the motion, J s (eq. 15).
+        zeta: (K, 2) rad/s, the null-space part of the dependent angular velocities (eq. 9 of shah2013), or
+            None if the method has none.
+        violation: what the motion misses by name, measured densely between its nodes by code that no planner
+            uses; empty until it is measured.
+        notes: how it was found, where there is something to say.
+    """
+
+    energy: float
+    zeta: Array | None = None
+    violation: Mapping[str, float] = field(default_factory=dict)
+    notes: str = ""

@@ -1,0 +1,1 @@
+"""Planners of the single arm: optimal control, ProMP weights and receding horizons."""

@@ -1,0 +1,1 @@
+"""Optimisation in the weights of a movement primitive."""

@@ -1,0 +1,186 @@
+"""What the weight-space planner needs of one robot, as compiled functions with their derivatives.
+
+Twists are [v; w] of the base in its own axes at zero momentum. Time runs over K intervals of equal length h
+with two Gauss points each; over an interval the base moves by the exponential of
+Omega = h / 2 (xi1 + xi2) + sqrt(3) / 12 h^2 [xi1, xi2], which is of fourth order (Magnus; Iserles and
+Norsett 1999).
+"""
+
+import threading
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from space_envs.codegen.mapped import Mapped, mapped
+from space_envs.dynamics import FloatingRobot
+from space_envs.dynamics.symbolic import SymbolicRobot
+
+_lock = threading.Lock()
+
+
+@dataclass(frozen=True, eq=False)
+class ArmFunctions:
+    """The functions of one robot and one number K of intervals; every input has leading batch axes.
+
+    Attributes:
+        twist: q (n), qdot (n) -> xi (6).
+        slopes: q (n), qdot (n) -> xi (6), d xi / d[q; qdot] (6, 2 n).
+        chain: xi (12 K) twists at the Gauss points, h (1) s -> pose (K + 1, 12) of the base at the ends of
+            the intervals, [position; rotation by columns], inertial; pull (2 K, 36): matrices (6, 6), by
+            rows, from a change of a twist to the displacement [v; w], in inertial axes at the inertial
+            origin, that it causes at all later times.
+        ending: q (n), pose (12), goal (21) [position; rotation of the end-effector, of the base, by columns]
+            -> miss (9): position m and rotation vector rad of the end-effector from the goal, rotation
+            vector of the base from its goal; slope (9, 6 + n) with respect to the displacement of the base
+            and q.
+        torque: q, qdot, qddot (n each) -> torque (n) N m.
+        torque_slope: q, qdot, qddot, weight (n) -> derivative (3 n) of weight' torque.
+    """
+
+    twist: Mapped
+    slopes: Mapped
+    chain: Mapped
+    ending: Mapped
+    torque: Mapped
+    torque_slope: Mapped
+
+    @classmethod
+    def of(cls, robot: FloatingRobot, intervals: int) -> "ArmFunctions":
+        """Those of a robot, made at first use and kept.
+
+        Warns:
+            NoCompiledCodeWarning: if they have to run in CasADi's virtual machine, twenty times slower.
+        """
+        with _lock:
+            return _built(_Key(robot), intervals)
+
+
+@dataclass(frozen=True)
+class _Key:
+    robot: FloatingRobot
+
+    def __hash__(self) -> int:
+        return hash(self.robot.fingerprint)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Key) and self.robot.fingerprint == other.robot.fingerprint
+
+
+@lru_cache(maxsize=8)
+def _built(key: _Key, intervals: int) -> ArmFunctions:
+    robot = key.robot
+    symbolic, n = SymbolicRobot(robot), robot.n_joints
+    q, qdot, qddot, weight = (ca.SX.sym(name, n) for name in ("q", "qdot", "qddot", "weight"))
+    twist = symbolic.base_twist(q, qdot)
+    slope = ca.densify(ca.jacobian(twist, ca.vertcat(q, qdot)))
+    torque = symbolic.inverse_dynamics(q, qdot, qddot)
+    pulled = ca.gradient(ca.dot(weight, torque), ca.vertcat(q, qdot, qddot))
+    functions = {
+        "twist": ca.Function("twist", [q, qdot], [twist]),
+        "slopes": ca.Function("slopes", [q, qdot], ca.cse([twist, slope.T])),
+        "chain": _chain(intervals),
+        "ending": _ending(symbolic),
+        "torque": ca.Function("torque", [q, qdot, qddot], [torque]),
+        "torque_slope": ca.Function("torque_slope", [q, qdot, qddot, weight], ca.cse([ca.densify(pulled)])),
+    }
+    return ArmFunctions(**mapped(functions))
+
+
+def _chain(intervals: int) -> ca.Function:
+    """The base's way from its twists at the Gauss points."""
+    xi, h = ca.SX.sym("xi", 12 * intervals), ca.SX.sym("h")
+    factor = np.sqrt(3.0) / 12.0 * h * h
+    position, rotation = ca.SX(3, 1), ca.SX.eye(3)
+    poses, pulls = [ca.vertcat(position, ca.vec(rotation))], []
+    for k in range(intervals):
+        first, second = xi[12 * k : 12 * k + 6], xi[12 * k + 6 : 12 * k + 12]
+        omega = 0.5 * h * (first + second) + factor * (_bracket(first) @ second)
+        around = _bracket(omega)
+        exponential, turned = _exponential(omega)
+        # Derivative of the exponential, left trivialised; Omega is small: the next term is below 1e-8.
+        derivative = ca.SX.eye(6) + around / 2.0 + around @ around / 6.0 + around @ around @ around / 24.0
+        carried = ca.blockcat([[rotation, ca.skew(position) @ rotation], [ca.SX(3, 3), rotation]])
+        moved = carried @ derivative
+        for side in (
+            0.5 * h * ca.SX.eye(6) - factor * _bracket(second),
+            0.5 * h * ca.SX.eye(6) + factor * _bracket(first),
+        ):
+            pulls.append(ca.vec((moved @ side).T))
+        position, rotation = position + rotation @ exponential, rotation @ turned
+        poses.append(ca.vertcat(position, ca.vec(rotation)))
+    outputs = [ca.SX(ca.densify(ca.horzcat(*columns))) for columns in (poses, pulls)]
+    return ca.Function("chain", [xi, h], ca.cse(outputs))
+
+
+def _ending(symbolic: SymbolicRobot) -> ca.Function:
+    """What the end misses, and how that changes."""
+    n = symbolic.robot.n_joints
+    q, pose, goal = ca.SX.sym("q", n), ca.SX.sym("pose", 12), ca.SX.sym("goal", 21)
+    change = ca.SX.sym("change", 6)  # of the base: displacement in inertial axes at the inertial origin
+    base_position, base = pose[:3], ca.reshape(pose[3:], 3, 3)
+    local, rotation = symbolic.end_effector_pose(0)(q)
+    tip = base_position + base @ local
+    tip = tip + change[:3] + ca.cross(change[3:], tip)
+    turn = base @ rotation @ ca.reshape(goal[3:12], 3, 3).T
+    miss = _logarithm(turn)
+    held = _logarithm(base @ ca.reshape(goal[12:], 3, 3).T)
+    position = tip - goal[:3]
+    # Angular rates in inertial axes: of the base, and of the end-effector by its joints.
+    spins = [
+        ca.inv_skew(ca.reshape(ca.jacobian(ca.vec(rotation), q[j]), 3, 3) @ rotation.T) for j in range(n)
+    ]
+    slope = ca.vertcat(
+        ca.jacobian(position, ca.vertcat(change, q)),
+        _inverse_derivative(miss) @ ca.horzcat(ca.SX(3, 3), ca.SX.eye(3), base @ ca.horzcat(*spins)),
+        _inverse_derivative(held) @ ca.horzcat(ca.SX(3, 3), ca.SX.eye(3), ca.SX(3, n)),
+    )
+    outputs = [ca.vertcat(position, miss, held), ca.densify(slope).T]
+    still = [ca.substitute(output, change, ca.DM.zeros(6)) for output in outputs]
+    return ca.Function("ending", [q, pose, goal], ca.cse(still))
+
+
+def _bracket(twist: ca.SX) -> ca.SX:
+    """Matrix (6, 6) of the commutator with a twist [v; w]."""
+    linear, angular = ca.skew(twist[:3]), ca.skew(twist[3:])
+    return ca.blockcat([[angular, linear], [ca.SX(3, 3), angular]])
+
+
+def _exponential(omega: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Position and rotation of the exponential of [v; w]."""
+    linear, around = omega[:3], ca.skew(omega[3:])
+    square = ca.dot(omega[3:], omega[3:]) + 1e-24
+    angle = ca.sqrt(square)
+    # sin(x) / x, (1 - cos(x)) / x^2 and (x - sin(x)) / x^3, the latter two by series near 0.
+    small = square < 1e-4
+    first = ca.if_else(small, 1.0 - square / 6.0 + square**2 / 120.0, ca.sin(angle) / angle)
+    second = ca.if_else(small, 0.5 - square / 24.0 + square**2 / 720.0, (1.0 - ca.cos(angle)) / square)
+    third = ca.if_else(small, 1 / 6 - square / 120.0 + square**2 / 5040.0, (1.0 - first) / square)
+    twice = around @ around
+    position = linear + second * (around @ linear) + third * (twice @ linear)
+    return position, ca.SX.eye(3) + first * around + second * twice
+
+
+def _logarithm(rotation: ca.SX) -> ca.SX:
+    """Rotation vector (3,) of a rotation matrix; of good accuracy up to 3.1 rad."""
+    axial = 0.5 * ca.vertcat(
+        rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]
+    )
+    square = ca.dot(axial, axial)
+    sine = ca.sqrt(square + 1e-24)
+    angle = ca.atan2(sine, 0.5 * (ca.trace(rotation) - 1.0))
+    factor = ca.if_else(
+        ca.logic_and(square < 1e-8, ca.trace(rotation) > 0.0), 1.0 + square / 6.0, angle / sine
+    )
+    return factor * axial
+
+
+def _inverse_derivative(vector: ca.SX) -> ca.SX:
+    """Matrix from an angular displacement, added from the left, to the change of a rotation vector."""
+    square = ca.dot(vector, vector)
+    angle = ca.sqrt(square + 1e-24)
+    exact = (1.0 - 0.5 * angle * ca.sin(angle) / (1.0 - ca.cos(angle) + 1e-30)) / (square + 1e-24)
+    factor = ca.if_else(square < 1e-4, 1 / 12 + square / 720.0, exact)
+    around = ca.skew(vector)
+    return ca.SX.eye(3) - 0.5 * around + factor * (around @ around)

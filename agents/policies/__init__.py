@@ -1,0 +1,1 @@
+"""Policies: what acts in the environments, and the registry that names them."""

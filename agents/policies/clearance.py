@@ -1,0 +1,121 @@
+"""Whether planned joint motions touch the satellite or keep-out spheres: what policies check with.
+
+By the same distances by which the simulation ends an episode; a plan keeps a little farther away.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.planners.common.plans import Cause, Failure
+from space_envs.dynamics import FloatingRobot, roll_out_base
+from space_envs.dynamics.rotations import Array, conjugate, rotate
+from space_envs.dynamics.spheres import link_ends, sphere_gaps
+from space_envs.policy import PolicyContext
+from space_envs.robots.parameters import SINGLE_ARM
+from space_envs.tasks.contacts import Contacts
+
+MARGIN = 0.002  # m, that a plan keeps beyond what the simulation asks for, for its drives' errors
+ASKED = 0.004  # m, by which optimisers take spheres to be larger, so that their plans keep the margin
+COARSE = 5  # samples, of which one is looked at where motions are only chosen by it
+TOGETHER = 10  # motions that are looked at together
+
+
+def spheres_seen(context: PolicyContext, observation: Array) -> Array | None:
+    """Centres and radii (N, K, 4) in m of the keep-out spheres, in the frame of the satellite as it is now.
+
+    None for a task without spheres.
+    """
+    read = context.layout.read
+    if "obstacle_position" not in context.layout.slices:
+        return None
+    radius = read(observation, "obstacle_radius")[..., None]
+    centre = read(observation, "obstacle_position").reshape(*radius.shape[:2], 3)
+    back = conjugate(read(observation, "base_quaternion"))
+    seen = rotate(back[:, None], centre - read(observation, "base_position")[:, None])
+    return np.concatenate([seen, radius], axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class KeepOut:
+    """What the links of a single arm may not touch in N motions.
+
+    Attributes:
+        arm: the robot. contacts: of its links and the satellite.
+        spheres: (N, K, 4) as `spheres_seen` gives them where the motions begin; None without.
+    """
+
+    arm: FloatingRobot
+    contacts: Contacts
+    spheres: Array | None = None
+
+    @classmethod
+    def of(cls, context: PolicyContext, observation: Array) -> Self | None:
+        """Of motions that begin with observations (N, size); None where nothing ends an episode."""
+        contacts = context.contacts
+        if contacts is None or contacts.shape.half is None:
+            return None
+        return cls(context.arm, contacts, spheres_seen(context, observation))
+
+    def take(self, rows: NDArray[Any]) -> Self:
+        """The same for rows, by number or mask."""
+        return self if self.spheres is None else replace(self, spheres=self.spheres[rows])
+
+    def gaps(self, path: Array, rate: Array, dt: float) -> Array:
+        """Gaps (N, T, S + n K) in m: of S capsules and the satellite, then of n links and K spheres.
+
+        Those to the satellite depend on the joint angles alone; spheres rest while the satellite moves, as it
+        does with no momentum.
+
+        Args:
+            path, rate: (N, T, n) rad and rad/s. dt: s, between samples.
+        """
+        points = self.contacts.points(self.arm, path)
+        found = _flat(self.contacts.satellite_gaps(points))
+        if self.spheres is None:
+            return found
+        ends = link_ends(self.arm, path, *roll_out_base(self.arm, path, rate, dt))
+        gaps = sphere_gaps(ends, self.spheres[:, None], SINGLE_ARM.link_radius)
+        return np.concatenate([found, _flat(gaps)], axis=-1)
+
+    def clear(self, path: Array, rate: Array, dt: float) -> NDArray[np.bool_]:
+        """Which motions (N,) keep `MARGIN` from everything; arguments as in `gaps`."""
+        return self.gaps(path, rate, dt).min(axis=(1, 2)) > MARGIN
+
+    def first_clear(self, paths: Array, rates: Array, dt: float, order: Sequence[int]) -> int | None:
+        """The first of motions (M, T, n), in an order, that is clear of what row 0 of N = 1 keeps out of.
+
+        None without one. Looked at on every `COARSE`-th sample where the satellite's motion does not matter:
+        to choose by, not to be sure.
+        """
+        step = COARSE if self.spheres is None else 1
+        for first in range(0, len(order), TOGETHER):
+            some = list(order[first : first + TOGETHER])
+            every = self.take(np.zeros(len(some), dtype=np.int64))
+            clear = every.clear(paths[some, ::step], rates[some, ::step], step * dt)
+            if clear.any():
+                return some[int(clear.argmax())]
+        return None
+
+    def refusal(self, method: str, path: Array, rate: Array, dt: float) -> Failure | None:
+        """Why a joint motion (T, n) is no plan: a link comes too near to row 0's bodies. Otherwise None."""
+        gaps = self.gaps(path[None], rate[None], dt)[0]
+        if gaps.min() > MARGIN:
+            return None
+        node, place = np.unravel_index(gaps.argmin(), gaps.shape)
+        links = self.contacts.shape.link
+        pairs = [(link, "the satellite") for link in links]
+        spheres = (gaps.shape[1] - len(links)) // self.arm.n_joints
+        pairs += [(n + 1, f"obstacle {k + 1}") for n in range(self.arm.n_joints) for k in range(spheres)]
+        link, what = pairs[place]
+        reason = f"link {link} would be {gaps.min():.3f} m from {what} at t = {node * dt:.2f} s"
+        return Failure(method, Cause.CLEARANCE, reason)
+
+
+def _flat(gaps: Array) -> Array:
+    """Gaps (N, T, ...) as (N, T, M), also where there are none."""
+    return gaps.reshape(*gaps.shape[:2], math.prod(gaps.shape[2:]))

@@ -1,0 +1,1 @@
+"""Policies of the dual-arm robots."""

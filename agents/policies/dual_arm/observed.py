@@ -1,0 +1,88 @@
+"""What policies of the dual-arm tasks read from an observation, in the plane and in space alike."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from space_envs.dynamics.rigid_body import point_motion, tumble
+from space_envs.dynamics.rotations import Array, conjugate, exponential, rotate
+from space_envs.policy import PolicyContext
+from space_envs.robots.dual_arm import KINDS
+from space_envs.robots.parameters import DUAL_ARM_PLANAR, DUAL_ARM_SPATIAL
+
+
+@dataclass(frozen=True)
+class Grapples:
+    """Where the grapple points are at some times: position, velocity (N, T, 2, 3) m and m/s in the inertial
+    frame; axis (N, T, 2, 3), the ways in, or None where any will do; attitude (N, T, 4) of the target."""
+
+    position: Array
+    velocity: Array
+    axis: Array | None
+    attitude: Array
+
+
+class Reader:
+    """Reads observations (N, size) of one of the dual-arm tasks; vectors have three components in both.
+
+    Raises:
+        PolicyError: if the context is that of another task.
+    """
+
+    def __init__(self, context: PolicyContext) -> None:
+        context.require_fields("target_position", "goal_linear_velocity")
+        self.context = context
+        self.kind = KINDS[0] if "base_angle" in context.layout.slices else KINDS[1]
+        parameters = DUAL_ARM_PLANAR if self.kind == "planar" else DUAL_ARM_SPATIAL
+        self.inertia = np.array(parameters.target.inertia)
+
+    def field(self, observation: NDArray, name: str) -> Array:
+        """A field as it is in the layout."""
+        return self.context.layout.read(observation, name)
+
+    def vectors(self, observation: NDArray, name: str) -> Array:
+        """A field of one vector an arm, (N, 2, 3)."""
+        values = self.field(observation, name)
+        n = len(values)
+        if self.kind == "spatial":
+            return values.reshape(n, 2, 3)
+        out = np.zeros((n, 2, 3))
+        out[..., :2] = values.reshape(n, 2, 2)
+        return out
+
+    def vector(self, observation: NDArray, name: str) -> Array:
+        """A field of one vector, (N, 3); an angular velocity in the plane is about z."""
+        values = self.field(observation, name)
+        if values.shape[1] == 3:
+            return values
+        out = np.zeros((len(values), 3))
+        out[:, 2:] = values if values.shape[1] == 1 else 0.0
+        if values.shape[1] == 2:
+            out[:, :2] = values
+        return out
+
+    def quaternion(self, observation: NDArray, body: str) -> Array:
+        """Attitude (N, 4) of `base` or `target`, body to inertial."""
+        if self.kind == "spatial":
+            return self.field(observation, f"{body}_quaternion")
+        turn = np.zeros((len(observation), 3))
+        turn[:, 2] = self.field(observation, f"{body}_angle")[:, 0]
+        return exponential(turn)
+
+    def grapples(self, observation: NDArray, times: Array) -> Grapples:
+        """The grapple points, predicted for times (T,) s from now: the target turns freely."""
+        centre = self.vector(observation, "target_position")
+        attitude = self.quaternion(observation, "target")
+        back = conjugate(attitude)[:, None]
+        points = rotate(back, self.vectors(observation, "goal_position") - centre[:, None])
+        spin = self.vector(observation, "target_angular_velocity")
+        turned, spins = tumble(attitude, spin, self.inertia, times)
+        position, velocity = point_motion(
+            centre[:, None, None], turned[:, :, None], spins[:, :, None], points[:, None]
+        )
+        axis = None
+        if self.kind == "spatial":
+            ways = rotate(back, self.vectors(observation, "goal_axis"))
+            axis = rotate(turned[:, :, None], ways[:, None])
+        return Grapples(position, velocity, axis, turned)

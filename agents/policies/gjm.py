@@ -1,0 +1,70 @@
+"""Resolved motion rate control with the generalised Jacobian (Umetani and Yoshida 1989), damped."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from space_envs.dynamics.rotations import Array, conjugate, rotate
+from space_envs.policy import PolicyContext
+
+GAIN = 0.6  # 1/s, of the end-effector's error
+LINEAR_SPEED = 0.15  # m/s, the most the end-effector is asked for
+ANGULAR_SPEED = 0.25  # rad/s
+DAMPING = 0.03  # of the inverse, in the units of the generalised Jacobian's singular values
+# The drives limit every joint on its own, which bends the path; staying below keeps the twist's direction.
+ACCELERATION_SHARE = 0.8
+
+
+def resolved_rate(
+    context: PolicyContext,
+    observation: Array,
+    gain: float = GAIN,
+    linear_speed: float = LINEAR_SPEED,
+    angular_speed: float = ANGULAR_SPEED,
+) -> Array:
+    """Joint rates (N, n), rad/s, that move the end-effector towards the goal in the inertial frame (eq. 8).
+
+    The twist gain * error is slowed as a whole to the speed limits. Total momentum is taken as zero.
+
+    Args:
+        observation: (N, size). gain: 1/s. linear_speed: m/s. angular_speed: rad/s.
+    """
+    arm, read = context.arm, context.layout.read
+    linear, angular = read(observation, "position_error"), read(observation, "rotation_error")
+    length = np.sqrt((linear * linear).sum(axis=1, keepdims=True))
+    angle = np.sqrt((angular * angular).sum(axis=1, keepdims=True))
+    slow = np.maximum(np.maximum(gain * length / linear_speed, gain * angle / angular_speed), 1.0)
+    # The Jacobian is in base axes, the error in inertial ones.
+    back = conjugate(read(observation, "base_quaternion"))
+    twist = gain * np.concatenate([rotate(back, linear), rotate(back, angular)], axis=1) / slow
+    jacobian = arm.generalized_jacobian(read(observation, "joint_position"))
+    square = jacobian @ jacobian.swapaxes(1, 2) + DAMPING**2 * np.eye(6)
+    rate = (jacobian.swapaxes(1, 2) @ np.linalg.solve(square, twist[..., None]))[..., 0]
+    return rate / np.maximum(np.abs(rate).max(axis=1, keepdims=True) / context.rate_limit, 1.0)
+
+
+class GeneralizedJacobian:
+    """Moves the end-effector straight towards the goal, whatever that does to the base."""
+
+    control_mode = "joint_velocity"
+
+    def __init__(self, context: PolicyContext, seed: int = 0) -> None:
+        context.require_mode(self.control_mode)
+        self.context = context
+
+    def predict(
+        self,
+        observation: Array,
+        state: Any = None,
+        episode_start: NDArray[np.bool_] | None = None,
+        deterministic: bool = True,
+    ) -> tuple[Array, Any]:
+        """Actions (N, n); there is no state."""
+        context = self.context
+        observation = context.check_observation(observation)
+        now = context.layout.read(observation, "joint_velocity")
+        change = resolved_rate(context, observation) - now
+        most = ACCELERATION_SHARE * context.acceleration_limit * context.control_period
+        rate = now + change / np.maximum(np.abs(change).max(axis=1, keepdims=True) / most, 1.0)
+        return np.clip(rate / context.action_scale, -1.0, 1.0), None

@@ -1,0 +1,1 @@
+"""Learned policies: networks, features, files and Stable-Baselines3 models."""

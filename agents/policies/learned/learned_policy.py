@@ -1,0 +1,130 @@
+"""Policies that were learned: from a run's folder, a policy file, or those that ship with the project."""
+
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.policies.learned.policy_file import PolicyFile, load_policy_file
+from space_envs.errors import PolicyError, unknown_name
+from space_envs.policy import DEFAULT_CONTROL_MODE, PolicyContext
+
+POLICY_FILE = "policy.npz"  # in a run's folder: the best policy on the validation split so far
+_SHIPPED = files("agents") / "data" / "policies"
+
+
+class LearnedPolicy:
+    """Acts by a network that was trained with `train.py`; the normalisation is part of its file.
+
+    Args:
+        context: of the environment it acts in.
+        seed: of the noise where `predict` is asked not to be deterministic.
+        file: the policy.
+
+    Raises:
+        PolicyError: if the policy was trained for another id or control mode.
+    """
+
+    def __init__(self, context: PolicyContext, seed: int, file: PolicyFile) -> None:
+        if (context.env_id, context.control_mode) != (file.env_id, file.control_mode):
+            raise PolicyError(
+                f"the policy was trained for {file.env_id} in control mode {file.control_mode!r}, "
+                f"not for {context.env_id} in {context.control_mode!r}"
+            )
+        if file.network.outputs != len(context.action_scale):
+            raise PolicyError(
+                f"the policy gives {file.network.outputs} actions, not {len(context.action_scale)}"
+            )
+        self.file = file
+        self._check = context.check_observation
+        self._view = file.view(context.layout)
+        self._generator = np.random.default_rng(seed)
+
+    @classmethod
+    def from_path(cls, path: str | Path, context: PolicyContext, seed: int = 0) -> Self:
+        """The policy of a run's folder (the best on the validation split) or of a policy file.
+
+        Raises:
+            PolicyError: if there is none, it is not sound, or it does not fit the environment.
+        """
+        return cls(context, seed, load_policy_file(policy_path(path)))
+
+    def predict(
+        self,
+        observation: NDArray,
+        state: Any = None,
+        episode_start: NDArray[np.bool_] | None = None,
+        deterministic: bool = True,
+    ) -> tuple[NDArray[np.float64], Any]:
+        """Actions (N, m) in [-1, 1] for observations (N, size); the policy keeps no state."""
+        features = self._view(self._check(observation))
+        generator = None if deterministic else self._generator
+        return self.file.network.actions(features, generator).astype(np.float64), state
+
+
+def policy_path(path: str | Path) -> Path:
+    """The policy file that a run's folder or a file's path names.
+
+    Raises:
+        PolicyError: for a folder without one.
+    """
+    path = Path(path)
+    if path.is_dir():
+        inside = path / POLICY_FILE
+        if not inside.is_file():
+            raise PolicyError(
+                f"{path} holds no {POLICY_FILE}: it is no run of train.py, or none was saved yet"
+            )
+        return inside
+    return path
+
+
+def shipped_name(algorithm: str, control_mode: str) -> str:
+    """What a policy that ships is called: its algorithm, and its control mode where that is not the usual."""
+    return algorithm if control_mode == DEFAULT_CONTROL_MODE else f"{algorithm}_{control_mode}"
+
+
+def shipped_path(env_id: str, name: str) -> Path:
+    """Where the shipped policy `name` for an id is, or would be."""
+    return Path(str(_SHIPPED)) / env_id.split("/")[-1] / f"{name}.npz"
+
+
+def shipped_policies(env_id: str) -> tuple[str, ...]:
+    """Names of the policies that ship with the project for an id."""
+    return tuple(sorted(path.stem for path in shipped_path(env_id, "any").parent.glob("*.npz")))
+
+
+def load_shipped(env_id: str, name: str) -> PolicyFile:
+    """A policy that ships with the project.
+
+    Raises:
+        ConfigurationError: if there is none of that name for the id.
+    """
+    names = shipped_policies(env_id)
+    if name not in names:
+        raise unknown_name(f"shipped policy for {env_id}", name, names)
+    return load_policy_file(shipped_path(env_id, name))
+
+
+class ShippedPolicy(LearnedPolicy):
+    """A policy that ships with the project; a subclass says which."""
+
+    name: ClassVar[str]
+
+    def __init__(self, context: PolicyContext, seed: int = 0) -> None:
+        name = shipped_name(self.name, context.control_mode)
+        super().__init__(context, seed, load_shipped(context.env_id, name))
+
+
+class BehaviourCloning(ShippedPolicy):
+    """Cloned from an expert: `train.py --algo bc`."""
+
+    name = "bc"
+
+
+class ProximalPolicyOptimization(ShippedPolicy):
+    """Cloned, then improved by reinforcement: `train.py --algo ppo`."""
+
+    name = "ppo"

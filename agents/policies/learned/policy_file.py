@@ -1,0 +1,158 @@
+"""A learned policy in one file: the network's arrays and a JSON header in an npz, without pickles."""
+
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agents.policies.learned.features import Feature, FeatureView, feature_table
+from agents.policies.learned.network import Network
+from space_envs.control import CONTROL_MODES
+from space_envs.errors import ConfigurationError, PolicyError, SpaceEnvsError, unknown_name
+from space_envs.system.files import atomic_write
+from space_envs.system.reading import parse_json, read_arrays
+from space_envs.tasks.common import ObservationLayout
+
+FORMAT = 1
+_HEADER = {
+    "format": int,
+    "env_id": str,
+    "control_mode": str,
+    "features": list,
+    "home": list,
+    "activation": str,
+    "squash": bool,
+    "notes": dict,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class PolicyFile:
+    """What is needed to act, and where it came from.
+
+    Attributes:
+        env_id, control_mode: what the policy was trained for.
+        network: from features to actions.
+        features: what the network sees of an observation.
+        home: (n,) rad, joint angles that the features are relative to.
+        notes: provenance and the validation result; any JSON object.
+    """
+
+    env_id: str
+    control_mode: str
+    network: Network
+    features: tuple[Feature, ...]
+    home: tuple[float, ...]
+    notes: dict[str, Any]
+
+    def view(self, layout: ObservationLayout) -> FeatureView:
+        """The features of observations laid out so.
+
+        Raises:
+            PolicyError: if they are not what the network was made for.
+        """
+        try:
+            view = FeatureView(self.features, layout, np.array(self.home))
+        except SpaceEnvsError as error:
+            raise PolicyError(f"the policy does not fit the observation: {error}") from error
+        joints = layout.read(np.zeros((1, layout.size)), "joint_position").shape[1]
+        if len(self.home) != joints:
+            raise PolicyError(f"home has {len(self.home)} joint angles, the observation {joints}")
+        if view.size != self.network.inputs:
+            raise PolicyError(
+                f"the network takes {self.network.inputs} features, the table gives {view.size}"
+            )
+        return view
+
+    def save(self, path: str | Path) -> None:
+        """Write the file whole or not at all."""
+        header = {
+            "format": FORMAT,
+            "env_id": self.env_id,
+            "control_mode": self.control_mode,
+            "features": self.features,
+            "home": self.home,
+            "activation": self.network.activation,
+            "squash": self.network.squash,
+            "notes": self.notes,
+        }
+        arrays: dict[str, Any] = {"header": np.array(json.dumps(header))}
+        for index, (weight, bias) in enumerate(zip(self.network.weights, self.network.biases, strict=True)):
+            arrays[f"weight_{index}"], arrays[f"bias_{index}"] = weight, bias
+        arrays["deviation_weight"] = self.network.deviation_weight
+        arrays["deviation_bias"] = self.network.deviation_bias
+        with atomic_write(path) as temporary, temporary.open("wb") as file:
+            np.savez(file, **arrays)
+
+
+def load_policy_file(path: str | Path) -> PolicyFile:
+    """Read a policy file. It is data, not code: nothing in it is executed.
+
+    Raises:
+        PolicyError: if there is no such file or it is not a sound one.
+    """
+    path = Path(path)
+    try:
+        arrays = read_arrays(path)
+    except FileNotFoundError:
+        raise PolicyError(f"there is no policy file {path}") from None
+    except (OSError, ConfigurationError) as error:
+        raise PolicyError(f"{path} is not a policy file: {error}") from error
+    try:
+        if "header" not in arrays:
+            raise PolicyError("it has no header")
+        header = _header(str(arrays.pop("header")))
+        layers = range((len(arrays) - 2) // 2)
+        _check_names(arrays, [f"{part}_{i}" for i in layers for part in ("weight", "bias")])
+        network = Network(
+            weights=tuple(arrays[f"weight_{i}"] for i in layers),
+            biases=tuple(arrays[f"bias_{i}"] for i in layers),
+            deviation_weight=arrays["deviation_weight"],
+            deviation_bias=arrays["deviation_bias"],
+            activation=header["activation"],
+            squash=header["squash"],
+        )
+        return PolicyFile(
+            env_id=header["env_id"],
+            control_mode=header["control_mode"],
+            network=network,
+            features=feature_table(header["features"]),
+            home=tuple(header["home"]),
+            notes=header["notes"],
+        )
+    except SpaceEnvsError as error:
+        raise PolicyError(f"{path} is not a sound policy file: {error}") from error
+
+
+def _header(text: str) -> dict[str, Any]:
+    """The header, with every field of its type.
+
+    Raises:
+        ConfigurationError, PolicyError: naming the field.
+    """
+    header = parse_json(text)
+    if not isinstance(header, dict):
+        raise PolicyError(f"its header must be an object, got {type(header).__name__}")
+    if missing := [name for name in _HEADER if name not in header]:
+        raise PolicyError(f"the header lacks {missing}")
+    for name, kind in _HEADER.items():
+        if type(header[name]) is not kind:
+            raise PolicyError(f"{name} must be {kind.__name__}, got {header[name]!r}")
+    if header["format"] != FORMAT:
+        raise PolicyError(f"format {header['format']!r} is not known, only {FORMAT}")
+    if header["control_mode"] not in CONTROL_MODES:
+        raise unknown_name("control mode", header["control_mode"], CONTROL_MODES)
+    if not all(type(angle) in (int, float) and math.isfinite(angle) for angle in header["home"]):
+        raise PolicyError(f"home must hold finite joint angles, got {header['home']!r}")
+    return header
+
+
+def _check_names(arrays: dict[str, Any], layers: list[str]) -> None:
+    wanted = [*layers, "deviation_weight", "deviation_bias"]
+    if set(arrays) != set(wanted):
+        raise PolicyError(f"it holds the arrays {sorted(arrays)}, a network has {sorted(wanted)}")
+    if any(array.dtype != np.float32 for array in arrays.values()):
+        raise PolicyError("a network's parameters must be float32")

@@ -1,0 +1,92 @@
+"""Minimum-jerk joint motion to a joint goal that is corrected for the base's own motion."""
+
+from dataclasses import dataclass
+
+from agents.planners.common.inverse_kinematics import (
+    JointGoals,
+    JointMotion,
+    Rows,
+    floating_inverse_kinematics,
+)
+from agents.policies.tracking import TrajectoryPolicy, motion_times
+from space_envs.dynamics.rotations import Array
+from space_envs.policy import PolicyContext
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """Motions whose joints run q(t) = goal + a(t) (start - goal) + b(t) rate, `rate` being that at t = 0.
+
+    Attributes:
+        displacement, slope: a (T,) and its time derivative, 1/s. drift, pace: b (T,), s, and its derivative.
+        dt: s.
+    """
+
+    displacement: Array
+    slope: Array
+    drift: Array
+    pace: Array
+    dt: float
+
+    def motion(self, start: Array, rate: Array, goal: Array) -> JointMotion:
+        """Motions (N, T, n) from `start` (N, n) rad with `rate` (N, n) rad/s to rest at `goal` (N, n)."""
+        way, rate = (start - goal)[:, None, :], rate[:, None, :]
+        position = goal[:, None, :] + self.displacement[:, None] * way + self.drift[:, None] * rate
+        return JointMotion(position, self.slope[:, None] * way + self.pace[:, None] * rate, self.dt)
+
+
+def minimum_jerk_profile(times: Array) -> Profile:
+    """The quintic from any state to rest, which has the least integrated squared jerk for its end states."""
+    duration = times[-1]
+    s = times / duration
+    return Profile(
+        displacement=1.0 - s**3 * (10.0 + s * (6.0 * s - 15.0)),
+        slope=-30.0 * s**2 * (1.0 - s) ** 2 / duration,
+        drift=duration * s * (1.0 + s**2 * (-6.0 + s * (8.0 - 3.0 * s))),
+        pace=1.0 + s**2 * (-18.0 + s * (32.0 - 15.0 * s)),
+        dt=float(times[1] - times[0]),
+    )
+
+
+def profile_goals(
+    context: PolicyContext, observation: Array, profile: Profile, preferred: Array | None = None
+) -> JointGoals:
+    """Joint goals to which `profile` leads from what is observed, so that the inertial goal is met.
+
+    Args:
+        preferred: (N, n) rad, joint angles that the redundancy draws the goals to; None is the start.
+    """
+
+    def read(name: str) -> Array:
+        return context.layout.read(observation, name)
+
+    start, rate = read("joint_position"), read("joint_velocity")
+
+    def motion(goal: Array, rows: Rows) -> JointMotion:
+        return profile.motion(start[rows], rate[rows], goal)
+
+    return floating_inverse_kinematics(
+        context.arm,
+        read("goal_position"),
+        read("goal_quaternion"),
+        motion,
+        read("base_position"),
+        read("base_quaternion"),
+        start if preferred is None else preferred,
+        context.joint_limits,
+    )
+
+
+class MinimumJerk(TrajectoryPolicy):
+    """Straight in joint space, as smooth as can be, then holds."""
+
+    def __init__(self, context: PolicyContext, seed: int = 0) -> None:
+        super().__init__(context, seed)
+        self._profile = minimum_jerk_profile(motion_times(context))
+
+    def plan(self, observation: Array, preferred: Array | None = None) -> tuple[JointMotion, JointGoals]:
+        """The quintic motions to the corrected joint goals."""
+        read = self.context.layout.read
+        goals = profile_goals(self.context, observation, self._profile, preferred)
+        start, rate = read(observation, "joint_position"), read(observation, "joint_velocity")
+        return self._profile.motion(start, rate, goals.position), goals

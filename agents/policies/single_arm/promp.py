@@ -1,0 +1,192 @@
+"""The algorithm of shyam2020, sec. V-D: condition a ProMP, sample, and take the least cost by eq. 20."""
+
+from functools import lru_cache
+from importlib.resources import as_file, files
+
+import numpy as np
+
+from agents.planners.common.inverse_kinematics import (
+    JointGoals,
+    JointMotion,
+    Motion,
+    Rows,
+    floating_inverse_kinematics,
+)
+from agents.policies.clearance import KeepOut
+from agents.policies.tracking import TrajectoryPolicy, motion_times
+from promp import ProMP, ViaPoint
+from space_envs.dynamics import trajectory_cost
+from space_envs.dynamics.rotations import Array
+from space_envs.errors import PolicyError
+from space_envs.policy import PolicyContext
+
+SAMPLES = 100
+PRIOR = "promp_prior.npz"
+ROWS_AT_ONCE = 8  # whose samples are in memory together
+
+
+@lru_cache(maxsize=1)
+def shipped_prior() -> ProMP:
+    """The ProMP fitted to the 540 demonstrations; agents/data says how they were made."""
+    with as_file(files("agents") / "data" / PRIOR) as path:
+        return ProMP.load(path)
+
+
+class ConditionedPrior:
+    """A ProMP conditioned on any start and goal states at once: the gain of eq. 19, which they all share.
+
+    Only the mean depends on the states (eq. 18), and it does so linearly; the gain and the distribution of
+    what is left free are computed once.
+
+    Args:
+        prior: of the weights (n, nb). times: (T,) s, of the motion's samples.
+    """
+
+    def __init__(self, prior: ProMP, times: Array) -> None:
+        self.times = times
+        duration = float(times[-1])
+        phase = times / duration
+        self._basis = prior.basis.value(phase), prior.basis.derivative(phase) / duration
+        self._bend = prior.basis.second_derivative(phase) / duration**2
+        self._mean = prior.mean
+        unit = np.eye(prior.n_dof)
+        ends = [basis[node] for node in (0, -1) for basis in self._basis]
+        # Rows: position and rate at the start, position and rate at the goal.
+        self._features = np.concatenate([np.kron(unit, row) for row in ends])
+        directions = prior.factor.directions
+        self._gain = directions @ np.linalg.pinv(self._features @ directions, rcond=1e-9)
+        met = (self._features @ prior.mean.ravel()).reshape(4, prior.n_dof)
+        self.free = prior.condition_on(
+            [ViaPoint(0.0, met[0], met[1], duration), ViaPoint(1.0, met[2], met[3], duration)]
+        )
+
+    def weights(self, start: Array, rate: Array, goal: Array) -> Array:
+        """Conditional means (N, n, nb): from `start` (N, n) rad with `rate` (N, n) rad/s to rest at goal."""
+        state = np.concatenate([start, rate, goal, np.zeros_like(goal)], axis=1)
+        missed = state - self._features @ self._mean.ravel()
+        return self._mean + (self._gain @ missed[..., None]).reshape(-1, *self._mean.shape)
+
+    def moved(self, weights: Array, shift: Array) -> Array:
+        """Weights (N, n, nb) with their goals moved by `shift` (N, n) rad and the other end states kept."""
+        n = self._mean.shape[0]
+        return weights + (self._gain[:, 2 * n : 3 * n] @ shift[..., None]).reshape(weights.shape)
+
+    def motion(self, weights: Array, every: int = 1) -> JointMotion:
+        """Motions (..., T, n) of weights (..., n, nb), each `every`-th sample."""
+        columns = np.ascontiguousarray(weights.swapaxes(-1, -2))
+        position, velocity = (basis[::every] @ columns for basis in self._basis)
+        return JointMotion(position, velocity, every * float(self.times[1]))
+
+    def acceleration(self, weights: Array, every: int = 1) -> Array:
+        """Accelerations (..., T, n), rad/s^2, of weights (..., n, nb)."""
+        return self._bend[::every] @ weights.swapaxes(-1, -2)
+
+
+class ProMPPolicy(TrajectoryPolicy):
+    """Samples motions to the goal, takes the one that disturbs the base least, and corrects its end.
+
+    All episodes share the standard normal draws behind the samples, which the seed fixes: a plan depends on
+    the observation and the seed alone, not on what else is planned.
+
+    Args:
+        context, seed: as of every policy. prior: the ProMP; None is the one that is shipped.
+        samples: number of motions to choose from; 0 takes the conditional mean.
+
+    Raises:
+        PolicyError: if the prior is for another number of joints.
+    """
+
+    def __init__(
+        self, context: PolicyContext, seed: int = 0, prior: ProMP | None = None, samples: int = SAMPLES
+    ) -> None:
+        super().__init__(context, seed)
+        prior = shipped_prior() if prior is None else prior
+        if prior.n_dof != context.arm.n_joints:
+            raise PolicyError(f"the prior is of {prior.n_dof} joints, the robot has {context.arm.n_joints}")
+        times = motion_times(context)
+        self._prior = ConditionedPrior(prior, times)
+        self._every = 2 if len(times) % 2 else 1  # costs and base poses are accurate enough at half the rate
+        # Offsets of the samples from any conditional mean.
+        free = self._prior.free
+        offsets = free.sample(np.random.default_rng(seed), samples) - free.mean
+        self._offsets = offsets
+        self._offset_motion = self._prior.motion(offsets, self._every)
+        self._offset_acceleration = self._prior.acceleration(offsets, self._every)
+
+    def plan(self, observation: Array, preferred: Array | None = None) -> tuple[JointMotion, JointGoals]:
+        """Steps of sec. V-D for each row, then the correction of the chosen motion's end."""
+        read = self.context.layout.read
+        start, rate = read(observation, "joint_position"), read(observation, "joint_velocity")
+        prior = self._prior
+
+        def mean_motion(goal: Array, rows: Rows) -> JointMotion:
+            return prior.motion(prior.weights(start[rows], rate[rows], goal), self._every)
+
+        goals = self._solve(observation, mean_motion, start if preferred is None else preferred)
+        keep_out = KeepOut.of(self.context, observation)
+        weights = self._chosen(prior.weights(start, rate, goals.position), keep_out)
+
+        # The base ends elsewhere under the chosen motion than under the mean.
+        first = goals.position
+
+        def chosen_motion(goal: Array, rows: Rows) -> JointMotion:
+            return prior.motion(prior.moved(weights[rows], goal - first[rows]))
+
+        goals = self._solve(observation, chosen_motion, first)
+        return prior.motion(prior.moved(weights, goals.position - first)), goals
+
+    def _chosen(self, mean: Array, keep_out: KeepOut | None) -> Array:
+        """Of each row's samples within all limits, and clear, the weights (N, n, nb) of least cost.
+
+        The mean where there are none.
+        """
+        if not len(self._offsets):
+            return mean
+        best = np.empty_like(mean)
+        for first in range(0, len(mean), ROWS_AT_ONCE):
+            block = np.arange(first, min(first + ROWS_AT_ONCE, len(mean)))
+            best[block] = self._chosen_block(mean[block], None if keep_out is None else keep_out.take(block))
+        return best
+
+    def _chosen_block(self, mean: Array, keep_out: KeepOut | None) -> Array:
+        context, every = self.context, self._every
+        centre = self._prior.motion(mean, every)
+        position = centre.position[:, None] + self._offset_motion.position
+        velocity = centre.velocity[:, None] + self._offset_motion.velocity
+        acceleration = self._prior.acceleration(mean, every)[:, None] + self._offset_acceleration
+        cost = trajectory_cost(context.arm, position, velocity, centre.dt, context.c)
+        low, high = context.joint_limits.T
+        broken = ((position < low) | (position > high)).any(axis=(2, 3))
+        broken |= (np.abs(velocity) > context.rate_limit).any(axis=(2, 3))
+        broken |= (np.abs(acceleration) > context.acceleration_limit).any(axis=(2, 3))
+        cost[broken] = np.inf
+        chosen, kept = np.zeros(len(mean), dtype=np.int64), np.zeros(len(mean), dtype=bool)
+        for row, costs in enumerate(cost):
+            order = [int(k) for k in np.argsort(costs, kind="stable") if not broken[row, k]]
+            if keep_out is None:
+                best = order[0] if order else None
+            else:
+                own = keep_out.take(np.array([row]))
+                best = own.first_clear(position[row], velocity[row], centre.dt, order)
+            chosen[row], kept[row] = (0, False) if best is None else (best, True)
+        return mean + kept[:, None, None] * self._offsets[chosen]
+
+    def _solve(self, observation: Array, motion: Motion, start: Array) -> JointGoals:
+        read, context = self.context.layout.read, self.context
+        return floating_inverse_kinematics(
+            context.arm,
+            read(observation, "goal_position"),
+            read(observation, "goal_quaternion"),
+            motion,
+            read(observation, "base_position"),
+            read(observation, "base_quaternion"),
+            start,
+            context.joint_limits,
+        )
+
+
+class ConditionalMean(ProMPPolicy):
+    """The same without sampling: what the best of the samples is measured against."""
+
+    def __init__(self, context: PolicyContext, seed: int) -> None:
+        super().__init__(context, seed, samples=0)

@@ -1,1 +1,0 @@
-"""Parts of a training run: its folder, models, checkpoints, validation, progress."""

@@ -1,0 +1,5 @@
+"""The environments: one arm or many at a time, what a reset may ask for, and starts that can brake."""
+
+from space_envs.envs.capture import CaptureEnv, CaptureVectorEnv
+
+__all__ = ["CaptureEnv", "CaptureVectorEnv"]

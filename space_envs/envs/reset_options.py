@@ -1,0 +1,249 @@
+"""What `reset(options=...)` may ask for, validated before anything moves."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from numbers import Integral
+from typing import Any
+
+import numpy as np
+from gymnasium.utils import seeding
+from numpy.typing import NDArray
+
+from space_envs.checks import array, numbers
+from space_envs.dynamics.rotations import Array
+from space_envs.envs.braking import check_brakes
+from space_envs.errors import ConfigurationError, GoalError, shown, unknown_name
+from space_envs.tasks.base import CaptureTask
+from space_envs.tasks.common import Goals
+
+COMMON_OPTIONS = ("split", "index", "joint_position", "joint_velocity", "reset_mask")
+
+
+@dataclass(frozen=True)
+class Start:
+    """How k episodes begin.
+
+    Attributes:
+        goals: of the task, k of them, with the joint angles at the start.
+        split, index: (k,) where the goals come from; `given` and -1 for a user's own.
+        joint_velocity: (k, n), or None for rest.
+    """
+
+    goals: Goals
+    split: NDArray[np.object_]
+    index: NDArray[np.int64]
+    joint_velocity: Array | None
+
+
+@dataclass(frozen=True, eq=False)
+class Seeds:
+    """Random generators of n rows, and the seeds that they come from.
+
+    Before anything was seeded, row i has a random seed plus i.
+
+    Attributes:
+        n: rows.
+        given: (generator, seed) of each row; seed -1 of a generator from elsewhere.
+    """
+
+    n: int
+    given: tuple[tuple[np.random.Generator, int], ...] = ()
+
+    @cached_property
+    def _all(self) -> tuple[tuple[np.random.Generator, int], ...]:
+        first = 0 if self.given else int(seeding.np_random()[1])
+        return self.given or tuple(_from_seed(first + row) for row in range(self.n))
+
+    @property
+    def generators(self) -> list[np.random.Generator]:
+        """(n,)"""
+        return [generator for generator, _ in self._all]
+
+    @property
+    def numbers(self) -> list[int]:
+        """(n,) seeds."""
+        return [number for _, number in self._all]
+
+    def renewed(self, seed: Any, rows: NDArray[np.int64]) -> "Seeds":
+        """The same, with rows (k,) seeded anew: row i with seed + i, or with the i-th of n seeds.
+
+        Raises:
+            ConfigurationError: if the seed is neither None, nor a number, nor n of them.
+        """
+        if seed is None:
+            return self
+        if isinstance(seed, np.ndarray) and seed.ndim == 1:
+            seed = seed.tolist()
+        if _whole(seed):
+            seeds: list[Any] = [int(seed) + row for row in range(self.n)]
+        elif isinstance(seed, list | tuple) and len(seed) == self.n:
+            seeds = list(seed)
+        else:
+            raise ConfigurationError(
+                f"seed must be an integer, a list of {self.n}, or None; got {shown(seed)}"
+            )
+        for number in seeds:
+            if number is not None and (not _whole(number) or number < 0):
+                raise ConfigurationError(f"a seed must be an integer of at least 0, got {shown(number)}")
+        every = list(self._all)
+        for row in rows:
+            if seeds[row] is not None:
+                every[row] = _from_seed(int(seeds[row]))
+        return Seeds(self.n, tuple(every))
+
+    def derived(self, generator: np.random.Generator) -> "Seeds":
+        """As many rows: the first with this generator, the others with seeds drawn from it."""
+        others = generator.integers(2**63, size=self.n - 1).tolist() if self.n > 1 else []
+        return Seeds(self.n, ((generator, -1), *(_from_seed(number) for number in others)))
+
+
+def _whole(value: object) -> bool:
+    return isinstance(value, Integral) and not isinstance(value, bool)
+
+
+def _from_seed(seed: int) -> tuple[np.random.Generator, int]:
+    return seeding.np_random(seed)[0], seed
+
+
+def rows_to_reset(task: CaptureTask, options: Mapping[str, Any], n: int) -> NDArray[np.int64]:
+    """Rows (k,) that are to be reset, of n.
+
+    Raises:
+        ConfigurationError: for an option that does not exist or a mask that is none.
+    """
+    if not isinstance(options, Mapping):
+        raise ConfigurationError(f"options must be a dictionary, got {shown(options)}")
+    valid = (*COMMON_OPTIONS, *task.goal_options)
+    for name in options:
+        if name not in valid:
+            raise unknown_name("reset option", name, valid)
+    mask = options.get("reset_mask", np.ones(n, dtype=bool))
+    rows = array(mask)
+    if rows is None or rows.shape != (n,) or rows.dtype != np.bool_:
+        raise ConfigurationError(f"reset_mask must be bool of shape ({n},), got {shown(mask)}")
+    return np.flatnonzero(rows)
+
+
+def choose_start(
+    task: CaptureTask,
+    options: Mapping[str, Any],
+    rows: NDArray[np.int64],
+    generators: Sequence[np.random.Generator],
+) -> Start:
+    """How rows (k,) of len(generators) begin; what the options leave open comes from each row's generator.
+
+    Raises:
+        ConfigurationError: for a value that is not valid. GoalError: for a goal that cannot be reached. The
+            generators are then as they were.
+    """
+    before = [generators[row].bit_generator.state for row in rows]
+    try:
+        return _start(task, options, rows, generators)
+    except Exception:  # a goal may be drawn before something else is refused
+        for row, state in zip(rows, before, strict=True):
+            generators[row].bit_generator.state = state
+        raise
+
+
+def _start(
+    task: CaptureTask,
+    options: Mapping[str, Any],
+    rows: NDArray[np.int64],
+    generators: Sequence[np.random.Generator],
+) -> Start:
+    n = len(generators)
+    joints, velocity = (
+        _joint_option(task, options, name, rows, n) if name in options else None
+        for name in ("joint_position", "joint_velocity")
+    )
+    if any(name in options for name in task.goal_options):
+        if "split" in options or "index" in options:
+            raise ConfigurationError("give either a goal or a split and index, not both")
+        goals = task.given_goals(_goal_values(task, options, rows, n), joints)
+        check_brakes(task, goals, velocity)
+        if task.collisions:
+            task.check_start(goals)
+        index = np.full(len(rows), -1, dtype=np.int64)
+        return Start(goals, _names("given", rows), index, velocity)
+    split = options.get("split", task.split)
+    if "index" in options:
+        index = array(options["index"])
+        if index is None or index.shape not in ((), (n,)):
+            got = shown(options["index"])
+            raise ConfigurationError(f"index must be an integer or {n} of them, got {got}")
+        index = np.broadcast_to(index, (n,))[rows]
+    else:
+        size = task.split_size(split)
+        index = np.array([generators[row].integers(size) for row in rows], dtype=np.int64)
+    goals = task.goals(split, index)
+    if joints is not None:
+        goals = replace(goals, joint_position=joints)
+        if task.collisions:
+            task.check_start(goals)
+    if joints is not None or velocity is not None:
+        check_brakes(task, goals, velocity)
+    return Start(goals, _names(split, rows), index, velocity)
+
+
+def _goal_values(
+    task: CaptureTask, options: Mapping[str, Any], rows: NDArray[np.int64], n: int
+) -> dict[str, Array]:
+    """Numbers (k, width) of every option that makes up a goal."""
+    values = {}
+    given = next(name for name in task.goal_options if name in options)
+    missing = [n for n, option in task.goal_options.items() if n not in options and option.default is None]
+    if missing:
+        raise ConfigurationError(f"{given} needs {' and '.join(missing)} too")
+    for name, option in task.goal_options.items():
+        if name in options:
+            values[name] = _row_values(options, name, option.width, rows, n, option.parts)
+            if (np.abs(values[name]) > option.largest).any():
+                largest = float(np.abs(values[name]).max())
+                raise GoalError(
+                    f"{name} must lie in -{option.largest:g} to {option.largest:g}, got {largest:g}"
+                )
+        else:
+            values[name] = np.tile(np.array(option.default), (len(rows), 1))
+    return values
+
+
+def _names(name: str, rows: NDArray[np.int64]) -> NDArray[np.object_]:
+    return np.full(len(rows), name, dtype=object)
+
+
+def _joint_option(
+    task: CaptureTask, options: Mapping[str, Any], name: str, rows: NDArray[np.int64], n: int
+) -> Array:
+    value = _row_values(options, name, task.robot.n_joints, rows, n)
+    rates = task.parameters.rate_limit * np.array([[-1.0, 1.0]])
+    limits = task.robot.range if name == "joint_position" else rates
+    outside = (value < limits[:, 0]) | (value > limits[:, 1])
+    if outside.any():
+        row, joint = np.argwhere(outside)[0]
+        low, high = np.broadcast_to(limits, (value.shape[1], 2))[joint]
+        raise ConfigurationError(
+            f"{name} outside its limits: joint {joint + 1} must lie in {low:g} to {high:g}, got "
+            f"{value[row, joint]:g}"
+        )
+    return value
+
+
+def _row_values(
+    options: Mapping[str, Any], name: str, width: int, rows: NDArray[np.int64], n: int, parts: str = ""
+) -> Array:
+    """The option's numbers for rows (k,): (k, width), from (width,) for all or (n, width).
+
+    One number for all needs no brackets. `parts` says in a message what the numbers are.
+    """
+    given = options[name]
+    value = numbers(given)
+    if value is None:
+        raise ConfigurationError(f"{name} must be numbers, got {shown(given)}")
+    if value.shape not in ((width,), (n, width)) and not (width == 1 and value.shape == ()):
+        wanted = f"{'be a number or ' if width == 1 else ''}have shape ({width},) or ({n}, {width})"
+        said = f", {parts}" if parts else ""
+        raise ConfigurationError(f"{name} must {wanted}{said}, got {value.shape}")
+    if not np.isfinite(value).all():
+        raise ConfigurationError(f"{name} must be finite, got {shown(value.tolist())}")
+    return np.broadcast_to(value, (n, width))[rows]

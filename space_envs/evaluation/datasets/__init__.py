@@ -1,0 +1,1 @@
+"""Episodes as datasets: storage, recording, cards and Minari."""

@@ -1,0 +1,1 @@
+"""Policies on tasks: episodes in chunks, in any process, with the same result."""

@@ -1,0 +1,45 @@
+"""Pictures of captures for the report, drawn from recorded states."""
+
+from collections.abc import Mapping
+
+import mujoco
+import numpy as np
+
+from space_envs.errors import RenderingError
+from space_envs.evaluation.play.rollout import Rollout
+from space_envs.evaluation.records.record import Entrant
+from space_envs.evaluation.report.stills import Still
+from space_envs.tasks.base import CaptureTask
+
+FRAMES = 4
+WIDTH, HEIGHT = 480, 360
+
+
+def capture_pictures(
+    task: CaptureTask, rollouts: Mapping[Entrant, Rollout]
+) -> tuple[dict[Entrant, list[Still]], str]:
+    """Stills (HEIGHT, WIDTH, 3) of each policy's farthest capture, and a note where there are none."""
+    from space_envs.rendering import Renderer  # OpenGL may be missing, and is not needed without pictures
+
+    model = task.render_model
+    data = mujoco.MjData(model)
+    state = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_INTEGRATION))
+    pictures: dict[Entrant, list[Still]] = {}
+    try:
+        renderer = Renderer(model, width=WIDTH, height=HEIGHT, camera="overview")
+        for name, rollout in rollouts.items():
+            captured = np.array([outcome == "captured" for outcome in rollout.outcome])
+            if not captured.any():
+                continue
+            row = int(np.argmax(np.where(captured, rollout.position_error[:, 0], -1.0)))
+            stills = []
+            for step in np.linspace(0, rollout.length[row], FRAMES).round().astype(int):
+                data.qpos[:] = rollout.scene[row, step]
+                task.dress(renderer.model, data, rollout.goals, row)
+                mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
+                stills.append(Still(float(step * task.control_period), renderer.render(state)))
+            pictures[name] = stills
+        renderer.close()
+    except RenderingError as error:
+        return {}, f"There are no pictures: {error}"
+    return pictures, "" if pictures else "There are no pictures, since no policy captured anything."

@@ -1,0 +1,72 @@
+"""How long episodes, timing and reports took on this machine: what a dry run tells of others."""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Self
+
+from space_envs.codegen.c_library import LibraryError, cache_folder, private_folder
+from space_envs.errors import ConfigurationError
+from space_envs.evaluation.records.record import Entrant
+from space_envs.system.files import atomic_write_text
+from space_envs.system.reading import read_object
+
+FILE = "rates.json"
+REPORT = "report"  # what takes as long for every entrant: pictures, plots, tables
+
+
+@dataclass(frozen=True)
+class Seconds:
+    """An estimate and an interval around it."""
+
+    least: float
+    usual: float
+    most: float
+
+    @classmethod
+    def of(cls, values: Sequence[float]) -> Self:
+        """The mean of some, and the range that they lie in."""
+        return cls(min(values), sum(values) / len(values), max(values))
+
+    def __add__(self, other: "Seconds") -> "Seconds":
+        return Seconds(self.least + other.least, self.usual + other.usual, self.most + other.most)
+
+    def __mul__(self, factor: float) -> "Seconds":
+        return Seconds(factor * self.least, factor * self.usual, factor * self.most)
+
+
+def playing(entrant: Entrant) -> str:
+    """Name of the rate at which an entrant's episodes are played; it takes about as long on any split."""
+    return f"{entrant.task.env_id} {entrant.task.difficulty} {entrant.policy} {entrant.control_mode}"
+
+
+def timing(entrant: Entrant) -> str:
+    """Name of the rate at which it is timed."""
+    return f"timing {playing(entrant)}"
+
+
+def remember(rates: Mapping[str, Seconds]) -> None:
+    """Remember rates by their names; where there is no place to, nothing is remembered."""
+    told = _read() | {name: [one.least, one.usual, one.most] for name, one in rates.items()}
+    try:
+        folder = private_folder(cache_folder())
+        atomic_write_text(folder / FILE, json.dumps(told, indent=1, sort_keys=True))
+    except (LibraryError, OSError):
+        return
+
+
+def recorded(name: str) -> Seconds | None:
+    """The rate of a name, if anything of it was measured on this machine."""
+    rate = _read().get(name)
+    if not isinstance(rate, list) or len(rate) != 3:
+        return None
+    known = all(isinstance(value, float) and math.isfinite(value) and value >= 0.0 for value in rate)
+    return Seconds(*rate) if known else None
+
+
+def _read() -> dict[str, Any]:
+    try:
+        return read_object(cache_folder() / FILE)
+    except (LibraryError, OSError, ConfigurationError):
+        return {}

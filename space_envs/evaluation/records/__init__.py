@@ -1,0 +1,1 @@
+"""Records of episodes: fields, metrics, causes of failure, folders and schema."""

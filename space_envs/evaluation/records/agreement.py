@@ -1,0 +1,135 @@
+"""Whether result folders are of the same tasks, and where they are not, what differs."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from space_envs.errors import ConfigurationError
+from space_envs.evaluation.records.folders import ResultFolder
+
+
+@dataclass(frozen=True)
+class _Use:
+    """A configuration as a folder used it; `values` is None where the folder does not say what it is."""
+
+    folder: str
+    control_mode: str
+    digest: str
+    values: Mapping[str, Any] | None
+
+
+def check_agreement(folders: Sequence[ResultFolder], separate: bool = False) -> None:
+    """Check that records that would share a table are of one task, and that every folder shares one.
+
+    Args:
+        separate: accept a folder that shares no version, difficulty or split with the others; its tasks
+            become tables of their own.
+
+    Raises:
+        ConfigurationError: naming two folders and what differs between them, first of all their versions of
+            the task.
+    """
+    _check_task_versions(folders)
+    if not separate:
+        _check_shared(folders)
+    uses: dict[tuple[str, str], list[_Use]] = {}
+    for folder in folders:
+        for record in folder.records:
+            use = _Use(
+                str(folder.path),
+                record.control_mode,
+                record.config_hash,
+                folder.configurations.get(record.config_hash),
+            )
+            known = uses.setdefault((record.env_id, record.difficulty), [])
+            if use not in known:
+                known.append(use)
+    for (env_id, difficulty), known in uses.items():
+        for number, use in enumerate(known):
+            for other in known[:number]:
+                said = _difference(other, use)
+                if said:
+                    raise ConfigurationError(
+                        f"records of {env_id}, {difficulty}, cannot be compared, the tasks differ: {said}"
+                    )
+
+
+def _check_task_versions(folders: Sequence[ResultFolder]) -> None:
+    """Scores of different versions of a task are of different tasks, also in tables of their own."""
+    found: dict[str, dict[int, str]] = {}
+    for folder in folders:
+        for record in folder.records:
+            found.setdefault(record.env_id, {}).setdefault(record.task_version, str(folder.path))
+    for env_id, versions in found.items():
+        if len(versions) > 1:
+            told = " and ".join(f"task version {version} in {name}" for version, name in versions.items())
+            raise ConfigurationError(
+                f"records of {env_id} are of {told}: what is asked, or how it is scored, changed in between; "
+                "evaluate the older again"
+            )
+
+
+def _check_shared(folders: Sequence[ResultFolder]) -> None:
+    """Whoever plays an id must share a version, a difficulty and a split of it with somebody else."""
+    # What is compared -> folder -> values that the folder has.
+    levels: dict[tuple[str, str], dict[str, set[str]]] = {}
+    for folder in folders:
+        name = str(folder.path)
+        for env_id, difficulty, split in {(r.env_id, r.difficulty, r.split) for r in folder.records}:
+            base, version = _version(env_id)
+            for about, value in (
+                ((base, "version"), version),
+                ((env_id, "difficulty"), difficulty),
+                ((f"{env_id}, {difficulty},", "split"), split),
+            ):
+                levels.setdefault(about, {}).setdefault(name, set()).add(value)
+    for (what, kind), found in levels.items():
+        for name, values in found.items():
+            others = {other: theirs for other, theirs in found.items() if other != name}
+            if others and not any(values & theirs for theirs in others.values()):
+                told = "; ".join(f"{other} has {', '.join(sorted(own))}" for other, own in others.items())
+                raise ConfigurationError(
+                    f"{what} differs in its {kind}: {name} has {', '.join(sorted(values))}; {told}. Nothing "
+                    "in it can be compared; with --separate each becomes a table of its own"
+                )
+
+
+def _version(env_id: str) -> tuple[str, str]:
+    match = re.fullmatch(r"(.+)-(v\d+)", env_id)
+    return (match[1], match[2]) if match else (env_id, "none")
+
+
+def _difference(one: _Use, two: _Use) -> str:
+    """What differs between two configurations apart from the control mode; nothing if they agree."""
+    if one.digest == two.digest:
+        return ""
+    if one.values is None or two.values is None:
+        if one.control_mode != two.control_mode:
+            return ""  # that alone makes another hash
+        silent = [use.folder for use in (one, two) if use.values is None]
+        return (
+            f"in {one.control_mode} the configuration has the hash {one.digest} in {one.folder} and "
+            f"{two.digest} in {two.folder}; {' and '.join(silent)} does not say what it stands for"
+        )
+    first, second = _flat(one.values), _flat(two.values)
+    told = [
+        f"{name} is {_shown(first, name)} in {one.folder} and {_shown(second, name)} in {two.folder}"
+        for name in dict.fromkeys([*first, *second])
+        if name != "control_mode" and _shown(first, name) != _shown(second, name)
+    ]
+    return "; ".join(told)
+
+
+def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            found |= _flat(value, f"{prefix}{name}.")
+        else:
+            found[f"{prefix}{name}"] = value
+    return found
+
+
+def _shown(values: Mapping[str, Any], name: str) -> str:
+    return repr(values[name]) if name in values else "absent"

@@ -1,0 +1,88 @@
+"""Why an episode failed: one label each, so that failures can be counted."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from space_envs.evaluation.records.record import NO_PLAN_CAUSES, OWN_CAUSES
+
+_OTHER = NO_PLAN_CAUSES[-1]
+_LONGEST = 1000  # letters of a reason that are kept
+
+
+@dataclass(frozen=True)
+class MissingPlan:
+    """What a policy says of an episode that it has no plan for."""
+
+    cause: str  # one of NO_PLAN_CAUSES
+    reason: str
+
+
+class PlanState:
+    """Base of a policy's state that says which of its N episodes have no plan, and why.
+
+    Attributes:
+        failures: N entries, None where there is a plan. Any other has a `cause`, one of NO_PLAN_CAUSES, and a
+            `reason`, a sentence, or is that sentence alone.
+    """
+
+    failures: Sequence[Any] | NDArray[np.object_]
+
+
+def missing_plans(state: Any, episodes: int) -> list[MissingPlan | None]:
+    """What a policy's state says about each of its episodes, if it is a `PlanState`.
+
+    A state is a stranger's data: whatever in it is malformed, or raises when it is looked at, says nothing.
+    """
+    if not issubclass(type(state), PlanState):
+        return [None] * episodes
+    try:
+        told = list(islice(state.failures, episodes + 1))
+    except KeyboardInterrupt:
+        raise
+    except BaseException:
+        return [None] * episodes
+    if len(told) != episodes:
+        return [None] * episodes
+    return [_missing(each) for each in told]
+
+
+def _missing(told: Any) -> MissingPlan | None:
+    """An entry of `failures`: None, a sentence, or something with a `cause` and a `reason`."""
+    if told is None:
+        return None
+    try:
+        if isinstance(told, str):
+            return MissingPlan(_OTHER, _plain(told)) if told else None
+        cause = _plain(told.cause)
+        return MissingPlan(cause if cause in NO_PLAN_CAUSES else _OTHER, _plain(told.reason))
+    except KeyboardInterrupt:
+        raise
+    except BaseException:
+        return MissingPlan(_OTHER, f"the policy gave a {type(told).__name__} for a reason")
+
+
+def _plain(text: Any) -> str:
+    """A string of Python's own type, since one of a class of its own may do anything."""
+    return "".join(str(text))[:_LONGEST]
+
+
+def packed_plans(plans: Iterable[MissingPlan | None]) -> list[dict[str, str] | None]:
+    """As plain JSON values, which `unpacked_plans` reads."""
+    return [None if plan is None else vars(plan) for plan in plans]
+
+
+def unpacked_plans(values: Iterable[dict[str, str] | None]) -> list[MissingPlan | None]:
+    """What `packed_plans` was given."""
+    return [None if value is None else MissingPlan(**value) for value in values]
+
+
+def cause_of(outcome: str, plan: MissingPlan | None) -> str | None:
+    """One of CAUSES, None for a capture: where there was no plan that is why, however the episode ended."""
+    if outcome == "captured":
+        return None
+    return outcome if plan is None or outcome in OWN_CAUSES else plan.cause

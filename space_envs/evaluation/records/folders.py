@@ -1,0 +1,167 @@
+"""Result folders as others left them: read, validated, and checked against the checksums beside them."""
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from space_envs.errors import ConfigurationError
+from space_envs.evaluation.play.runner import PARTS, PLAN, progress
+from space_envs.evaluation.records.metrics import configuration_hash
+from space_envs.evaluation.records.record import (
+    RECORDS,
+    SCHEMA_VERSION,
+    SUMMARY,
+    Entrant,
+    EpisodeRecord,
+    read_records,
+)
+from space_envs.evaluation.replay.states import States
+from space_envs.evaluation.replay.traces import Traces
+from space_envs.evaluation.report.report import entrant_stem
+from space_envs.system.output import holder
+from space_envs.system.reading import read_bytes, read_object
+
+
+@dataclass(frozen=True, eq=False)
+class ResultFolder:
+    """What an evaluation, or a comparison of several, left.
+
+    Attributes:
+        path: of the folder. records: all of them, each validated. summary: of summary.json, empty where
+            there is none. notes: what a reader should know of it.
+    """
+
+    path: Path
+    records: tuple[EpisodeRecord, ...]
+    summary: Mapping[str, Any]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def provenance(self) -> Mapping[str, Any]:
+        """Where the records come from, as far as the folder says."""
+        return self.summary.get("provenance", {})
+
+    @property
+    def configurations(self) -> Mapping[str, Mapping[str, Any]]:
+        """What defines each task, by its hash, as far as the folder says."""
+        return self.provenance.get("configurations", {})
+
+    def traces(self, entrant: Entrant) -> Traces | None:
+        """The entrant's traces, if there are any.
+
+        Raises:
+            ConfigurationError: if their file is damaged or was edited.
+        """
+        path = self._file("traces", entrant)
+        return None if path is None else Traces.load(path)
+
+    def states(self, entrant: Entrant) -> States | None:
+        """The entrant's recorded states, if there are any.
+
+        Raises:
+            ConfigurationError: if their file is damaged, was edited, or is of other episodes.
+        """
+        path = self._file("states", entrant)
+        if path is None:
+            return None
+        states = States.load(path)
+        ends = {
+            (r.seed, r.episode): (r.index, r.outcome, r.steps) for r in self.records if r.entrant == entrant
+        }
+        columns = (states.seed, states.episode, states.index, states.outcome, states.length)
+        for seed, episode, *end in zip(*(column.tolist() for column in columns), strict=True):
+            if ends.get((seed, episode)) != tuple(end):
+                raise ConfigurationError(
+                    f"{path}: episode {episode} of seed {seed} is another one than in {RECORDS}"
+                )
+        return states
+
+    def _file(self, kind: str, entrant: Entrant) -> Path | None:
+        name = f"{kind}/{entrant_stem(entrant)}.npz"
+        checksums = self.summary.get("checksums", {})
+        # Files that the summary does not know are left from something else that was written here.
+        if not (self.path / name).is_file() or (checksums and name not in checksums):
+            return None
+        _verify(self.path, name, self.summary)
+        return self.path / name
+
+
+def read_folder(path: str | Path) -> ResultFolder:
+    """Read a result folder.
+
+    Raises:
+        ConfigurationError: if it is none, is not complete, or holds a record that is not valid or was edited;
+            the message names the file, and the line where there is one.
+    """
+    path = Path(path)
+    records, summary = path / RECORDS, path / SUMMARY
+    interrupted = (path / PARTS).is_dir()
+    if not path.is_dir():
+        what = "is a file" if path.exists() else "does not exist"
+        raise ConfigurationError(f"{path} {what}; expected a folder that evaluate.py left")
+    if not records.is_file():
+        if (writer := holder(path)) is not None:
+            raise ConfigurationError(f"{writer} is evaluating into {path}: {progress(path)}")
+        if interrupted or (path / PLAN).is_file():
+            raise ConfigurationError(
+                f"{path} holds an evaluation that was interrupted; run the same command with --resume"
+            )
+        raise ConfigurationError(f"{path} is no folder of results: it has no {RECORDS}")
+    try:
+        found = read_records(records)
+        told = _read_summary(summary) if summary.is_file() else {}
+        _verify(path, RECORDS, told)
+    except ConfigurationError as error:
+        hint = "; an evaluation into this folder was interrupted, the same command with --resume finishes it"
+        raise ConfigurationError(f"{error}{hint if interrupted else ''}") from error
+    if not found:
+        raise ConfigurationError(f"{records} is empty")
+    notes = []
+    if interrupted:
+        writer = holder(path)
+        told_of = "was interrupted" if writer is None else f"by {writer} is running, {progress(path)}"
+        notes.append(f"an evaluation into {path} {told_of}; these are the results from before it")
+    if not told:
+        notes.append(f"{path} has no {SUMMARY}: neither its configuration nor that nobody edited it is known")
+    return ResultFolder(path, tuple(found), told, tuple(notes))
+
+
+def _read_summary(path: Path) -> dict[str, Any]:
+    """What summary.json says, with everything that is used later checked for its type."""
+    try:
+        told = read_object(path)
+        provenance = told.get("provenance", {})
+        configurations = provenance.get("configurations", {})
+        for each in (provenance, configurations, told.get("checksums", {}), *configurations.values()):
+            if not isinstance(each, dict):
+                raise ValueError(f"expected an object, got {each!r}")
+    except (OSError, ValueError, AttributeError) as error:
+        raise ConfigurationError(f"{path}: not a summary of results: {error}") from error
+    if told.get("schema") != SCHEMA_VERSION:
+        raise ConfigurationError(
+            f"{path}: its schema is {told.get('schema')!r}; this version reads schema {SCHEMA_VERSION}: "
+            "evaluate again with it"
+        )
+    for name, configuration in configurations.items():
+        digest = configuration_hash(configuration)
+        if digest != name:
+            raise ConfigurationError(f"{path}: the configuration {name} has the hash {digest}: it was edited")
+    return told
+
+
+def _verify(folder: Path, name: str, summary: Mapping[str, Any]) -> None:
+    """Check a file's bytes, where the summary has their checksum."""
+    wanted = summary.get("checksums", {}).get(name)
+    if wanted is None:
+        return
+    try:
+        got = hashlib.sha256(read_bytes(folder / name)).hexdigest()
+    except (OSError, ConfigurationError) as error:
+        raise ConfigurationError(f"{folder / name}: cannot be read: {error}") from error
+    if got != wanted:
+        raise ConfigurationError(
+            f"{folder / name} is not what was written: its SHA-256 is {got}, {SUMMARY} has {wanted}: "
+            "it was edited or copied in part"
+        )

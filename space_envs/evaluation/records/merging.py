@@ -1,0 +1,202 @@
+"""Result folders of several people as one result."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from space_envs.errors import ConfigurationError
+from space_envs.evaluation.records.agreement import check_agreement
+from space_envs.evaluation.records.folders import ResultFolder
+from space_envs.evaluation.records.record import RECORDS, Entrant, EpisodeRecord, EvaluationResult, Task
+from space_envs.evaluation.replay.replay import Replay, make_replays
+from space_envs.evaluation.replay.states import States, concatenate
+from space_envs.evaluation.replay.traces import Traces
+
+NO_PICTURES = "Pictures are not merged; those of each result are in its own report."
+_Key = tuple[Entrant, int, int]  # with seed and episode
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """A result folder, and what is appended to the names of its policies, if anything."""
+
+    folder: ResultFolder
+    name: str = ""
+
+    def renamed(self, policy: str) -> str:
+        """A policy's name in the merged result."""
+        return f"{policy} ({self.name})" if self.name else policy
+
+    def original(self, entrant: Entrant) -> Entrant:
+        """The entrant as the folder calls it, from what the merged result does."""
+        return replace(entrant, policy=entrant.policy.removesuffix(f" ({self.name})" if self.name else ""))
+
+    def __str__(self) -> str:
+        return str(self.folder.path)
+
+
+@dataclass(frozen=True, eq=False)
+class _Kept:
+    record: EpisodeRecord
+    source: Source
+
+
+def merge(
+    sources: Sequence[Source], provenance: Mapping[str, Any], separate: bool = False
+) -> tuple[EvaluationResult, list[str]]:
+    """One result of several folders, and notes about what a reader should know of it.
+
+    An episode that stands in two folders alike is counted once. Traces, recorded states and replays are those
+    of the folders, where they have them.
+
+    Args:
+        provenance: of the merged result; configurations and the sources' own provenance are added to it.
+        separate: as in `space_envs.evaluation.records.agreement.check_agreement`.
+
+    Raises:
+        ConfigurationError: if the folders are not of the same tasks, if an episode stands in two of them
+            with different results, or a file of theirs was edited.
+    """
+    check_agreement([source.folder for source in sources], separate)
+    kept, repeated = _gather(sources)
+    entrants: dict[Entrant, list[_Kept]] = {}
+    for (entrant, _, _), one in kept.items():
+        entrants.setdefault(entrant, []).append(one)
+    for group in entrants.values():
+        group.sort(key=lambda one: (one.record.seed, one.record.episode))
+    traces: dict[Entrant, Traces] = {}
+    states: dict[Entrant, States] = {}
+    replays: dict[Entrant, Sequence[Replay]] = {}
+    unknown: dict[str, None] = {}
+    for entrant, group in entrants.items():
+        owners = list(dict.fromkeys(one.source for one in group))
+        found = [own for source in owners if (own := source.folder.traces(source.original(entrant)))]
+        if found:
+            traces[entrant] = found[0]
+        recorded = _states(entrant, group, owners)
+        if recorded is not None:
+            states[entrant] = recorded
+            try:
+                replays[entrant] = _replays(recorded, group)
+            except (
+                ConfigurationError
+            ) as error:  # a task that is not of this suite, or of another version of it
+                unknown[f"there are no replays of {entrant.task}: {error}"] = None
+    result = EvaluationResult(
+        records=[one.record for group in entrants.values() for one in group],
+        traces=traces,
+        provenance=_provenance(sources, provenance),
+        pictures_note=NO_PICTURES,
+        replays=replays,
+        states=states,
+    )
+    read = [note for source in sources for note in source.folder.notes]
+    return result, [*read, *_repetitions(repeated), *_mixtures(entrants), *_coverage(entrants), *unknown]
+
+
+def _gather(sources: Sequence[Source]) -> tuple[dict[_Key, _Kept], Counter[tuple[str, str]]]:
+    """Every episode once, and how many stand alike in each pair of folders."""
+    kept: dict[_Key, _Kept] = {}
+    repeated: Counter[tuple[str, str]] = Counter()
+    for source in sources:
+        for record in source.folder.records:
+            if source.name:
+                record = replace(record, policy=source.renamed(record.policy), checksum="")
+            key = (record.entrant, record.seed, record.episode)
+            before = kept.setdefault(key, _Kept(record, source))
+            if before.record is record:
+                continue
+            if before.source is source:
+                raise ConfigurationError(f"{source.folder.path / RECORDS}: {_called(record)} stands twice")
+            if before.record.checksum != record.checksum:
+                raise ConfigurationError(_conflict(before, _Kept(record, source)))
+            repeated[str(before.source), str(source)] += 1
+    return kept, repeated
+
+
+def _called(record: EpisodeRecord) -> str:
+    return (
+        f"episode {record.episode} of seed {record.seed} of {record.policy!r} ({record.control_mode}) on "
+        f"{record.entrant.task}"
+    )
+
+
+def _conflict(one: _Kept, two: _Kept) -> str:
+    first, second = one.record.to_dict(), two.record.to_dict()
+    names = [name for name in first if name not in ("timing", "checksum") and first[name] != second[name]]
+    name = "outcome" if "outcome" in names else names[0]
+    rest = f" and {len(names) - 1} more fields differ" if len(names) > 1 else ""
+    return (
+        f"{_called(one.record)} is in {one.source} and in {two.source} with different results: {name} is "
+        f"{first[name]!r} and {second[name]!r}{rest}. If they are two policies of one name, tell them apart "
+        f"with --name {two.source}=WHOSE"
+    )
+
+
+def _states(entrant: Entrant, group: Sequence[_Kept], owners: Sequence[Source]) -> States | None:
+    """The recorded states of the episodes that were kept."""
+    parts = []
+    for source in owners:
+        found = source.folder.states(source.original(entrant))
+        if found is None:
+            continue
+        recorded = set(zip(found.seed.tolist(), found.episode.tolist(), strict=True))
+        own = [(one.record.seed, one.record.episode) for one in group if one.source is source]
+        part = found.take([found.row(*pair) for pair in own if pair in recorded])
+        parts.append(replace(part, about={**part.about, "policy": entrant.policy}))
+    return concatenate(parts) if parts else None
+
+
+def _replays(states: States, group: Sequence[_Kept]) -> Sequence[Replay]:
+    records = {(one.record.seed, one.record.episode): one.record for one in group}
+    pairs = zip(states.seed.tolist(), states.episode.tolist(), strict=True)
+    return make_replays(states.task(), states, [records[pair] for pair in pairs])
+
+
+def _provenance(sources: Sequence[Source], provenance: Mapping[str, Any]) -> dict[str, Any]:
+    configurations: dict[str, Any] = {}
+    told: dict[str, Any] = {}
+    for source in sources:
+        folder = source.folder
+        configurations |= folder.configurations
+        own = {name: value for name, value in folder.provenance.items() if name != "configurations"}
+        about = {"records": len(folder.records)} | ({"renamed": source.name} if source.name else {})
+        told[str(source)] = about | own
+    return {**provenance, "configurations": configurations, "sources": told}
+
+
+def _repetitions(repeated: Counter[tuple[str, str]]) -> list[str]:
+    return [
+        f"{count} episodes stand in {one} and in {two} alike and are counted once"
+        for (one, two), count in repeated.items()
+    ]
+
+
+def _mixtures(entrants: Mapping[Entrant, Sequence[_Kept]]) -> list[str]:
+    """Rows whose episodes are from several folders, which may have meant different policies."""
+    notes = []
+    for entrant, group in entrants.items():
+        counts = Counter(str(one.source) for one in group)
+        if len(counts) > 1:
+            parts = ", ".join(f"{count} from {name}" for name, count in counts.items())
+            notes.append(
+                f"the episodes of {entrant.policy!r} on {entrant.task} are put together ({parts}); if they "
+                "are different policies, tell them apart with --name"
+            )
+    return notes
+
+
+def _coverage(entrants: Mapping[Entrant, Sequence[_Kept]]) -> list[str]:
+    """Tables whose policies were not all played on the same goals."""
+    goals: dict[Task, dict[str, frozenset[int]]] = {}
+    for entrant, group in entrants.items():
+        name = f"{entrant.policy} ({entrant.control_mode})"
+        goals.setdefault(entrant.task, {})[name] = frozenset(one.record.index for one in group)
+    notes = []
+    for task, played in goals.items():
+        if len(set(played.values())) > 1:
+            common = len(frozenset.intersection(*played.values()))
+            told = ", ".join(f"{name} on {len(indices)}" for name, indices in played.items())
+            notes.append(f"on {task} policies were played on different goals ({told}; {common} in common)")
+    return notes

@@ -1,0 +1,1 @@
+"""Recorded episodes: states, traces, scenes and exports."""

@@ -1,0 +1,101 @@
+"""Episodes as the report replays them: which ones, and all that is needed to draw them again."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from space_envs.errors import ConfigurationError
+from space_envs.tasks.base import CaptureTask
+
+if TYPE_CHECKING:  # both know what a replay is
+    from space_envs.evaluation.play.rollout import Rollout
+    from space_envs.evaluation.records.record import EpisodeRecord
+    from space_envs.evaluation.replay.states import States
+
+LABELS = ("best", "median", "worst")
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """One recorded episode up to its end, after T steps.
+
+    Attributes:
+        label: best, median or worst. seed, episode, index: which one. outcome, reason: how it ended.
+        time: (T + 1,) s. attitude: (T + 1,) deg, angle of the base from where it started.
+        distance: (T + 1,) m, position error.
+        scene: (T + 1, nq) qpos of the task's `render_model`.
+        task, goals: what was asked; `goals` has the one row of this episode.
+    """
+
+    label: str
+    seed: int
+    episode: int
+    index: int
+    outcome: str
+    reason: str | None
+    time: NDArray[np.float64]
+    attitude: NDArray[np.float64]
+    distance: NDArray[np.float64]
+    scene: NDArray[np.float64]
+    task: CaptureTask
+    goals: Any
+
+
+def make_replays(
+    task: CaptureTask, rollout: "Rollout | States", records: "Sequence[EpisodeRecord]"
+) -> tuple[Replay, ...]:
+    """The best, the median and the worst episode; fewer where there are fewer episodes.
+
+    Episodes are ordered as the leaderboard orders policies: captures before failures, then by final
+    attitude, then by eq. 20 cost. So the worst is a failure where there is one, and the median stands in the
+    middle of that order.
+
+    Args:
+        task: that was played. rollout: K episodes. records: K, of the rollout's rows.
+
+    Raises:
+        ConfigurationError: if rollout and records are not of the same episodes.
+    """
+    if [record.index for record in records] != rollout.index.tolist():
+        raise ConfigurationError("rollout and records are of different episodes")
+    order = sorted(range(len(records)), key=lambda row: _merit(records[row]))
+    if not order:
+        return ()
+    chosen = {LABELS[0]: order[0], LABELS[1]: order[(len(order) - 1) // 2], LABELS[2]: order[-1]}
+    if len(order) < 3:
+        del chosen[LABELS[1]]
+    if len(order) < 2:
+        del chosen[LABELS[2]]
+    goals = task.goals(records[0].split, rollout.index)
+    return tuple(replay_of(label, row, task, rollout, records[row], goals) for label, row in chosen.items())
+
+
+def _merit(record: "EpisodeRecord") -> tuple[Any, ...]:
+    """Smaller is better; what does not exist is worse than any number."""
+    figures = [np.inf if f is None else f for f in (record.final_attitude, record.attitude_cost)]
+    return (not record.captured, *figures, record.seed, record.episode)
+
+
+def replay_of(
+    label: str, row: int, task: CaptureTask, rollout: "Rollout | States", record: "EpisodeRecord", goals: Any
+) -> Replay:
+    """One recorded episode of a row, its record, and the goals of all rows, as a replay."""
+    """A row of what was recorded as a replay with this label; `goals` are of all rows."""
+    until = slice(0, int(rollout.length[row]) + 1)
+    return Replay(
+        label=label,
+        seed=record.seed,
+        episode=record.episode,
+        index=record.index,
+        outcome=record.outcome,
+        reason=record.explanation,
+        time=np.array(task.control_period * np.arange(until.stop), dtype=np.float64),
+        attitude=np.array(rollout.attitude[row, until], dtype=np.float64),
+        distance=np.array(rollout.position_error[row, until], dtype=np.float64),
+        scene=np.array(rollout.scene[row, until], dtype=np.float64),
+        task=task,
+        goals=type(goals)(**{name: value[row : row + 1] for name, value in vars(goals).items()}),
+    )

@@ -1,0 +1,60 @@
+"""The page's table of normalised scores, and the same for summary.json."""
+
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from space_envs.evaluation.records.names import display_name
+from space_envs.evaluation.records.record import EpisodeRecord, Task
+from space_envs.evaluation.report.tables import row_name
+from space_envs.evaluation.statistics.columns import column_named, interval, rounded, supported_decimals
+from space_envs.evaluation.statistics.leaderboard import Row
+from space_envs.evaluation.statistics.normalised import SCORES, NormalisedScore, Scores, normalised_scores
+
+
+def all_scores(
+    records: Sequence[EpisodeRecord], experts: Collection[str], generator: np.random.Generator
+) -> Scores:
+    """Normalised scores of every entrant, within its own task."""
+    by_task: dict[Task, list[EpisodeRecord]] = {}
+    for record in records:
+        by_task.setdefault(record.entrant.task, []).append(record)
+    return {
+        entrant: scores
+        for group in by_task.values()
+        for entrant, scores in normalised_scores(group, experts, generator).items()
+    }
+
+
+def plain_scores(scores: Mapping[str, NormalisedScore]) -> dict[str, Any]:
+    """An entrant's scores as plain JSON values."""
+    return {
+        name: {"reason": score.reason}
+        if score.estimate is None
+        else {**vars(score.estimate), "expert": score.expert}
+        for name, score in scores.items()
+    }
+
+
+def score_table(rows: Sequence[Row], scores: Scores) -> dict[str, Any] | None:
+    """Headings and cells for the rows of one task, and why scores are missing; None if there are none."""
+    found = [(row, scores[row.entrant]) for row in rows if row.entrant in scores]
+    if not found:
+        return None
+    first = found[0][1]
+    there = [name for name in SCORES if first[name].estimate is not None]
+    return {
+        "titles": [column_named(name).title for name in there],
+        "experts": [display_name(first[name].expert or "") for name in there],
+        "rows": [
+            (display_name(row_name(row, rows)), [_cell(own[name]) for name in there]) for row, own in found
+        ],
+        "reasons": list(dict.fromkeys(first[name].reason for name in SCORES if name not in there)),
+    }
+
+
+def _cell(score: NormalisedScore) -> tuple[str, str]:
+    if score.estimate is None:
+        return "-", ""
+    return rounded(score.estimate.value, supported_decimals(score.estimate)), interval(score.estimate)

@@ -1,0 +1,151 @@
+"""The folder that an evaluation leaves: records, states, summary, tables, plots and one page for people."""
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from space_envs.errors import ConfigurationError
+from space_envs.evaluation.records.names import joined_file_name
+from space_envs.evaluation.records.record import (
+    RECORDS,
+    REPORT,
+    SCHEMA_VERSION,
+    SUMMARY,
+    Entrant,
+    EvaluationResult,
+    write_records,
+)
+from space_envs.evaluation.replay.exports import write_plots, write_videos
+from space_envs.evaluation.report.page import make_plots, to_html
+from space_envs.evaluation.report.page_scores import all_scores, plain_scores
+from space_envs.evaluation.report.tables import to_csv, to_latex, to_markdown
+from space_envs.evaluation.statistics.leaderboard import Row, build_rows
+from space_envs.evaluation.statistics.normalised import Scores
+from space_envs.system.files import atomic_write_text
+
+BOOTSTRAP_SEED = 0
+
+
+@dataclass(frozen=True)
+class ReportPaths:
+    """Where `write_report` put what."""
+
+    folder: Path
+    records: Path
+    summary: Path
+    markdown: Path
+    csv: Path
+    latex: Path
+    html: Path
+    plots: Path  # a folder
+    traces: Mapping[Entrant, Path]
+    videos: Mapping[Entrant, Path]
+    videos_note: str  # why there are none, if videos were asked for
+
+
+def entrant_stem(entrant: Entrant) -> str:
+    """Stem of the files that belong to an entrant, which no other entrant shares."""
+    task = entrant.task
+    return joined_file_name(task.env_id, task.difficulty, task.split, entrant.policy, entrant.control_mode)
+
+
+def write_report(
+    result: EvaluationResult,
+    folder: str | Path,
+    generator: np.random.Generator | None = None,
+    videos: bool = False,
+) -> ReportPaths:
+    """Write every file of the report, each whole or not at all, and return their paths.
+
+    The same result gives the same bytes, apart from what a clock decided. The bootstrap draws from
+    `generator`, by default a fresh one of seed 0. With `videos`, an mp4 of each entrant's best episode is
+    written too, where this machine can draw. Raises ConfigurationError where records do not fit together.
+    """
+    if not result.records:
+        raise ConfigurationError("a report needs at least one record")
+    generator = np.random.default_rng(BOOTSTRAP_SEED) if generator is None else generator
+    rows = build_rows(result.records, generator)
+    scores = all_scores(result.records, result.experts, generator)
+    summary_json(result, rows, scores, {})  # refuses provenance that is not plain, before plots take time
+    plots = make_plots(result, rows, scores, generator)
+    folder = Path(folder)
+    traces = {entrant: folder / "traces" / f"{entrant_stem(entrant)}.npz" for entrant in result.traces}
+    # All text is made first, so that a result that cannot be reported leaves the folder as it was.
+    texts = {
+        "leaderboard.md": to_markdown(rows),
+        "leaderboard.csv": to_csv(rows),
+        "leaderboard.tex": to_latex(rows),
+        REPORT: to_html(result, rows, plots, scores),
+    }
+    for entrant, path in traces.items():
+        result.traces[entrant].save(path)
+    states = {entrant: folder / "states" / f"{entrant_stem(entrant)}.npz" for entrant in result.states}
+    for entrant, path in states.items():
+        result.states[entrant].save(path)
+    write_records(folder / RECORDS, result.records)
+    for name, text in texts.items():
+        atomic_write_text(folder / name, text)
+    relied_on = [folder / RECORDS, *traces.values(), *states.values()]
+    checksums = {path.relative_to(folder).as_posix(): _sha256(path) for path in relied_on}
+    atomic_write_text(folder / SUMMARY, summary_json(result, rows, scores, checksums))
+    write_plots(plots, folder / "plots")
+    written, note = {}, ""
+    if videos:
+        targets = {
+            entrant: (replays[0], folder / "videos" / f"{entrant_stem(entrant)}.mp4")
+            for entrant, replays in result.replays.items()
+            if replays
+        }
+        written, note = write_videos(targets)
+    _remove_others(folder / "traces", "*.npz", traces.values())
+    _remove_others(folder / "states", "*.npz", states.values())
+    _remove_others(folder / "videos", "*.mp4", written.values())
+    return ReportPaths(
+        folder=folder,
+        records=folder / RECORDS,
+        summary=folder / SUMMARY,
+        markdown=folder / "leaderboard.md",
+        csv=folder / "leaderboard.csv",
+        latex=folder / "leaderboard.tex",
+        html=folder / REPORT,
+        plots=folder / "plots",
+        traces=traces,
+        videos=written,
+        videos_note=note,
+    )
+
+
+def summary_json(
+    result: EvaluationResult, rows: Sequence[Row], scores: Scores, checksums: Mapping[str, str]
+) -> str:
+    """Schema version, provenance, rows, each with its trace file if it has one, and the SHA-256 of files that
+    others may rely on, as indented JSON."""
+    summary = {
+        "schema": SCHEMA_VERSION,
+        "provenance": result.provenance,
+        "rows": [
+            row.to_dict()
+            | {"normalised": plain_scores(scores[row.entrant])}
+            | {"traces": f"traces/{entrant_stem(row.entrant)}.npz" if row.entrant in result.traces else None}
+            for row in rows
+        ],
+        "checksums": dict(checksums),
+    }
+    try:
+        return json.dumps(summary, indent=2, allow_nan=False) + "\n"
+    except (TypeError, ValueError) as error:
+        raise ConfigurationError(f"provenance must hold plain JSON values: {error}") from error
+
+
+def _remove_others(folder: Path, pattern: str, kept: Iterable[Path]) -> None:
+    """Remove what an evaluation that was here before left behind."""
+    for path in set(folder.glob(pattern)) - set(kept):
+        path.unlink()
+
+
+def _sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -1,0 +1,1 @@
+"""Intervals, leaderboards and comparisons of policies from records."""

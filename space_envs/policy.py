@@ -1,0 +1,176 @@
+"""What a policy is: its signature, what it is told about the task, and how a user's own one is loaded."""
+
+import importlib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol, Self, cast
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from space_envs.control import STOP_MARGIN
+from space_envs.dynamics import FloatingRobot
+from space_envs.dynamics.rotations import Array
+from space_envs.errors import PolicyError, unknown_name
+from space_envs.strangers import described
+from space_envs.tasks.common import CaptureEnvelope, ObservationLayout
+from space_envs.tasks.contacts import Contacts
+
+if TYPE_CHECKING:
+    from space_envs.envs import CaptureEnv, CaptureVectorEnv
+
+DEFAULT_CONTROL_MODE = "joint_velocity"
+
+
+class Policy(Protocol):
+    """Chooses actions; the signature of `predict` is stable-baselines3's.
+
+    A policy class is built as `Class(context, seed)` with a `PolicyContext` and an int. It may name the
+    control mode it wants in a class attribute `control_mode` (joint_velocity without one).
+    """
+
+    def predict(
+        self,
+        observation: Array,
+        state: Any = None,
+        episode_start: NDArray[np.bool_] | None = None,
+        deterministic: bool = True,
+    ) -> tuple[Array, Any]:
+        """Actions (N, m) in [-1, 1] for observations (N, size), and the state to give to the next call.
+
+        Args:
+            observation: (N, size), laid out as the context's layout says.
+            state: what the last call returned; None at first.
+            episode_start: (N,) rows whose episode begins with this observation; a planner plans these.
+                None means all rows if there is no state yet, otherwise none.
+            deterministic: whether a stochastic policy shall give its mean action.
+
+        A state that is a `space_envs.evaluation.records.causes.PlanState` says which episodes have no
+        plan; records of episodes that failed then give the cause and the reason. No other state is looked at.
+        """
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class PolicyContext:
+    """All that a policy is told besides observations: the public model and the terms of the task.
+
+    Attributes:
+        env_id: registered id. control_mode: what an action means.
+        model: compiled MuJoCo model with nominal masses, read-only. arm: the same robot's momentum-level
+            mathematics.
+        layout: where each named quantity lies in an observation.
+        control_period: s. horizon: steps after which an episode is cut.
+        action_scale: (m,) physical units per unit action (rad/s, N m, or m/s and rad/s).
+        joint_limits: (n, 2) rad, least and largest angle that the drives go to.
+        rate_limit: rad/s. acceleration_limit: rad/s^2, of every joint.
+        envelope: of a capture. c: m/rad of the attitude cost (eq. 20 of shyam2020).
+        jobs: processes that a policy may plan with; -1 is one for each core.
+        contacts: the links as capsules and the bodies that they may not touch; None where there are none.
+    """
+
+    env_id: str
+    control_mode: str
+    model: mujoco.MjModel
+    arm: FloatingRobot
+    layout: ObservationLayout
+    control_period: float
+    horizon: int
+    action_scale: Array
+    joint_limits: Array
+    rate_limit: float
+    acceleration_limit: float
+    envelope: CaptureEnvelope
+    c: float
+    jobs: int = 1
+    contacts: Contacts | None = None
+
+    @classmethod
+    def from_env(cls, env: "CaptureVectorEnv | CaptureEnv", jobs: int = 1) -> Self:
+        """The context of an environment (unwrapped)."""
+        vector = cast("CaptureVectorEnv", getattr(env, "vector", env))
+        task = vector.task
+        return cls(
+            env_id=vector.env_id,
+            control_mode=vector.control_mode,
+            model=task.model,
+            arm=task.robot,
+            layout=task.layout,
+            control_period=task.control_period,
+            horizon=task.horizon,
+            action_scale=vector.mode.scale,
+            joint_limits=task.robot.range + STOP_MARGIN * np.array([1.0, -1.0]),
+            rate_limit=vector.drive.rate_limit,
+            acceleration_limit=vector.drive.acceleration_limit,
+            envelope=task.envelope,
+            c=task.c,
+            jobs=jobs,
+            contacts=task.contacts if task.collides and task.collisions else None,
+        )
+
+    def require_mode(self, *modes: str) -> None:
+        """Refuse to be used in another control mode than those.
+
+        Raises:
+            PolicyError: naming both modes.
+        """
+        if self.control_mode not in modes:
+            raise PolicyError(
+                f"this policy acts in control mode {' or '.join(map(repr, modes))}, "
+                f"the environment is in {self.control_mode!r}"
+            )
+
+    def require_fields(self, *names: str) -> None:
+        """Refuse to be used on a task whose observations lack one of these fields.
+
+        Raises:
+            PolicyError: naming the task and what it lacks.
+        """
+        missing = [name for name in names if name not in self.layout.slices]
+        if missing:
+            raise PolicyError(
+                f"this policy needs {' and '.join(missing)} in the observation, which {self.env_id} lacks"
+            )
+
+    def check_observation(self, observation: NDArray) -> Array:
+        """Observations as float64 (N, size).
+
+        Raises:
+            PolicyError: for another shape, NaN or infinity.
+        """
+        observation = np.asarray(observation, dtype=np.float64)
+        if observation.ndim != 2 or observation.shape[1] != self.layout.size:
+            raise PolicyError(
+                f"observations must have shape (N, {self.layout.size}), got {observation.shape}"
+            )
+        if not np.isfinite(observation).all():
+            raise PolicyError("observations must be finite, got NaN or infinity")
+        return observation
+
+
+def load_policy_class(path: str) -> type[Policy]:
+    """Import the policy class named as `package.module:Class`. This runs that module's code.
+
+    Raises:
+        PolicyError: if the name has another form, nothing of that name can be imported, or it is no class
+            with a `predict`.
+    """
+    module_name, _, class_name = path.partition(":")
+    if not all(part.isidentifier() for part in [*module_name.split("."), class_name]):
+        raise PolicyError(f"a policy class is named as 'package.module:Class', got {path!r}")
+    try:
+        module = importlib.import_module(module_name)
+        found = getattr(module, class_name, None)
+        names = [name for name, value in vars(module).items() if isinstance(value, type)]
+        acts = isinstance(found, type) and callable(getattr(found, "predict", None))
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # whatever a user's module does when it is imported
+        raise PolicyError(
+            f"module {module_name!r} of policy {path!r} cannot be imported: {described(error)}"
+        ) from None
+    if found is None:
+        raise PolicyError(str(unknown_name(f"class of module {module_name!r}", class_name, names)))
+    if not acts:
+        raise PolicyError(f"{path!r} is not a class with a method `predict`")
+    return cast("type[Policy]", found)

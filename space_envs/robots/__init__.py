@@ -1,0 +1,1 @@
+"""Robots: parameters with their sources, and the MuJoCo models that are built from them."""

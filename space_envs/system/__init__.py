@@ -1,0 +1,1 @@
+"""Files, processes, threads and command lines: what the suite asks of the operating system."""
