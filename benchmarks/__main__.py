@@ -1,6 +1,5 @@
 """Run the benchmarks whose tables are in docs/, one after the other: python -m benchmarks [NAME ...]."""
 
-import argparse
 import pkgutil
 import subprocess
 import sys
@@ -8,7 +7,7 @@ from importlib import import_module
 
 import benchmarks
 from space_envs.errors import unknown_name
-from space_envs.system.command_line import ended
+from space_envs.system.command_line import Parser, exit_status
 
 NOT_COMMANDS = ("__main__", "arguments", "machine", "same_records")
 
@@ -20,7 +19,7 @@ def names() -> list[str]:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run them, each in a process of its own since some choose processor cores; returns the exit status."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="python -m benchmarks",
         description="Run benchmarks and print their tables. python -m benchmarks.NAME --help says more.",
     )
@@ -45,4 +44,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(ended("python -m benchmarks", main))
+    sys.exit(exit_status("python -m benchmarks", main))

@@ -1,6 +1,5 @@
 """Time of the costs of eq. 20 of 100 trajectories of 100 points on one core."""
 
-import argparse
 import os
 import sys
 import time
@@ -23,7 +22,7 @@ from space_envs.dynamics import (
 )
 from space_envs.dynamics.symbolic import SymbolicRobot
 from space_envs.robots.single_arm import single_arm_model
-from space_envs.system.command_line import ended
+from space_envs.system.command_line import Parser, exit_status
 
 TARGET = 10.0  # ms
 
@@ -72,7 +71,7 @@ def mujoco_time(q: np.ndarray, repeats: int) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.attitude_cost", description=__doc__)
+    parser = Parser(prog="python -m benchmarks.attitude_cost", description=__doc__)
     parser.add_argument("--trajectories", type=whole, default=100)
     parser.add_argument("--points", type=whole, default=100)
     parser.add_argument("--repeats", type=whole, default=50, help="the best of so many runs is printed")
@@ -115,4 +114,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(ended("python -m benchmarks.attitude_cost", main))
+    sys.exit(exit_status("python -m benchmarks.attitude_cost", main))

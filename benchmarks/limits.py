@@ -4,7 +4,6 @@ Full strokes in every control mode: half of the episodes reverse them, half draw
 period, 0.2, 0.5, 2 or 3 s. Each figure is the worst of the four modes.
 """
 
-import argparse
 import sys
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -20,7 +19,7 @@ from space_envs.dynamics.bodies import body_motion, momentum_drift
 from space_envs.dynamics.rotations import Array
 from space_envs.envs import CaptureVectorEnv
 from space_envs.registration import make_task
-from space_envs.system.command_line import ended
+from space_envs.system.command_line import Parser, exit_status
 
 PERIODS = (0.1, 0.2, 0.3, 0.5, 1.0)  # s
 HOLDS = (0.0, 0.2, 0.5, 2.0, 3.0)  # s that an action is held, by episode in turn, one control period at least
@@ -70,7 +69,7 @@ def run(robot: Robot, mode: str, period: float, timestep: float, episodes: int, 
 
 def main(arguments: list[str] | None = None) -> None:
     """Print the table of docs/momentum.md."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.limits", description=__doc__)
+    parser = Parser(prog="python -m benchmarks.limits", description=__doc__)
     parser.add_argument("--episodes", type=whole, default=10, help="episodes for each figure (default 10)")
     parser.add_argument("--seed", type=seed, default=0, help="of actions and goals (default 0)")
     options = parser.parse_args(arguments)
@@ -91,4 +90,4 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(ended("python -m benchmarks.limits", main))
+    sys.exit(exit_status("python -m benchmarks.limits", main))

@@ -1,6 +1,5 @@
 """A satellite whose mass and inertia are not what the planner knows: feedback against following a plan."""
 
-import argparse
 import sys
 from typing import Any
 
@@ -15,7 +14,7 @@ from benchmarks.machine import machine_class, markdown_table
 from space_envs.dynamics.rotations import Array
 from space_envs.envs import CaptureVectorEnv
 from space_envs.policy import PolicyContext
-from space_envs.system.command_line import ended
+from space_envs.system.command_line import Parser, exit_status
 
 ENV = "SpaceCapture/SingleArm-v0"
 POLICIES = ("nmpc", "promp_optimal_kept")
@@ -61,7 +60,7 @@ def play(name: str, scale: float, goals: NDArray[np.int64], split: str) -> dict[
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.mismatch", description=__doc__)
+    parser = Parser(prog="python -m benchmarks.mismatch", description=__doc__)
     parser.add_argument("--goals", type=whole, default=100, help="medium goals (default %(default)s)")
     parser.add_argument("--split", type=split, default="test", help="default %(default)s")
     options = parser.parse_args()
@@ -100,4 +99,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(ended("python -m benchmarks.mismatch", main))
+    sys.exit(exit_status("python -m benchmarks.mismatch", main))

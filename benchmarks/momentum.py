@@ -5,7 +5,6 @@ strokes only, which bring the arm to full speed and to its stops.
 The error is that of the base after the same torques, against a run with a quarter of the smallest step.
 """
 
-import argparse
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -25,7 +24,7 @@ from space_envs.errors import SpaceEnvsError
 from space_envs.registration import ENTRIES, Entry, make_task
 from space_envs.robots.parameters import VARIANTS
 from space_envs.simulation import Simulation
-from space_envs.system.command_line import ended
+from space_envs.system.command_line import Parser, exit_status
 
 
 class Robot(NamedTuple):
@@ -167,7 +166,7 @@ def replay(robot: Robot, timestep: float, given: Run) -> tuple[np.ndarray, np.nd
 
 def main(arguments: list[str] | None = None) -> None:
     """Print the tables of docs/momentum.md."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.momentum", description=__doc__)
+    parser = Parser(prog="python -m benchmarks.momentum", description=__doc__)
     parser.add_argument("--episodes", type=whole, default=64, help="episodes for each cell (default 64)")
     parser.add_argument("--seed", type=seed, default=0, help="of actions and goals (default 0)")
     options = parser.parse_args(arguments)
@@ -209,4 +208,4 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(ended("python -m benchmarks.momentum", main))
+    sys.exit(exit_status("python -m benchmarks.momentum", main))

@@ -1,6 +1,5 @@
 """Plans in ProMP weights against the best that is known: cost, errors, planning time; which start helps."""
 
-import argparse
 import sys
 import time
 from collections import Counter
@@ -25,7 +24,7 @@ from benchmarks.arguments import check_goals, split, whole
 from benchmarks.machine import machine_class, markdown_table
 from space_envs.dynamics.rotations import Array
 from space_envs.robots.single_arm import single_arm_model
-from space_envs.system.command_line import ended
+from space_envs.system.command_line import Parser, exit_status
 from space_envs.tasks.single_arm import SingleArmTask
 
 NEAR = 16  # stored motions from which the reference is sought, of those that promise most among 48
@@ -209,7 +208,7 @@ def table_of_starts(count: int) -> None:
 
 def main() -> None:
     """Print both tables."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.optimal", description=__doc__)
+    parser = Parser(prog="python -m benchmarks.optimal", description=__doc__)
     parser.add_argument(
         "--goals", type=whole, default=100, help="medium goals; half of easy, hard (default 100)"
     )
@@ -229,4 +228,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(ended("python -m benchmarks.optimal", main))
+    sys.exit(exit_status("python -m benchmarks.optimal", main))

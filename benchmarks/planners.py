@@ -1,6 +1,5 @@
 """Planning time against eq. 20 cost and end attitude, for every planner of the single arm, as one plot."""
 
-import argparse
 import json
 import sys
 from contextlib import redirect_stdout
@@ -18,7 +17,7 @@ from benchmarks.machine import machine_class, markdown_table
 from space_envs.evaluation.report.drawing import label_points
 from space_envs.evaluation.report.figures import BLUE, VERMILION
 from space_envs.evaluation.report.ticks import log_ticks
-from space_envs.system.command_line import ended
+from space_envs.system.command_line import Parser, exit_status
 from space_envs.system.files import atomic_write
 
 ENV = "SpaceCapture/SingleArm-v0"
@@ -26,8 +25,8 @@ NO_PLANNERS = ("random", "hold", "gjm", "bc", "ppo")
 KEPT = "capture@0.1deg"  # of at least half of the goals: the planner keeps the attitude
 # What README.md and docs/optimal.md say that the figure shows.
 CAPTION = (
-    f"Planning time against eq. 20 cost and against the attitude left, for the planners of {ENV}; "
-    "squares keep the attitude."
+    "Planning time against base disturbance (eq. 20) and against final attitude error, for the planners "
+    f"of {ENV}; squares constrain the final attitude."
 )
 
 
@@ -82,7 +81,7 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
 
 def main() -> None:
     """Play, print the table and draw."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.planners", description=__doc__)
+    parser = Parser(prog="python -m benchmarks.planners", description=__doc__)
     parser.add_argument("--env", type=env_id, default=ENV, help="id; the plot is drawn for %(default)s alone")
     parser.add_argument("--episodes", type=whole, default=100, help="test goals (default %(default)s)")
     parser.add_argument("--split", type=split, default="test", help="default %(default)s")
@@ -115,4 +114,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(ended("python -m benchmarks.planners", main))
+    sys.exit(exit_status("python -m benchmarks.planners", main))

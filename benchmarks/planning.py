@@ -1,6 +1,5 @@
 """Planning times of the reactionless methods on the validation goals of both dual-arm tasks, one process."""
 
-import argparse
 import sys
 import time
 from collections import Counter
@@ -20,7 +19,7 @@ from benchmarks.arguments import check_goals, whole
 from benchmarks.machine import machine_class, markdown_table, verdict
 from space_envs.envs import CaptureVectorEnv
 from space_envs.policy import PolicyContext
-from space_envs.system.command_line import ended
+from space_envs.system.command_line import Parser, exit_status
 
 METHODS: dict[str, tuple[type[ReactionlessPlanner], dict[str, float]]] = {
     # Seconds that a plan may take, by task.
@@ -61,7 +60,7 @@ def evaluation_time(task: str, repeats: int = 2000) -> float:
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.planning", description=__doc__)
+    parser = Parser(prog="python -m benchmarks.planning", description=__doc__)
     parser.add_argument("--goals", type=whole, default=20, help="plans of each method (default %(default)s)")
     options = parser.parse_args()
     for task in ("Planar", "Spatial"):
@@ -92,4 +91,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(ended("python -m benchmarks.planning", main))
+    sys.exit(exit_status("python -m benchmarks.planning", main))

@@ -23,7 +23,7 @@ import gymnasium as gym
 import numpy as np
 from tqdm import tqdm
 
-from space_envs.system.command_line import ended
+from space_envs.system.command_line import Parser, exit_status
 from space_envs.system.files import atomic_write_text
 
 IDS = tuple(
@@ -130,7 +130,7 @@ def _run(*command: str) -> None:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit status."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="python -m benchmarks.same_records",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -152,4 +152,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(ended("python -m benchmarks.same_records", main))
+    sys.exit(exit_status("python -m benchmarks.same_records", main))

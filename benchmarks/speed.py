@@ -24,7 +24,7 @@ from benchmarks.machine import machine_class, markdown_table, verdict
 from space_envs.control import CONTROL_MODES
 from space_envs.envs import CaptureEnv, CaptureVectorEnv
 from space_envs.registration import ENTRIES
-from space_envs.system.command_line import ended
+from space_envs.system.command_line import Parser, exit_status
 
 SIZES = (1, 16, 64, 256)
 SECONDS = 1.0  # of each measurement
@@ -134,7 +134,7 @@ def reference_rate(python: Path) -> float:
 
 def main(arguments: list[str] | None = None) -> None:
     """Print the tables of docs/speed.md."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="python -m benchmarks.speed",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -186,4 +186,4 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(ended("python -m benchmarks.speed", main))
+    sys.exit(exit_status("python -m benchmarks.speed", main))

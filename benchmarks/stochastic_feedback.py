@@ -1,6 +1,5 @@
 """Stochastic feedback from a ProMP against computed torque in MuJoCo, under noise and masses that are off."""
 
-import argparse
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,7 +19,7 @@ from promp import ProMP
 from space_envs.dynamics.rotations import Array, angle_between, from_matrix, multiply, rotate
 from space_envs.robots.single_arm import ModelOptions, single_arm_model
 from space_envs.simulation import Simulation
-from space_envs.system.command_line import ended
+from space_envs.system.command_line import Parser, exit_status
 from space_envs.tasks.single_arm import SingleArmTask
 
 DURATION, PERIOD, TIMESTEP = 10.0, 0.02, 0.01  # s
@@ -114,7 +113,7 @@ def play(promp: ProMP, law: Law, reach: Reach, setting: Setting, episodes: int, 
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.stochastic_feedback", description=__doc__)
+    parser = Parser(prog="python -m benchmarks.stochastic_feedback", description=__doc__)
     parser.add_argument("--goals", type=whole, default=4, help="validation goals (default %(default)s)")
     parser.add_argument("--episodes", type=whole, default=16, help="of each goal (default %(default)s)")
     parser.add_argument("--seed", type=seed, default=0, help="of noise and masses (default %(default)s)")
@@ -156,4 +155,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(ended("python -m benchmarks.stochastic_feedback", main))
+    sys.exit(exit_status("python -m benchmarks.stochastic_feedback", main))

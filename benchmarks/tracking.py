@@ -1,6 +1,5 @@
 """Peak base rate and momentum of plans tracked at torque level in MuJoCo, by time step and control period."""
 
-import argparse
 import sys
 
 import numpy as np
@@ -13,7 +12,7 @@ from benchmarks.machine import machine_class, markdown_table
 from space_envs.envs import CaptureVectorEnv
 from space_envs.policy import PolicyContext
 from space_envs.robots.dual_arm import DualArmOptions
-from space_envs.system.command_line import ended
+from space_envs.system.command_line import Parser, exit_status
 
 SETTINGS = (
     Tracking(control_period=0.1),
@@ -30,7 +29,7 @@ CASES: tuple[tuple[str, type[ReactionlessPlanner]], ...] = (
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.tracking", description=__doc__)
+    parser = Parser(prog="python -m benchmarks.tracking", description=__doc__)
     parser.add_argument("--goals", type=whole, default=5, help="plans of each method (default %(default)s)")
     options = parser.parse_args()
     for task, _ in CASES:
@@ -72,4 +71,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(ended("python -m benchmarks.tracking", main))
+    sys.exit(exit_status("python -m benchmarks.tracking", main))

@@ -23,7 +23,7 @@ from space_envs.evaluation.records.folders import read_folder
 from space_envs.evaluation.records.record import SCHEMA_VERSION
 from space_envs.evaluation.records.schema import schema_text
 from space_envs.registration import ENTRIES
-from space_envs.system.command_line import ended
+from space_envs.system.command_line import Parser, exit_status
 from space_envs.system.files import atomic_write_text
 
 DOCS = Path(__file__).resolve().parent
@@ -47,7 +47,7 @@ def pages() -> dict[Path, str]:
     }
     wanted[DOCS / "schema" / f"record-v{SCHEMA_VERSION}.json"] = schema_text()
     for path in sorted(DOCS.glob("*.md")):
-        wanted[path] = _filled(path.read_text(encoding="utf-8"), "generated", _block)
+        wanted[path] = filled(path.read_text(encoding="utf-8"), "generated", block)
     return wanted
 
 
@@ -76,16 +76,26 @@ def measure(page: Path, reference: str) -> None:
         )
         return done.stdout.strip()
 
-    atomic_write_text(page, _filled(page.read_text(encoding="utf-8"), "measured", output))
+    atomic_write_text(page, filled(page.read_text(encoding="utf-8"), "measured", output))
 
 
-def _block(name: str) -> str:
+def block(name: str) -> str:
+    """Content of a generated block.
+
+    Raises:
+        ValueError: for a name that no block has.
+    """
     if name not in BLOCKS:
         raise ValueError(f"there is no block {name!r}; there are {', '.join(BLOCKS)}")
     return BLOCKS[name]()
 
 
-def _filled(text: str, kind: str, content: Callable[[str], str]) -> str:
+def filled(text: str, kind: str, content: Callable[[str], str]) -> str:
+    """Page text with the content of each block of a kind, generated or measured, from what its marker names.
+
+    Raises:
+        ValueError: if a block has no end.
+    """
     if len(BEGIN.findall(text)) != len(MARKER.findall(text)):
         raise ValueError("a generated or measured block has no <!-- end -->")
 
@@ -107,7 +117,7 @@ def measured_pages() -> dict[str, Path]:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit status."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="python -m docs.generate",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -157,4 +167,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(ended("python -m docs.generate", main))
+    sys.exit(exit_status("python -m docs.generate", main))

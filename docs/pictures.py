@@ -3,7 +3,6 @@
 It needs OpenGL, as `render_mode="rgb_array"` does.
 """
 
-import argparse
 import io
 import sys
 from collections.abc import Sequence
@@ -18,6 +17,7 @@ from agents.policies.resolve import resolve_policy
 from space_envs.envs import CaptureEnv
 from space_envs.errors import SpaceEnvsError
 from space_envs.policy import PolicyContext
+from space_envs.system.command_line import Parser
 from space_envs.system.files import atomic_write
 
 IMAGES = Path(__file__).resolve().parent / "images"
@@ -81,7 +81,7 @@ def draw(shot: Shot, width: int = WIDTH, height: int = HEIGHT) -> NDArray[np.uin
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit status."""
-    parser = argparse.ArgumentParser(prog="python -m docs.pictures", description=__doc__)
+    parser = Parser(prog="python -m docs.pictures", description=__doc__)
     parser.add_argument(
         "--output", type=Path, default=IMAGES, help="folder to write to (default: docs/images)"
     )

@@ -13,7 +13,7 @@ from rich.console import Console
 from reproduce.page import write_docs, write_page
 from reproduce.study import STUDIES, Options
 from space_envs.errors import ConfigurationError, unknown_name
-from space_envs.system.command_line import Parser, ended, output_path
+from space_envs.system.command_line import Parser, exit_status, output_path
 from space_envs.system.output import held
 
 
@@ -49,7 +49,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit status."""
     words = sys.argv[1:] if arguments is None else arguments
     goes_on = "stopped; finished cases are kept, the same command goes on"
-    return ended("python -m reproduce", lambda: run(parser().parse_args(arguments), words), goes_on)
+    return exit_status("python -m reproduce", lambda: run(parser().parse_args(arguments), words), goes_on)
 
 
 def run(options: argparse.Namespace, words: list[str]) -> None:

@@ -2,10 +2,12 @@
 
 import ast
 import re
+import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
-import pytest
+from offenders import assert_none
 
 ROOT = Path(__file__).resolve().parent.parent
 FOLDERS = ("space_envs", "agents", "promp", "reproduce", "benchmarks", "docs", "tests")
@@ -45,8 +47,18 @@ MAY_EXECUTE = {"tests/test_docs.py"}
 MACHINE_PATH = re.compile(r"(?<![\w.])/(?:home|root|Users|work|mnt|tmp|data|opt)/\w|(?<!\w)[A-Z]:\\")
 
 
+@cache
+def source(name: str) -> str:
+    return (ROOT / name).read_text(encoding="utf-8")
+
+
+@cache
 def tree(name: str) -> ast.Module:
-    return ast.parse((ROOT / name).read_text(encoding="utf-8"), name)
+    return ast.parse(source(name), name)
+
+
+def outside_tests() -> list[str]:
+    return [name for name in NAMES if not name.startswith("tests/")]
 
 
 def imported(module: ast.Module, package: str) -> Iterator[str]:
@@ -58,10 +70,16 @@ def imported(module: ast.Module, package: str) -> Iterator[str]:
             yield package if node.level else str(node.module)
 
 
-def calls(module: ast.Module) -> Iterator[tuple[str, ast.Call]]:
-    for node in ast.walk(module):
+def calls(name: str) -> Iterator[tuple[str, ast.Call]]:
+    """Place (file and line) and node of every call in a file."""
+    for node in ast.walk(tree(name)):
         if isinstance(node, ast.Call):
-            yield ast.unparse(node.func), node
+            yield f"{name}:{node.lineno}", node
+
+
+def keywords(call: ast.Call) -> dict[str | None, str]:
+    """Keyword arguments of a call, as source text."""
+    return {keyword.arg: ast.unparse(keyword.value) for keyword in call.keywords}
 
 
 def test_sources_are_found():
@@ -69,76 +87,88 @@ def test_sources_are_found():
     assert {name.split("/")[0] for name in NAMES} >= set(FOLDERS)
 
 
-@pytest.mark.parametrize("package", FORBIDDEN)
-def test_imports_run_one_way(package):
-    for name in (each for each in NAMES if each.startswith(f"{package}/")):
-        found = {other.split(".")[0] for other in imported(tree(name), package)}
-        assert not found & set(FORBIDDEN[package]), f"{name} imports {found & set(FORBIDDEN[package])}"
+def test_imports_run_one_way():
+    assert_none(
+        f"{name} imports {other}"
+        for name in NAMES
+        for other in imported(tree(name), name.split("/")[0])
+        if other.split(".")[0] in FORBIDDEN.get(name.split("/")[0], ())
+    )
 
 
 def test_promp_needs_numpy_only():
-    import sys
-
-    for name in (each for each in NAMES if each.startswith("promp/")):
-        found = {other.split(".")[0] for other in imported(tree(name), "promp")}
-        foreign = found - set(sys.stdlib_module_names) - {"promp"}
-        assert foreign <= PROMP_NEEDS, f"{name} imports {foreign}"
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_module_says_what_it_is(name):
-    said = ast.get_docstring(tree(name))
-    assert said, f"{name} has no docstring"
-    assert said.strip(), f"{name} has no docstring"
+    allowed = {*sys.stdlib_module_names, *PROMP_NEEDS, "promp"}
+    assert_none(
+        f"{name} imports {other}"
+        for name in NAMES
+        if name.startswith("promp/")
+        for other in imported(tree(name), "promp")
+        if other.split(".")[0] not in allowed
+    )
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_no_text_or_file_is_executed(name):
-    module = tree(name)
-    if not name.startswith("tests/"):
-        unpickles = {
-            other for other in imported(module, "") if other.split(".")[0] in ("pickle", "dill", "shelve")
-        }
-        assert not unpickles or name in BETWEEN_OWN_PROCESSES, f"{name} imports {unpickles}"
-    for function, call in calls(module):
-        if name not in MAY_EXECUTE:
-            assert function not in ("eval", "exec", "compile", "os.system"), (
-                f"{name}:{call.lineno} calls {function}"
-            )
-        if not name.startswith("tests/"):
-            unpickles = re.fullmatch(r"\w*pickle\.loads?|joblib\.load", function)
-            assert not unpickles or name in BETWEEN_OWN_PROCESSES, f"{name}:{call.lineno} calls {function}"
-            if re.fullmatch(r"torch\.load|th\.load", function):
-                given = {keyword.arg: ast.unparse(keyword.value) for keyword in call.keywords}
-                assert given.get("weights_only") == "True", f"{name}:{call.lineno} may unpickle"
-        for keyword in call.keywords:
-            true = isinstance(keyword.value, ast.Constant) and keyword.value.value is True
-            assert not (keyword.arg == "shell" and true), f"{name}:{call.lineno} runs a shell"
-            allowed = keyword.arg == "allow_pickle" and not (
-                isinstance(keyword.value, ast.Constant) and keyword.value.value is False
-            )
-            assert not allowed or name.startswith("tests/"), f"{name}:{call.lineno} may unpickle"
+def test_every_module_has_a_docstring():
+    assert_none(
+        f"{name} has no docstring" for name in NAMES if not (ast.get_docstring(tree(name)) or "").strip()
+    )
 
 
-@pytest.mark.parametrize("name", [name for name in NAMES if not name.startswith("tests/")])
-def test_input_is_not_checked_by_assert(name):
+def test_no_text_is_executed():
+    forbidden = ("eval", "exec", "compile", "os.system")
+    assert_none(
+        f"{place} calls {ast.unparse(call.func)}"
+        for name in NAMES
+        for place, call in calls(name)
+        if (ast.unparse(call.func) in forbidden and name not in MAY_EXECUTE)
+        or keywords(call).get("shell") == "True"
+    )
+
+
+def test_nothing_is_unpickled():
+    """A pickle is a program: files of strangers are read as arrays and JSON."""
+
+    def offenders(name: str) -> Iterator[str]:
+        for other in imported(tree(name), ""):
+            if other.split(".")[0] in ("pickle", "dill", "shelve"):
+                yield f"{name} imports {other}"
+        for place, call in calls(name):
+            function, given = ast.unparse(call.func), keywords(call)
+            if re.fullmatch(r"\w*pickle\.loads?|joblib\.load", function):
+                yield f"{place} calls {function}"
+            if re.fullmatch(r"(torch|th)\.load", function) and given.get("weights_only") != "True":
+                yield f"{place} calls {function} without weights_only=True"
+            if given.get("allow_pickle", "False") != "False":
+                yield f"{place} allows pickles"
+
+    assert_none(
+        each for name in outside_tests() if name not in BETWEEN_OWN_PROCESSES for each in offenders(name)
+    )
+
+
+def test_input_is_not_checked_by_assert():
     """`python -O` drops assertions; users' mistakes need errors of the project's own."""
-    if name.startswith("benchmarks/"):
-        return
-    lines = [node.lineno for node in ast.walk(tree(name)) if isinstance(node, ast.Assert)]
-    assert not lines, f"{name}: assert in lines {lines}"
+    assert_none(
+        f"{name}:{node.lineno} asserts"
+        for name in outside_tests()
+        if not name.startswith("benchmarks/")
+        for node in ast.walk(tree(name))
+        if isinstance(node, ast.Assert)
+    )
 
 
-@pytest.mark.parametrize("name", sorted(set(NAMES) - MADE_UP_PATHS))
-def test_no_path_of_one_machine(name):
-    for node in ast.walk(tree(name)):
-        if isinstance(node, ast.Constant) and isinstance(node.value, str):
-            assert not MACHINE_PATH.search(node.value), f"{name}:{node.lineno} has a path of one machine"
+def test_no_path_of_one_machine():
+    assert_none(
+        f"{name}:{node.lineno}: {node.value!r}"
+        for name in set(NAMES) - MADE_UP_PATHS
+        for node in ast.walk(tree(name))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and MACHINE_PATH.search(node.value)
+    )
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_files_are_short(name):
-    length = len((ROOT / name).read_text(encoding="utf-8").splitlines())
-    assert length <= LONGEST or name in LONGER, (
-        f"{name} has {length} lines; divide it, or say why not in LONGER"
+def test_files_are_short():
+    """A longer file is divided by idea, or says in LONGER why not."""
+    assert_none(
+        f"{name} has {length} lines"
+        for name in NAMES
+        if (length := len(source(name).splitlines())) > LONGEST and name not in LONGER
     )

@@ -6,13 +6,15 @@ import re
 import runpy
 import shlex
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import fields, is_dataclass, replace
+from functools import cache
 from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
 import pytest
+from offenders import assert_none
 from PIL import Image
 from result_folders import write_folder
 from synthetic_results import make_record, make_result
@@ -31,6 +33,7 @@ from space_envs.evaluation.records.record import read_records
 from space_envs.evaluation.statistics.columns import COLUMNS, RULES
 from space_envs.registration import ENTRIES
 from space_envs.rendering import missing_gl
+from space_envs.system.provenance import package_version
 from space_envs.tasks.base import CaptureTask
 from space_envs.tasks.common import CaptureEnvelope
 from space_envs.tasks.dual_arm_planar import DualArmPlanarTask
@@ -116,7 +119,7 @@ def test_the_readme_has_the_tables_of_both_ids():
     ]
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [name for name in NAMES if any(blocks(ROOT / name, "python"))])
 def test_examples_run(name, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     known = set(ENTRIES)
@@ -164,49 +167,77 @@ def test_policy_of_ones_own_enters_the_leaderboard(monkeypatch, tmp_path, capsys
     assert "StraightToGoal" in capsys.readouterr().out
 
 
-@pytest.fixture(scope="module")
-def helps() -> dict[str, str]:
-    """What each command of the project says with --help, by module or script; filled as needed."""
-    return {}
+def output_of(target: str, words: list[str], capsys, monkeypatch) -> str:
+    """Output of a script or module with options that end it at once."""
+    monkeypatch.setattr(sys, "argv", [target, *words])
+    run = runpy.run_path if target.endswith(".py") else runpy.run_module
+    with pytest.raises(SystemExit) as ended:
+        run(str(ROOT / target) if target.endswith(".py") else target, run_name="__main__")
+    assert ended.value.code in (0, None)
+    return capsys.readouterr().out
 
 
-def help_of(target: str, kept: dict[str, str], capsys, monkeypatch, inner: str = "") -> str:
-    """Of a script or module, or of a command inside it."""
-    if (name := f"{target} {inner}") not in kept:
-        monkeypatch.setattr(sys, "argv", [target, *inner.split(), "--help"])
-        run = runpy.run_path if target.endswith(".py") else runpy.run_module
-        with pytest.raises(SystemExit) as ended:
-            run(str(ROOT / target) if target.endswith(".py") else target, run_name="__main__")
-        assert ended.value.code in (0, None)
-        kept[name] = capsys.readouterr().out
-    return kept[name]
-
-
-@pytest.mark.filterwarnings("ignore:.*found in sys.modules:RuntimeWarning")
-@pytest.mark.parametrize(("page", "command"), commands())
-def test_commands_exist_with_their_options(page, command, helps, capsys, monkeypatch):
-    words = shlex.split(command)
-    if Path(words[0]).name == "make":
+def command_offenders(command: str, usage: Callable[[str, str], str]) -> Iterator[str]:
+    """Make targets, modules and options of a command line that do not exist."""
+    program, *words = shlex.split(command)
+    if Path(program).name == "make":
         targets = re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.M)
-        assert set(words[1:]) <= set(targets)
+        yield from (f"no target {word}" for word in words if word not in targets)
         return
-    if Path(words[0]).name in ("python", "python3"):
-        words = words[1:]
+    if Path(program).name in ("python", "python3"):
         if words[0] == "-m":
             words = words[1:]
-            assert importlib.util.find_spec(words[0]), f"{page}: there is no module {words[0]}"
+            if not importlib.util.find_spec(words[0]):
+                yield f"no module {words[0]}"
+                return
             if words[0].split(".")[0] not in OWN_MODULES:
                 return
             # A command without options would do its work when it is asked for help.
             main = f"{words[0]}.__main__" if _is_module(f"{words[0]}.__main__") else words[0]
             spec = importlib.util.find_spec(main)
-            assert spec and spec.origin and "argparse" in Path(spec.origin).read_text(encoding="utf-8")
-    elif words[0] not in ("train.py", "evaluate.py"):
+            assert spec and spec.origin
+            if "Parser(" not in Path(spec.origin).read_text(encoding="utf-8"):
+                yield f"{words[0]} takes no options"
+                return
+        program, *words = words
+    elif program not in ("train.py", "evaluate.py"):
         return
-    inner = words[1] if words[0] == "evaluate.py" and set(words[1:2]) & set(COMMANDS) else ""
-    usage = help_of(words[0], helps, capsys, monkeypatch, inner)
-    for option in (word for word in words[1:] if word.startswith("-")):
-        assert re.search(rf"(?<![\w-]){option}(?![\w-])", usage), f"{page}: {words[0]} has no option {option}"
+    inner = words[0] if program == "evaluate.py" and set(words[:1]) & set(COMMANDS) else ""
+    known = usage(program, inner)
+    for option in (word for word in words if word.startswith("-")):
+        if not re.search(rf"(?<![\w-]){option}(?![\w-])", known):
+            yield f"{program} {inner} has no option {option}"
+
+
+@pytest.mark.filterwarnings("ignore:.*found in sys.modules:RuntimeWarning")
+def test_commands_exist_with_their_options(capsys, monkeypatch):
+    usage = cache(lambda target, inner: output_of(target, [*inner.split(), "--help"], capsys, monkeypatch))
+    assert len(commands()) > 50
+    assert_none(
+        f"{page}: {command}: {offence}"
+        for page, command in commands()
+        for offence in command_offenders(command, usage)
+    )
+
+
+def command_modules() -> list[str]:
+    """Scripts and modules of the project that can be run."""
+    sources = {path.relative_to(ROOT).as_posix(): path for path in sorted(ROOT.glob("*.py"))}
+    for package in OWN_MODULES:
+        for path in sorted((ROOT / package).rglob("*.py")):
+            sources[path.relative_to(ROOT).with_suffix("").as_posix().replace("/", ".")] = path
+    return [
+        name for name, path in sources.items() if '__name__ == "__main__"' in path.read_text(encoding="utf-8")
+    ]
+
+
+@pytest.mark.filterwarnings("ignore:.*found in sys.modules:RuntimeWarning")
+def test_every_command_states_its_version(capsys, monkeypatch):
+    assert len(command_modules()) > 15
+    expected = f"space-capture {package_version()}\n"
+    assert_none(
+        name for name in command_modules() if output_of(name, ["--version"], capsys, monkeypatch) != expected
+    )
 
 
 def anchors(path: Path) -> set[str]:
@@ -216,21 +247,25 @@ def anchors(path: Path) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_links_lead_somewhere(name):
-    page = ROOT / name
+def link_offenders(page: Path) -> Iterator[str]:
+    """Links of a page within the project that lead nowhere or out of it."""
     for target in re.findall(r"\]\(([^)\s]+)\)", FENCE.sub("", page.read_text(encoding="utf-8"))):
         if re.match(r"\w+:", target):
             continue
         file, _, anchor = target.partition("#")
         linked = (page.parent / file).resolve() if file else page
-        assert linked.exists(), f"{name} links to {target}"
-        assert linked.is_relative_to(ROOT), f"{name} links outside the project: {target}"
-        assert not anchor or anchor in anchors(linked), f"{name} links to {target}, which has no such heading"
+        if not linked.exists() or not linked.is_relative_to(ROOT):
+            yield target
+        elif anchor and anchor not in anchors(linked):
+            yield f"{target}, which has no such heading"
+
+
+def test_links_lead_somewhere():
+    assert_none(f"{name} links to {target}" for name in NAMES for target in link_offenders(ROOT / name))
 
 
 def resolve(path: str) -> None:
-    """Import what a dotted path names; fields of dataclasses count as attributes. Raises AssertionError."""
+    """Import a dotted path; fields of dataclasses count as attributes. Raises AssertionError."""
     parts = path.split(".")
     at = len(parts)
     while at and not _is_module(".".join(parts[:at])):
@@ -251,18 +286,30 @@ def _is_module(name: str) -> bool:
         return False
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_code_named_in_the_text_exists(name):
-    """Dotted names of the project's packages, paths of its files, and tests, wherever a page has them."""
-    text = FENCE.sub("", (ROOT / name).read_text(encoding="utf-8"))
-    for code in re.findall(r"`([^`\n]+)`", text):
-        if re.fullmatch(rf"(?:{'|'.join(OWN_MODULES)})(?:\.\w+)+", code):
+def code_exists(code: str) -> bool:
+    """Whether a dotted name, path or test of this project exists; true for any other text."""
+    packages = "|".join(OWN_MODULES)
+    if re.fullmatch(rf"(?:{packages})(?:\.\w+)+", code):
+        try:
             resolve(code)
-        elif match := re.fullmatch(r"(tests/\w+\.py)::(\w+)", code):
-            source = (ROOT / match[1]).read_text(encoding="utf-8")
-            assert f"def {match[2]}(" in source, f"{name}: there is no test {code}"
-        elif re.fullmatch(rf"(?:{'|'.join(OWN_MODULES)}|tests)/[\w./-]+", code):
-            assert (ROOT / code).exists(), f"{name}: there is no {code}"
+        except AssertionError:
+            return False
+    elif match := re.fullmatch(r"(tests/\w+\.py)::(\w+)", code):
+        file = ROOT / match[1]
+        return file.exists() and f"def {match[2]}(" in file.read_text(encoding="utf-8")
+    elif re.fullmatch(rf"(?:{packages}|tests)/[\w./-]+", code):
+        return (ROOT / code).exists()
+    return True
+
+
+def test_code_named_in_the_text_exists():
+    """Dotted names of the project's packages, paths of its files, and tests, wherever a page has them."""
+    assert_none(
+        f"{name} names {code}"
+        for name in NAMES
+        for code in re.findall(r"`([^`\n]+)`", FENCE.sub("", (ROOT / name).read_text(encoding="utf-8")))
+        if not code_exists(code)
+    )
 
 
 def test_every_symbol_has_a_place_in_the_code():
@@ -312,15 +359,19 @@ def test_a_task_of_another_kind_has_to_be_described():
 def test_blocks_that_do_not_end_or_exist_are_errors():
     open_block = "<!-- generated: policies -->\n<!-- generated: links -->\n<!-- end -->\n"
     with pytest.raises(ValueError, match="no <!-- end -->"):
-        generate._filled(open_block, "generated", str)
+        generate.filled(open_block, "generated", str)
     with pytest.raises(ValueError, match="no block 'policy'; there are environments, policies"):
-        generate._block("policy")
+        generate.block("policy")
 
 
 def test_pages_named_in_the_code_exist():
-    for path in sorted((ROOT / "space_envs").rglob("*.py")) + sorted((ROOT / "agents").rglob("*.py")):
-        for page in re.findall(r"docs/[\w/]+\.md", path.read_text(encoding="utf-8")):
-            assert (ROOT / page).exists(), f"{path.relative_to(ROOT)} names {page}"
+    assert_none(
+        f"{path.relative_to(ROOT)} names {page}"
+        for package in ("space_envs", "agents", "promp", "reproduce", "benchmarks")
+        for path in (ROOT / package).rglob("*.py")
+        for page in re.findall(r"docs/[\w/]+\.md", path.read_text(encoding="utf-8"))
+        if not (ROOT / page).exists()
+    )
 
 
 def test_pictures_of_the_readme_are_those_of_their_command(tmp_path, monkeypatch, capsys):

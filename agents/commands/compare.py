@@ -12,7 +12,7 @@ from space_envs.evaluation.records.folders import read_folder
 from space_envs.evaluation.records.merging import Source, merge
 from space_envs.evaluation.records.record import RECORDS
 from space_envs.evaluation.report.report import write_report
-from space_envs.system.command_line import Parser, ended, output_path
+from space_envs.system.command_line import Parser, exit_status, output_path
 from space_envs.system.output import check_free, held
 from space_envs.system.provenance import versions
 
@@ -54,7 +54,7 @@ def parser() -> argparse.ArgumentParser:
 
 def main(arguments: list[str]) -> int:
     """Run the command; returns the exit status."""
-    return ended("evaluate.py compare", lambda: _run(parser().parse_args(arguments), arguments))
+    return exit_status("evaluate.py compare", lambda: _run(parser().parse_args(arguments), arguments))
 
 
 def _run(options: argparse.Namespace, arguments: list[str]) -> None:

@@ -25,7 +25,7 @@ from space_envs.evaluation.records.record import Task
 from space_envs.evaluation.report.tables import print_at, width_of
 from space_envs.registration import ENTRIES
 from space_envs.robots.parameters import VARIANTS
-from space_envs.system.command_line import Parser, Several, ended, output_path
+from space_envs.system.command_line import AppendValues, Parser, exit_status, output_path
 from space_envs.system.output import check_free, held
 from space_envs.system.parallel import check_backend
 from space_envs.tasks.common import DIFFICULTIES, SPLITS
@@ -62,10 +62,10 @@ def parser() -> argparse.ArgumentParser:
     add = out.add_argument
     default = next(iter(ENTRIES))
     what = f"environment ids, or 'all' (default {default})"
-    add("--env", action=Several, nargs="+", default=[default], metavar="ID", help=what)
+    add("--env", action=AppendValues, nargs="+", default=[default], metavar="ID", help=what)
     add(
         "--policy",
-        action=Several,
+        action=AppendValues,
         nargs="+",
         default=["experts"],
         metavar="NAME",
@@ -83,7 +83,7 @@ def parser() -> argparse.ArgumentParser:
     add("--seed", type=int, default=0, help=what)
     add("--captured-only", action="store_true", help="keep the episodes that captured; by default all are")
     what = f"{' and '.join(FORMATS)}, or one of them (default npz)"
-    add("--format", action=Several, nargs="+", default=["npz"], metavar="NAME", help=what)
+    add("--format", action=AppendValues, nargs="+", default=["npz"], metavar="NAME", help=what)
     default_folder = Path("results/datasets")
     add("--output", type=output_path, default=default_folder, help="folder (default %(default)s)")
     what = f"folder that Minari shall find its datasets in, its {ROOT_VARIABLE} (default: that of --output)"
@@ -96,7 +96,7 @@ def parser() -> argparse.ArgumentParser:
 def main(arguments: list[str]) -> int:
     """Run the command; returns the exit status: 1 if a dataset was left with no episode."""
     goes_on = "stopped; the same command goes on from here"
-    return ended("evaluate.py dataset", lambda: _run(parser().parse_args(arguments)), goes_on)
+    return exit_status("evaluate.py dataset", lambda: _run(parser().parse_args(arguments)), goes_on)
 
 
 def _run(options: argparse.Namespace) -> int:

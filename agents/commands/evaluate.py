@@ -21,7 +21,7 @@ from space_envs.evaluation.play.runner import EVALUATION, Evaluation
 from space_envs.evaluation.records.record import Task
 from space_envs.registration import ENTRIES
 from space_envs.robots.parameters import VARIANTS
-from space_envs.system.command_line import Parser, Several, ended, output_path
+from space_envs.system.command_line import AppendValues, Parser, exit_status, output_path
 from space_envs.system.output import check_free
 from space_envs.system.parallel import BACKENDS, check_backend
 from space_envs.tasks.common import DIFFICULTIES, SPLITS
@@ -54,10 +54,10 @@ def parser() -> argparse.ArgumentParser:
     )
     add = out.add_argument
     what = f"environment ids, or 'all' (default {DEFAULT_ENV})"
-    add("--env", action=Several, nargs="+", default=[DEFAULT_ENV], metavar="ID", help=what)
+    add("--env", action=AppendValues, nargs="+", default=[DEFAULT_ENV], metavar="ID", help=what)
     add(
         "--policy",
-        action=Several,
+        action=AppendValues,
         nargs="+",
         default=["all"],
         metavar="NAME",
@@ -66,14 +66,14 @@ def parser() -> argparse.ArgumentParser:
     )
     add(
         "--split",
-        action=Several,
+        action=AppendValues,
         nargs="+",
         default=["test"],
         metavar="NAME",
         help=f"{', '.join(SPLITS)} (default test)",
     )
     what = f"{', '.join(DIFFICULTIES)} (default medium)"
-    add("--difficulty", action=Several, nargs="+", default=["medium"], metavar="NAME", help=what)
+    add("--difficulty", action=AppendValues, nargs="+", default=["medium"], metavar="NAME", help=what)
     add("--variant", help=f"inertias of the single arm's model: {', '.join(VARIANTS)} (default paper)")
     what = f"{', '.join(CONTROL_MODES)}; by default what each policy was made for"
     add("--control-mode", help=what, metavar="MODE")
@@ -108,7 +108,7 @@ def main(arguments: list[str] | None = None) -> int:
     if given and given[0] in COMMANDS:
         return import_module(f"agents.commands.{given[0]}").main(given[1:])
     goes_on = "stopped; what is done is kept, and the same command with --resume goes on from here"
-    return ended("evaluate.py", lambda: _run(given), goes_on)
+    return exit_status("evaluate.py", lambda: _run(given), goes_on)
 
 
 def _run(given: list[str]) -> int:

@@ -14,7 +14,7 @@ from space_envs.evaluation.replay.exports import write_video
 from space_envs.evaluation.replay.frames import model_states
 from space_envs.evaluation.replay.replay import Replay, replay_of
 from space_envs.rendering import Renderer
-from space_envs.system.command_line import Parser, ended, may_replace, output_path
+from space_envs.system.command_line import Parser, check_replaceable, exit_status, output_path
 from space_envs.system.opengl import has_screen
 
 SUFFIXES = (".mp4", ".gif")
@@ -61,14 +61,14 @@ def parser() -> argparse.ArgumentParser:
 
 def main(arguments: list[str]) -> int:
     """Run the command; returns the exit status."""
-    return ended("evaluate.py replay", lambda: _run(parser().parse_args(arguments)))
+    return exit_status("evaluate.py replay", lambda: _run(parser().parse_args(arguments)))
 
 
 def _run(options: argparse.Namespace) -> None:
     if options.video is not None:
         if options.video.suffix not in SUFFIXES:
             raise unknown_name("kind of video", options.video.suffix, SUFFIXES)
-        may_replace(options.video, options.overwrite)
+        check_replaceable(options.video, options.overwrite)
     folder = read_folder(options.results)
     asked = {field: getattr(options, option.replace("-", "_")) for option, (field, _, _) in _CHOICES.items()}
     record = choose(folder.records, asked)

@@ -11,7 +11,7 @@ from agents.learning.validation import Validator
 from agents.policies.learned.learned_policy import load_shipped, shipped_path
 from agents.policies.learned.policy_file import PolicyFile, load_policy_file
 from space_envs.errors import ConfigurationError
-from space_envs.system.command_line import ended
+from space_envs.system.command_line import Parser, exit_status
 from space_envs.system.files import atomic_write_text
 from space_envs.system.reading import parse_json
 
@@ -20,7 +20,7 @@ TEST_EPISODES = 512
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Ship a policy; returns the exit status."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="python -m agents.commands.ship",
         description="Evaluate a finished run's policy on the test split, once, and put it with its "
         "provenance into agents/data/policies of this checkout.",
@@ -30,7 +30,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--again", action="store_true", help="only evaluate the policy that ships, after a change of the task"
     )
-    return ended("python -m agents.commands.ship", lambda: _run(parser.parse_args(arguments)))
+    return exit_status("python -m agents.commands.ship", lambda: _run(parser.parse_args(arguments)))
 
 
 def _run(parsed: argparse.Namespace) -> None:

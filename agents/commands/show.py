@@ -17,7 +17,7 @@ from space_envs.evaluation.report.report import BOOTSTRAP_SEED
 from space_envs.evaluation.report.tables import by_task, to_terminal
 from space_envs.evaluation.statistics.columns import COLUMNS, column_named
 from space_envs.evaluation.statistics.leaderboard import Row, build_rows
-from space_envs.system.command_line import Parser, Several, ended
+from space_envs.system.command_line import AppendValues, Parser, exit_status
 
 DESCRIPTION = "Print the table of a folder that evaluate.py, or evaluate.py compare, left."
 
@@ -29,13 +29,13 @@ def parser() -> argparse.ArgumentParser:
     what = f"{', '.join(column.key for column in COLUMNS)}: best first (default: as in the report)"
     out.add_argument("--sort", metavar="COLUMN", help=what)
     what = "only tables of these ids, difficulties or splits, such as SingleArm-v0 test"
-    out.add_argument("--task", action=Several, nargs="+", default=[], metavar="WORD", help=what)
+    out.add_argument("--task", action=AppendValues, nargs="+", default=[], metavar="WORD", help=what)
     return out
 
 
 def main(arguments: list[str]) -> int:
     """Run the command; returns the exit status."""
-    return ended("evaluate.py show", lambda: _run(parser().parse_args(arguments)))
+    return exit_status("evaluate.py show", lambda: _run(parser().parse_args(arguments)))
 
 
 def _run(options: argparse.Namespace) -> None:

@@ -13,7 +13,7 @@ from agents.learning.runs import RunFolder, command_line
 from agents.learning.validation import EPISODES
 from space_envs.control import CONTROL_MODES
 from space_envs.errors import ConfigurationError, SpaceEnvsError
-from space_envs.system.command_line import Parser, ended, output_path
+from space_envs.system.command_line import Parser, exit_status, output_path
 from space_envs.system.output import check_free, held
 from space_envs.tasks.common import DIFFICULTIES
 
@@ -49,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         The exit status: 0, 1 if one of several runs failed, 2 for bad input (one line says what), 130 when
         interrupted.
     """
-    return ended("train.py", lambda: _run(_parser().parse_args(arguments)))
+    return exit_status("train.py", lambda: _run(_parser().parse_args(arguments)))
 
 
 def _run(parsed: argparse.Namespace) -> int:

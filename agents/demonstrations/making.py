@@ -23,7 +23,7 @@ from agents.demonstrations.demonstrator import Demonstrations, demonstrate
 from agents.demonstrations.variations import BANDS, DemonstratorConfig
 from promp import ProMP
 from promp.storage import checksum
-from space_envs.system.command_line import Parser, ended, may_replace, output_path
+from space_envs.system.command_line import Parser, check_replaceable, exit_status, output_path
 from space_envs.errors import ConfigurationError
 from space_envs.system.parallel import here
 from space_envs.system.files import atomic_write, atomic_write_text
@@ -212,14 +212,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--overwrite", action="store_true", help="replace the prior that is there")
     goes_on = "stopped; the same command goes on from here"
-    return ended("python -m agents.demonstrations.making", lambda: _run(parser.parse_args(arguments)), goes_on)
+    return exit_status("python -m agents.demonstrations.making", lambda: _run(parser.parse_args(arguments)), goes_on)
 
 
 def _run(options: argparse.Namespace) -> None:
     config = DemonstratorConfig(difficulty=options.difficulty, bands=options.bands)
     if options.fit is not None:
         for path in (options.fit, options.fit.with_suffix(".json")):
-            may_replace(path, options.overwrite)
+            check_replaceable(path, options.overwrite)
     with held(options.output, "demonstrations"):
         made = generate(
             options.output, options.count, options.seed, config, options.jobs, options.resume, True

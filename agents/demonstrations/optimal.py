@@ -3,7 +3,6 @@
 python -m agents.demonstrations.optimal --jobs 2 --output demonstrations/optimal
 """
 
-import argparse
 import json
 import sys
 from collections.abc import Sequence
@@ -20,7 +19,7 @@ from agents.planners.single_arm.weights.promp_optimal import BROKEN, Planner, on
 from agents.planners.single_arm.weights.sqp import MISS, minimise
 from agents.planners.common.plans import Limits
 from space_envs.checks import count, flag
-from space_envs.system.command_line import Several, ended
+from space_envs.system.command_line import AppendValues, Parser, exit_status
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError, SpaceEnvsError
 from space_envs.system.provenance import commit, machine, versions
@@ -212,7 +211,7 @@ def _improved(
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command line; returns the exit status."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="python -m agents.demonstrations.optimal", description="Make the libraries of optimal motions."
     )
     parser.add_argument(
@@ -223,7 +222,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--setting",
         choices=("free", "kept"),
-        action=Several,
+        action=AppendValues,
         nargs="+",
         default=["free", "kept"],
         help="base attitude at the end (default both)",
@@ -231,7 +230,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--limits",
         choices=("limited", "wide"),
-        action=Several,
+        action=AppendValues,
         nargs="+",
         default=["limited", "wide"],
         help="the model's limits, or none (default both)",
@@ -254,4 +253,4 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(ended("python -m agents.demonstrations.optimal", main))
+    sys.exit(exit_status("python -m agents.demonstrations.optimal", main))

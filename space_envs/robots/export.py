@@ -18,7 +18,7 @@ from space_envs.robots.dual_arm import END_EFFECTORS, DualArmOptions, dual_arm_s
 from space_envs.robots.parameters import DUAL_ARM_PLANAR, DUAL_ARM_SPATIAL, SINGLE_ARM, VARIANTS
 from space_envs.robots.single_arm import END_EFFECTOR, SATELLITE, ModelOptions, single_arm_spec
 from space_envs.scenery.planet import make_plain
-from space_envs.system.command_line import Parser, ended, may_replace, output_path
+from space_envs.system.command_line import Parser, check_replaceable, exit_status, output_path
 from space_envs.system.files import atomic_write_text
 
 FORMATS = ("mjcf", "urdf")
@@ -220,12 +220,12 @@ def _options(robot: str, variant: str | None, visual: bool) -> Options:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit status, 2 after an error that is the user's to mend."""
-    return ended("python -m space_envs.robots.export", lambda: _run(_parser().parse_args(arguments)))
+    return exit_status("python -m space_envs.robots.export", lambda: _run(_parser().parse_args(arguments)))
 
 
 def _run(options: argparse.Namespace) -> None:
     if options.output is not None:
-        may_replace(options.output, options.overwrite)
+        check_replaceable(options.output, options.overwrite)
     text = export(options.format, _options(options.robot, options.variant, options.visual))
     if options.output is None:
         sys.stdout.write(text)

@@ -1,4 +1,4 @@
-"""What all command lines share: how they end, and what they say of a name that was mistyped."""
+"""Parts that all command lines share: a parser with hints and a version, and exit statuses."""
 
 import argparse
 import difflib
@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from space_envs.errors import ConfigurationError, SpaceEnvsError
+from space_envs.system.provenance import package_version
 
 FAILED, INVALID = 1, 2  # exit statuses
 STOPPED, TERMINATED, NO_READER = 128 + signal.SIGINT, 128 + signal.SIGTERM, 128 + signal.SIGPIPE
@@ -20,21 +21,25 @@ _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 
 
 class Terminated(KeyboardInterrupt):
-    """SIGTERM came: the program ends as it does after Ctrl-C."""
+    """SIGTERM was received: the program ends as it does after Ctrl-C."""
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser that names the option that is nearest to an unknown one."""
+    """A parser with `--version`, whose errors name the option nearest to an unknown one."""
 
     _words: Sequence[str] = ()
 
+    def __init__(self, *args: Any, **keywords: Any) -> None:
+        super().__init__(*args, **keywords)
+        self.add_argument("--version", action="version", version=f"space-capture {package_version()}")
+
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """As argparse's; the words are kept for `error`."""
+        """Parsed arguments and those left over, as argparse's; the words are stored for `error`."""
         self._words = sys.argv[1:] if args is None else [*args]
         return super().parse_known_args(args, namespace)
 
     def error(self, message: str) -> NoReturn:
-        """Say what is wrong on standard error and leave with status 2."""
+        """Print the message and the nearest options on standard error, and exit with status 2."""
         known = [name for action in self._actions for name in action.option_strings]
         hints = {}
         for word in self._words:
@@ -45,8 +50,8 @@ class Parser(argparse.ArgumentParser):
         super().error("; ".join([message, *hints]))
 
 
-class Several(argparse.Action):
-    """Values of an option that can be given several times: all of them count, and replace the default."""
+class AppendValues(argparse.Action):
+    """Action of an option that can be given several times: its values add up and replace the default."""
 
     def __call__(
         self,
@@ -55,39 +60,38 @@ class Several(argparse.Action):
         values: Any,
         option_string: str | None = None,
     ) -> None:
-        """Append the values to those that were given before."""
+        """Append the values to those given before."""
         before = getattr(namespace, self.dest)
         setattr(namespace, self.dest, [*([] if before is self.default else before), *values])
 
 
 def output_path(text: str) -> Path:
-    """A path to write to, as argparse's type: an empty text would be the working directory."""
+    """Path to write to, as an argparse type; an empty text, which names the working folder, is refused."""
     if not text.strip():
         raise argparse.ArgumentTypeError("it must name a file or folder, got an empty text")
     return Path(text)
 
 
-def may_replace(path: Path, overwrite: bool) -> None:
-    """Refuse to replace a file unasked.
+def check_replaceable(path: Path, overwrite: bool) -> None:
+    """Refuse to replace a file without `overwrite`.
 
     Raises:
-        ConfigurationError: if it is there, and `overwrite` is false, or if it is no regular file.
+        ConfigurationError: if it exists and `overwrite` is false, or if it is not a regular file.
     """
     if path.exists() and not path.is_file():
-        raise ConfigurationError(f"{path} is no file that can be replaced")
+        raise ConfigurationError(f"{path} is not a file that can be replaced")
     if path.exists() and not overwrite:
-        raise ConfigurationError(f"{path} is there already; --overwrite replaces it")
+        raise ConfigurationError(f"{path} exists already; --overwrite replaces it")
 
 
-def ended(program: str, work: Callable[[], int | None], stopped: str = "stopped") -> int:
-    """Do the work of a command line; returns the exit status.
+def exit_status(program: str, work: Callable[[], int | None], stopped: str = "stopped") -> int:
+    """Exit status of a command line's work: 0 or what the work returns.
 
-    0 or what the work returns; 1 where the disk is full or fails; 2 for bad input; 130 after Ctrl-C; 143
-    after SIGTERM. One line on standard error says what happened. 141, without a line, where nobody reads what
-    is printed.
+    1 where the disk is full or fails; 2 for bad input; 130 after Ctrl-C; 143 after SIGTERM, each with one
+    line on standard error. 141, without a line, where nobody reads the output.
 
     Args:
-        stopped: what is said after Ctrl-C, SIGTERM and a full disk, such as how to go on.
+        stopped: message after Ctrl-C, SIGTERM and a full disk, such as how to continue.
     """
     with _terminable():
         try:
@@ -96,21 +100,21 @@ def ended(program: str, work: Callable[[], int | None], stopped: str = "stopped"
             finally:
                 sys.stdout.flush()
         except SpaceEnvsError as error:
-            return _said(program, str(error), INVALID)
+            return _report(program, str(error), INVALID)
         except KeyboardInterrupt as error:
-            return _said(program, stopped, TERMINATED if isinstance(error, Terminated) else STOPPED)
+            return _report(program, stopped, TERMINATED if isinstance(error, Terminated) else STOPPED)
         except BrokenPipeError:
-            return _unread()
+            return _without_reader()
         except SystemExit as error:
-            if isinstance(error.__context__, BrokenPipeError):  # rich leaves so
-                return _unread()
+            if isinstance(error.__context__, BrokenPipeError):  # rich exits this way
+                return _without_reader()
             raise
         except OSError as error:
             where = f"{error.filename}: " if error.filename else ""
-            told = f"{where}{error.strerror or error}"
+            message = f"{where}{error.strerror or error}"
             if error.errno in _FULL:
-                return _said(program, f"{told}; {stopped}", FAILED)
-            return _said(program, told, INVALID)
+                return _report(program, f"{message}; {stopped}", FAILED)
+            return _report(program, message, INVALID)
 
 
 @contextmanager
@@ -130,12 +134,12 @@ def _terminable() -> Iterator[None]:
         signal.signal(signal.SIGTERM, signal.SIG_DFL if before is None else before)
 
 
-def _said(program: str, text: str, status: int) -> int:
-    print(f"{program}: {text}", file=sys.stderr)
+def _report(program: str, message: str, status: int) -> int:
+    print(f"{program}: {message}", file=sys.stderr)
     return status
 
 
-def _unread() -> int:
-    # What is still in the buffer would raise again when the interpreter ends.
+def _without_reader() -> int:
+    # The rest of the buffer would raise again when the interpreter ends.
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return NO_READER

@@ -1,4 +1,4 @@
-"""Where figures come from: command, versions, commit and machine."""
+"""Provenance of results: command, versions, commit and machine."""
 
 import os
 import platform
@@ -8,11 +8,12 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-PACKAGES = ("space-capture", "mujoco", "numpy", "scipy", "gymnasium", "casadi", "torch", "stable-baselines3")
+PROJECT = "space-capture"
+PACKAGES = (PROJECT, "mujoco", "numpy", "scipy", "gymnasium", "casadi", "torch", "stable-baselines3")
 
 
 def provenance(command: str, seeds: Sequence[int]) -> dict[str, Any]:
-    """All that a reader needs to repeat a run, as plain JSON values."""
+    """Information needed to repeat a run, as plain JSON values."""
     return {
         "command": command,
         "seeds": list(seeds),
@@ -22,15 +23,17 @@ def provenance(command: str, seeds: Sequence[int]) -> dict[str, Any]:
     }
 
 
+def package_version(name: str = PROJECT) -> str:
+    """Version of an installed package, by default of this project; 'not installed' where it is not."""
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "not installed"
+
+
 def versions() -> dict[str, str]:
-    """Version of Python and of each package that decides a result; 'not installed' where it is not."""
-    found = {"python": platform.python_version()}
-    for name in PACKAGES:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = "not installed"
-    return found
+    """Versions of Python and of each package that decides a result, by name."""
+    return {"python": platform.python_version()} | {name: package_version(name) for name in PACKAGES}
 
 
 def processor() -> str:

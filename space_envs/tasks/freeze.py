@@ -4,7 +4,6 @@ A maintainer runs it when the robots or the ranges of their goals change; which 
 that nobody else has to roll out motions before an episode can start.
 """
 
-import argparse
 import zipfile
 from collections.abc import Callable
 from functools import partial
@@ -14,6 +13,7 @@ import numpy as np
 from tqdm import tqdm
 
 from space_envs.robots.parameters import VARIANTS
+from space_envs.system.command_line import Parser
 from space_envs.system.files import atomic_write
 from space_envs.tasks.base import BLOCK
 from space_envs.tasks.clutter import find_draws
@@ -59,7 +59,7 @@ FILES = {"dual_arm_attempts": _dual_arm, "single_arm_cluttered_draws": _cluttere
 
 def main(arguments: list[str] | None = None) -> None:
     """Write the files."""
-    parser = argparse.ArgumentParser(prog="python -m space_envs.tasks.freeze", description=__doc__)
+    parser = Parser(prog="python -m space_envs.tasks.freeze", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(FILES)}; all if left out")
     names = parser.parse_args(arguments).names
     for name in names:
