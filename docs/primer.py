@@ -12,6 +12,7 @@ from agents.policies.single_arm.promp import shipped_prior
 from docs.pictures import IMAGES
 from docs.primer_motions import (
     LINE,
+    NODES,
     PlanarMotion,
     loops,
     planar_robot,
@@ -26,8 +27,10 @@ from space_envs.robots.parameters import DUAL_ARM_PLANAR
 from space_envs.system.command_line import Parser, exit_status, output_path
 from space_envs.system.files import atomic_write_text
 
-JOINT = 3  # of the single arm, counted from 0: the one that the ProMP's picture shows
+JOINT = 3  # of the single arm, counted from 0, in the picture of the ProMP
+GOAL = 0.5  # rad, displacement of its goal from the mean
 SAMPLES = 25
+ROUNDS = 3  # of the closed loop
 
 
 def draw_robot(axes: Axes, motion: PlanarMotion, node: int, alpha: float, color: str = BLUE) -> None:
@@ -98,57 +101,48 @@ def generalized_jacobian(axes: Axes) -> None:
     axes.plot(*wrong.points[:, 0, -1].T, "--", color=VERMILION, lw=2, label="Jacobian of a fixed base")
     axes.set_aspect("equal")
     axes.set_axis_off()
-    axes.legend(loc="lower right")
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
 
 
 def reaction_null_space(figure: Figure) -> None:
     """Joint rates as commanded, and projected onto the reaction null space."""
     raw, projected = swing(), reactionless_swing()
-    peak = np.degrees(np.abs(projected.angle).max())
+    peak = np.degrees(np.abs(projected.angle).max())  # at any time
     draw_pair(
         figure,
         (raw, "as commanded", f"base rotates by {abs(raw.rotation):.0f} deg"),
-        (projected, "projected", f"base rotates by at most {peak:.0e} deg"),
+        (projected, "projected", f"base rotates by {peak:.3f} deg"),
     )
 
 
 def nonholonomy(figure: Figure) -> None:
     """A closed loop of two joints, and the attitude over three rounds of it."""
-    motion = loops()
+    motion, ends = loops(ROUNDS), np.arange(ROUNDS + 1) * (NODES - 1)
     joints, attitude = figure.subplots(1, 2)
     joints.plot(*np.degrees(motion.q[:, :2]).T, color=BLUE, lw=2)
     joints.plot(*np.degrees(planar_robot().home[:2]), "o", color=VERMILION, ms=7)
-    joints.set_title("joint angles")
-    joints.set(xlabel="joint 1 [deg]", ylabel="joint 2 [deg]", aspect="equal")
-    attitude.plot(motion.time, np.degrees(motion.angle), color=BLUE, lw=2)
-    attitude.plot(motion.time[-1], motion.rotation, "o", color=VERMILION, ms=7)
-    attitude.set(xlabel="time [s]", ylabel="attitude [deg]", title=f"{motion.rotation:+.1f} deg in 3 rounds")
+    joints.set(xlabel="joint 1 [deg]", ylabel="joint 2 [deg]", aspect="equal", title="joint angles")
+    degrees = np.degrees(motion.angle)
+    attitude.plot(motion.time, degrees, color=BLUE, lw=2)
+    attitude.plot(motion.time[ends], degrees[ends], "o", color=VERMILION, ms=7)
+    attitude.set(xlabel="time [s]", ylabel="attitude [deg]")
+    attitude.set_title(f"{motion.rotation / ROUNDS:+.1f} deg per round")
     for axes in (joints, attitude):
         axes.grid()
 
 
 def movement_primitives(figure: Figure) -> None:
-    """A ProMP before and after conditioning on two via-points, for one joint."""
+    """A ProMP before and after conditioning on a goal, for one joint."""
     prior = shipped_prior()
-    deviation = _deviation(prior, 0.5)
-    via_points = [
-        ViaPoint(0.5, [prior.position(0.5)[JOINT] + deviation], dofs=[JOINT]),
-        ViaPoint(1.0, [prior.position(1.0)[JOINT] - 0.5 * _deviation(prior, 1.0)], dofs=[JOINT]),
-    ]
+    goal = prior.position(1.0)[JOINT] + GOAL
+    conditioned = prior.condition_on([ViaPoint(1.0, [goal], dofs=[JOINT])])
     both = figure.subplots(1, 2, sharex=True, sharey=True)
-    for axes, promp, title in zip(
-        both, (prior, prior.condition_on(via_points)), ("learned", "conditioned"), strict=True
-    ):
+    for axes, promp, title in zip(both, (prior, conditioned), ("learned", "conditioned"), strict=True):
         _draw_distribution(axes, promp)
-        axes.set(xlabel="phase", title=title)
+        axes.set(xlabel="phase", title=title, xticks=(0.0, 0.5, 1.0))
         axes.grid()
-    for point in via_points:
-        both[1].plot(point.phase, np.degrees(point.position), "D", color=VERMILION, ms=7, zorder=5)
+    both[1].plot(1.0, np.degrees(goal), "D", color=VERMILION, ms=7, zorder=5, clip_on=False)
     both[0].set(ylabel=f"joint {JOINT + 1} [deg]")
-
-
-def _deviation(promp: ProMP, phase: float) -> float:
-    return float(np.sqrt(promp.state(phase, 1.0)[1][JOINT, JOINT]))
 
 
 def _draw_distribution(axes: Axes, promp: ProMP) -> None:

@@ -15,9 +15,9 @@ from space_envs.robots.dual_arm import END_EFFECTORS, DualArmOptions, dual_arm_m
 
 ARM = slice(0, 3)  # joints of the arm that moves
 REACH = np.array([1.5, -0.9, -0.5, 0.0, 0.0, 0.0])  # rad, joint displacement of the examples
-DURATION = 20.0  # s
+DURATION = 20.0  # s, of a motion or of one round
 NODES = 401
-LINE = np.array([-0.9, 0.0])  # m, straight displacement asked of the end-effector
+LINE = np.array([-0.2, 1.5])  # m, straight displacement asked of the end-effector
 LOOP = 0.5  # rad, amplitude of the loop in the space of two joints
 
 
@@ -89,16 +89,14 @@ def straight_line(generalized: bool) -> PlanarMotion:
     return _integrated(rates)
 
 
-def loops(count: int = 3) -> PlanarMotion:
-    """Joints 1 and 2 go round a closed loop `count` times, ending at the angles where they began."""
-    home = planar_robot().home
-    phase, slope, dt = minimum_jerk([0.0], [2.0 * np.pi * count], count * DURATION, count * NODES)
-    q, qdot = np.tile(home, (len(phase), 1)), np.zeros((len(phase), len(home)))
-    q[:, 0] += LOOP * (np.cos(phase[:, 0]) - 1.0)
-    q[:, 1] += LOOP * np.sin(phase[:, 0])
-    qdot[:, 0] = -LOOP * np.sin(phase[:, 0]) * slope[:, 0]
-    qdot[:, 1] = LOOP * np.cos(phase[:, 0]) * slope[:, 0]
-    return PlanarMotion(q, qdot, dt)
+def loops(rounds: int) -> PlanarMotion:
+    """Joints 1 and 2 follow a closed loop several times, at rest after each round at the initial angles."""
+    robot = planar_robot()
+    phase, slope, dt = minimum_jerk(np.zeros(1), np.full(1, 2.0 * np.pi), DURATION, NODES)
+    q, qdot = np.tile(robot.home, (NODES, 1)), np.zeros((NODES, robot.n_joints))
+    q[:, :2] += LOOP * np.concatenate([np.cos(phase) - 1.0, np.sin(phase)], axis=1)
+    qdot[:, :2] = LOOP * slope * np.concatenate([-np.sin(phase), np.cos(phase)], axis=1)
+    return PlanarMotion(*(np.concatenate([x[:1], *[x[1:]] * rounds]) for x in (q, qdot)), dt)
 
 
 def _integrated(rates: Callable[[int, Array, float], Array]) -> PlanarMotion:

@@ -226,9 +226,8 @@ def command_modules() -> list[str]:
     for package in OWN_MODULES:
         for path in sorted((ROOT / package).rglob("*.py")):
             sources[path.relative_to(ROOT).with_suffix("").as_posix().replace("/", ".")] = path
-    return [
-        name for name, path in sources.items() if '__name__ == "__main__"' in path.read_text(encoding="utf-8")
-    ]
+    run = re.compile(r'^if __name__ == "__main__":\n    .*\bmain\b', re.M)
+    return [name for name, path in sources.items() if run.search(path.read_text(encoding="utf-8"))]
 
 
 @pytest.mark.filterwarnings("ignore:.*found in sys.modules:RuntimeWarning")
