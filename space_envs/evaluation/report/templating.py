@@ -28,7 +28,7 @@ def shown_unit(unit: str) -> str:
     return unit.replace("^2", "²")
 
 
-def read_template(name: str, package: str = "space_envs.evaluation") -> str:
+def read_template(name: str, package: str = "space_envs.evaluation.report") -> str:
     """A file of the folder templates of a package, with line ends as a browser sees them."""
     text = files(package).joinpath("templates", name).read_text(encoding="utf-8")
     return text.replace("\r\n", "\n")
