@@ -15,7 +15,7 @@ from agents.planners.common.plans import Failure, Limits
 from agents.planners.single_arm.check import check
 from agents.planners.single_arm.collocation.ocp import plan_ocp
 from agents.planners.single_arm.library import shipped_library
-from agents.planners.single_arm.problem import Motion, Reach
+from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.weights.functions import ArmFunctions
 from agents.planners.single_arm.weights.promp_optimal import Planner, one_step
 from agents.planners.single_arm.weights.sqp import MISS, minimise
@@ -77,12 +77,12 @@ def best_known(setting: Setting, reach: Reach, number: int, collocation: bool) -
     ]
     costs = [solution.cost for solution in found if solution.miss < MISS]
     plan = plan_ocp(single_arm_model(), robot, reach, setting.limits) if collocation else None
-    return min(costs, default=np.inf), plan.cost if isinstance(plan, Motion) else np.inf
+    return min(costs, default=np.inf), plan.cost if isinstance(plan, ReachPlan) else np.inf
 
 
 def timed(
-    plan: Callable[[Reach], Motion | Failure], asked: list[Reach]
-) -> tuple[list[Motion | Failure], Array]:
+    plan: Callable[[Reach], ReachPlan | Failure], asked: list[Reach]
+) -> tuple[list[ReachPlan | Failure], Array]:
     """Plans and the milliseconds of each, after one that is not counted."""
     plan(asked[0])
     plans, times = [], []
@@ -94,13 +94,13 @@ def timed(
 
 
 def compared(
-    setting: Setting, asked: list[Reach], plans: list[Motion | Failure], times: Array, best: Array
+    setting: Setting, asked: list[Reach], plans: list[ReachPlan | Failure], times: Array, best: Array
 ) -> tuple[list[str], Counter[str]]:
     """Cells of a row, and the causes of failures; best costs (K, 2) in the weights and by collocation."""
     model, robot = single_arm_model(), SingleArmTask().robot
     causes = Counter(str(plan.cause) for plan in plans if isinstance(plan, Failure))
     checked = [
-        check(model, robot, reach, setting.limits, plan) if isinstance(plan, Motion) else None
+        check(model, robot, reach, setting.limits, plan) if isinstance(plan, ReachPlan) else None
         for reach, plan in zip(asked, plans, strict=True)
     ]
     solvable = np.isfinite(np.asarray(best.min(axis=1)))
@@ -186,7 +186,7 @@ def table_of_starts(count: int) -> None:
         }
         results = {name: timed(planner.plan, asked) for name, planner in ways.items()}
         costs = {
-            name: np.array([plan.cost if isinstance(plan, Motion) else np.inf for plan in plans])
+            name: np.array([plan.cost if isinstance(plan, ReachPlan) else np.inf for plan in plans])
             for name, (plans, _) in results.items()
         }
         best = np.min(list(costs.values()), axis=0)

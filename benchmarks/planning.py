@@ -7,7 +7,7 @@ from collections import Counter
 import numpy as np
 
 from agents.planners.common.plans import Failure
-from agents.planners.dual_arm.model import PathModel
+from agents.planners.dual_arm.prescribed_paths.model import PathModel
 from agents.policies.dual_arm.reactionless import (
     FreePaths,
     Local,

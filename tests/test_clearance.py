@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from agents.planners.dual_arm.clearance import Links, Surroundings, gaps, turning_target
-from agents.planners.dual_arm.free.clearance import POSE, Nearness, parameters
+from agents.planners.dual_arm.free_paths.nearness import POSE, Nearness, parameters
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.capsules import box_distance, point_segment, segment_distance
 from space_envs.dynamics.reactionless import com

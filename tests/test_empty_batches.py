@@ -22,9 +22,9 @@ from agents.planners.common.inverse_kinematics import (
 )
 from agents.planners.common.linear_quadratic import closed_loop, receding_gains, riccati_step, terminal_weight
 from agents.planners.common.plans import JointPath
-from agents.planners.dual_arm.checks import null_velocities
-from agents.planners.dual_arm.free.check import held_dynamics
-from agents.planners.dual_arm.paths import PolynomialPath
+from agents.planners.dual_arm.free_paths.check import held_dynamics
+from agents.planners.dual_arm.prescribed_paths.check import null_velocities
+from agents.planners.dual_arm.prescribed_paths.polynomial import PolynomialPath
 from agents.planners.single_arm.weights.functions import ArmFunctions
 from agents.planners.single_arm.weights.inequalities import Spheres
 from agents.planners.single_arm.weights.promp_optimal import one_step

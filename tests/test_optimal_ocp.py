@@ -12,9 +12,15 @@ from agents.planners.common.plans import Cause, Failure, Limits
 from agents.planners.single_arm.check import check
 from agents.planners.single_arm.collocation.model import SingleArm
 from agents.planners.single_arm.collocation.ocp import plan_ocp
-from agents.planners.single_arm.collocation.solver import INTERVALS, Programs, Solution, Solver, Unsolved
+from agents.planners.single_arm.collocation.solver import (
+    INTERVALS,
+    ReachPrograms,
+    ReachSolution,
+    ReachSolver,
+    ReachUnsolved,
+)
 from agents.planners.single_arm.library import shipped_library
-from agents.planners.single_arm.problem import Motion, Reach
+from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.weights.promp_optimal import Planner
 from agents.policies.single_arm.optimal import OptimalControl
 from space_envs.dynamics import FloatingRobot, roll_out_base
@@ -44,13 +50,13 @@ def reach_of(number: int, keep_attitude: bool = False) -> Reach:
     )
 
 
-def planned(reach: Reach, limits: Limits = Limits(), starts: int = 3) -> Motion:
+def planned(reach: Reach, limits: Limits = Limits(), starts: int = 3) -> ReachPlan:
     motion = plan_ocp(MODEL, robot(), reach, limits, starts=starts)
-    assert isinstance(motion, Motion), motion
+    assert isinstance(motion, ReachPlan), motion
     return motion
 
 
-def check_motion(reach: Reach, limits: Limits, motion: Motion) -> dict[str, float]:
+def check_motion(reach: Reach, limits: Limits, motion: ReachPlan) -> dict[str, float]:
     """What was measured, after it was found to keep everything."""
     found = check(MODEL, robot(), reach, limits, motion)
     assert found.cost == pytest.approx(motion.cost, rel=1e-6)
@@ -103,13 +109,13 @@ def test_torque_limit_binds_where_accelerations_are_large() -> None:
 def test_a_limit_passed_by_more_than_it_is_stays_a_limit() -> None:
     """Between the nodes a torque may be passed by more than its limit, which must not turn negative."""
     reach = reach_of(2).checked(robot())
-    solver = Solver(robot(), reach, drives())
+    solver = ReachSolver(robot(), reach, drives())
     path = planned(reach, drives()).sample(solver.abscissae * reach.duration)[0]
     solution = solver.solve(solver.variables(path))
     for _ in range(3):
-        assert isinstance(solution, Solution)
+        assert isinstance(solution, ReachSolution)
         solution = solver.tightened(solution, {"torque": 1000.0})
-    assert isinstance(solution, Solution | Unsolved)
+    assert isinstance(solution, ReachSolution | ReachUnsolved)
 
 
 def test_coriolis_forces_are_limited_on_their_own() -> None:
@@ -136,8 +142,8 @@ def test_duration_is_free_between_bounds() -> None:
     reach = reach_of(5)
     short = plan_ocp(MODEL, robot(), reach, drives(), starts=2, free_time=(8.0, 12.0), time_weight=2e-4)
     long = plan_ocp(MODEL, robot(), reach, drives(), starts=2, free_time=(8.0, 12.0))
-    assert isinstance(short, Motion)
-    assert isinstance(long, Motion)
+    assert isinstance(short, ReachPlan)
+    assert isinstance(long, ReachPlan)
     assert long.time[-1] == pytest.approx(12.0)  # slower costs less
     assert 8.0 <= short.time[-1] < 12.0
     assert short.cost > long.cost
@@ -184,7 +190,7 @@ def test_bad_arguments_are_refused() -> None:
 
 @pytest.mark.parametrize(("loads", "balls"), [((), 2), ((True, False), 0)])
 def test_derivatives_of_the_program_agree_with_differences(loads: tuple[bool, ...], balls: int) -> None:
-    program = Programs.of(robot()).program(True, loads, balls)
+    program = ReachPrograms.of(robot()).program(True, loads, balls)
     rng = np.random.default_rng(0)
     solver = program.solver
     x = 0.2 * rng.standard_normal(solver.size1_in("x0"))
@@ -219,10 +225,10 @@ def test_no_motion_in_weights_costs_less(number: int) -> None:
     """The one that it starts from is fitted closely, base included, and improved."""
     reach = reach_of(number, True).checked(robot())
     weights = Planner(robot(), drives(), shipped_library(True)).plan(reach)
-    assert isinstance(weights, Motion)
-    solver = Solver(robot(), reach, drives())
+    assert isinstance(weights, ReachPlan)
+    solver = ReachSolver(robot(), reach, drives())
     begin = solver.fitted(weights)
-    motion = solver.motion(Solution(0.0, begin))
+    motion = solver.motion(ReachSolution(0.0, begin))
     time = np.linspace(0.0, 10.0, 201)
     np.testing.assert_allclose(motion.sample(time)[0], weights.sample(time)[0], atol=2e-3)
     gibbs = begin[-3 * INTERVALS :].reshape(-1, 3)

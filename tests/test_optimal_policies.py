@@ -5,7 +5,7 @@ import pytest
 
 from agents.planners.common.plans import Cause, Failure
 from agents.planners.single_arm.library import shipped_library
-from agents.planners.single_arm.problem import Motion, Reach
+from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.policies.single_arm.optimal import OptimalPolicy, PrompOptimal, PrompOptimalKept
 from space_envs.dynamics.rotations import multiply, rotate
 from space_envs.envs import CaptureVectorEnv
@@ -57,12 +57,12 @@ def test_start_and_frame_are_those_of_the_observation() -> None:
 class Refusing(OptimalPolicy):
     """Has a plan for every other row."""
 
-    def plan(self, asked: list[Reach]) -> list[Motion | Failure]:
+    def plan(self, asked: list[Reach]) -> list[ReachPlan | Failure]:
         """Failures and motions that rest."""
         made = []
         for number, reach in enumerate(asked):
             rest = np.tile(reach.start, (2, 1))
-            motion = Motion("rest", np.array([0.0, 10.0]), rest, 0.0 * rest, 0.0 * rest, 0.0)
+            motion = ReachPlan("rest", np.array([0.0, 10.0]), rest, 0.0 * rest, 0.0 * rest, 0.0)
             made.append(motion if number % 2 else Failure("rest", Cause.SOLVER, "does not want to"))
         return made
 

@@ -10,7 +10,7 @@ from agents.demonstrations.optimal import model_limits
 from agents.planners.common.plans import Cause, Failure
 from agents.planners.single_arm.check import check
 from agents.planners.single_arm.library import shipped_library
-from agents.planners.single_arm.problem import Motion, Reach
+from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.weights.avoiding import AvoidingPlanner
 from agents.planners.single_arm.weights.demonstrated import GROUP, MET, UNLIKE, DemonstratedPlanner
 from agents.planners.single_arm.weights.inequalities import Spheres
@@ -52,12 +52,12 @@ def cluttered(number: int) -> Reach:
     return Reach(start[number], place[number], turn[number], spheres=goals.spheres[number])
 
 
-def measured(reach: Reach, plan: Motion | Failure) -> Motion:
-    assert isinstance(plan, Motion), plan
+def measured(reach: Reach, plan: ReachPlan | Failure) -> ReachPlan:
+    assert isinstance(plan, ReachPlan), plan
     return check(single_arm_model(), robot(), reach.checked(robot()), model_limits(), plan)
 
 
-def assert_within_limits(plan: Motion) -> None:
+def assert_within_limits(plan: ReachPlan) -> None:
     violation = plan.violation
     assert violation["position_error"] < 1e-3
     assert violation["rotation_error"] < np.deg2rad(0.05)
@@ -80,7 +80,7 @@ def test_plans_meet_goals_within_limits_and_beat_linear_quadratic_demonstrations
         plan = planner().plan(reach_of(number))
         found = measured(reach_of(number), plan)
         assert_within_limits(found)
-        assert isinstance(plan, Motion)
+        assert isinstance(plan, ReachPlan)
         assert found.cost == pytest.approx(plan.cost, rel=0.03)
         share.append(found.cost / cost[number])
     assert np.median(share) < 0.7
@@ -88,7 +88,7 @@ def test_plans_meet_goals_within_limits_and_beat_linear_quadratic_demonstrations
 
 def test_attitude_is_kept_where_it_is_asked_for() -> None:
     plans = [planner(True).plan(reach_of(number, True)) for number in range(GOALS)]
-    solved = [number for number, plan in enumerate(plans) if isinstance(plan, Motion)]
+    solved = [number for number, plan in enumerate(plans) if isinstance(plan, ReachPlan)]
     assert len(solved) >= 0.6 * GOALS
     for number in solved:
         found = measured(reach_of(number, True), plans[number])
@@ -103,7 +103,7 @@ def test_samples_are_worth_drawing_and_several_groups_too() -> None:
     def costs(**changes: int) -> Array:
         made = DemonstratedPlanner(robot(), model_limits(), shipped_library(False), **changes)
         plans = [made.plan(reach_of(number)) for number in range(GOALS)]
-        return np.array([plan.cost if isinstance(plan, Motion) else np.inf for plan in plans])
+        return np.array([plan.cost if isinstance(plan, ReachPlan) else np.inf for plan in plans])
 
     best = costs()
     assert (best <= costs(samples=0) * (1.0 + 1e-9)).all()

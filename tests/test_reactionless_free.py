@@ -14,13 +14,13 @@ from agents.planners.common import free_model
 from agents.planners.common.free_model import HeldAttitude
 from agents.planners.common.plans import Cause, Failure, Limits
 from agents.planners.dual_arm.clearance import Surroundings, gaps, turning_target
-from agents.planners.dual_arm.fixed_path import plan_local, plan_zeta_zero
-from agents.planners.dual_arm.free.check import held_dynamics
-from agents.planners.dual_arm.free.goals import EndGoals, end_configurations, spread
-from agents.planners.dual_arm.free.planner import plan_free
-from agents.planners.dual_arm.free.solver import Programs, Solver, Unsolved
-from agents.planners.dual_arm.ocp import plan_ocp
-from agents.planners.dual_arm.problem import Capture, Plan
+from agents.planners.dual_arm.free_paths.check import held_dynamics
+from agents.planners.dual_arm.free_paths.goals import EndGoals, end_configurations, spread
+from agents.planners.dual_arm.free_paths.planner import plan_free
+from agents.planners.dual_arm.free_paths.solver import FreePathPrograms, FreePathSolver, FreePathUnsolved
+from agents.planners.dual_arm.prescribed_paths.instantaneous import plan_local, plan_zeta_zero
+from agents.planners.dual_arm.prescribed_paths.ocp import plan_ocp
+from agents.planners.dual_arm.problem import Capture, CapturePlan
 from space_envs.codegen.c_library import LibraryError
 from space_envs.dynamics import FloatingRobot, NoCompiledCodeWarning, compiled
 from space_envs.dynamics.reactionless import com
@@ -78,9 +78,9 @@ def cases(kind: str, difficulty: str, count: int) -> list[tuple[Capture, Surroun
     return found
 
 
-def planned(kind: str, capture: Capture, limits: Limits, around: Surroundings | None = None) -> Plan:
+def planned(kind: str, capture: Capture, limits: Limits, around: Surroundings | None = None) -> CapturePlan:
     plan = plan_free(robot_of(kind), capture, limits, around)
-    assert isinstance(plan, Plan), plan
+    assert isinstance(plan, CapturePlan), plan
     return plan
 
 
@@ -127,7 +127,7 @@ class Mujoco:
         return self.data.site_xpos[site], twist[3:], self.data.site_xmat[site].reshape(3, 3)[:, 2]
 
 
-def check_plan(kind: str, capture: Capture, limits: Limits, plan: Plan) -> None:
+def check_plan(kind: str, capture: Capture, limits: Limits, plan: CapturePlan) -> None:
     """A plan does what it has to, measured in MuJoCo and at random times between its nodes."""
     robot = robot_of(kind)
     times = np.sort(np.random.default_rng(0).uniform(0.0, plan.time[-1], 200))
@@ -245,7 +245,7 @@ def test_motion_is_led_around_a_target_in_its_way() -> None:
 
     around = Surroundings(target=np.array([0.03, 0.03, 0.1]), motion=still, arms=False)
 
-    def gap(plan: Plan) -> float:
+    def gap(plan: CapturePlan) -> float:
         return gaps(robot, around, plan.time, plan.position, 20.0, CANONICAL.start).least
 
     assert gap(free) < -0.05
@@ -354,7 +354,7 @@ def test_derivatives_of_the_functions_agree_with_differences(kind: str) -> None:
 
 
 def test_derivatives_of_the_program_agree_with_differences() -> None:
-    programs = Programs.of(robot_of("planar"))
+    programs = FreePathPrograms.of(robot_of("planar"))
     random = np.random.default_rng(5)
     for program in (programs.free, programs.clear):
         sizes = program.solver.size1_in("x0"), program.solver.size1_in("p"), program.solver.size1_out("g")
@@ -433,7 +433,7 @@ def test_free_paths_beat_given_ones_on_nearly_all_cases() -> None:
     better, savings = [], []
     for capture, _ in cases("planar", "hard", 60):
         given = plan_ocp(robot_of("planar"), capture, drives("planar"), from_rest=True)
-        if isinstance(given, Plan):
+        if isinstance(given, CapturePlan):
             free = planned("planar", capture, drives("planar"))
             better.append(free.energy <= given.energy)
             savings.append(1.0 - free.energy / given.energy)
@@ -449,8 +449,8 @@ def test_nearly_all_goals_of_the_tasks_have_a_plan(kind: str, difficulty: str) -
     found = []
     for capture, around in cases(kind, difficulty, 24):
         plan = plan_free(robot_of(kind), capture, drives(kind), around)
-        found.append(isinstance(plan, Plan))
-        if isinstance(plan, Plan):
+        found.append(isinstance(plan, CapturePlan))
+        if isinstance(plan, CapturePlan):
             check_plan(kind, capture, drives(kind), plan)
             gap = gaps(robot_of(kind), around, plan.time, plan.position, MEETING, capture.start)
             assert gap.least > 0.0
@@ -469,7 +469,7 @@ def test_no_motion_along_given_paths_costs_less() -> None:
         assert "from 7 starts" in plan.notes
         for method in PATH_METHODS:
             given = method(robot_of("planar"), capture, Limits(position=drives("planar").position))
-            assert not isinstance(given, Plan) or plan.energy <= given.energy
+            assert not isinstance(given, CapturePlan) or plan.energy <= given.energy
 
 
 @every_kind
@@ -478,11 +478,13 @@ def test_where_no_search_ends_the_best_given_motion_is_the_plan(
 ) -> None:
     capture, _ = cases(kind, "medium", 1)[0]
     capture = replace(capture, axis=None)
-    monkeypatch.setattr(Solver, "solve", lambda *_, **__: Unsolved("Maximum_Iterations_Exceeded", 1.0))
+    monkeypatch.setattr(
+        FreePathSolver, "solve", lambda *_, **__: FreePathUnsolved("Maximum_Iterations_Exceeded", 1.0)
+    )
     plan = plan_free(robot_of(kind), capture, Limits())
     known = [method(robot_of(kind), capture, Limits()) for method in PATH_METHODS[:2]]
-    energies = [given.energy for given in known if isinstance(given, Plan)]
-    assert isinstance(plan, Plan) and plan.method == "reactionless_free"
+    energies = [given.energy for given in known if isinstance(given, CapturePlan)]
+    assert isinstance(plan, CapturePlan) and plan.method == "reactionless_free"
     assert plan.energy == pytest.approx(min(energies)) and "no search improved" in plan.notes
     # Where it breaks a limit it is none.
     most = float(np.abs(plan.rate).max())

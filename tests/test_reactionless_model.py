@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from agents.planners.dual_arm.model import PathModel
+from agents.planners.dual_arm.prescribed_paths.model import PathModel
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.reactionless import com, tips
 from space_envs.dynamics.rotations import Array

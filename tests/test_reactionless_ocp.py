@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from agents.planners.common.plans import Cause, Failure, Limits
-from agents.planners.dual_arm.fixed_path import plan_local, plan_zeta_zero
-from agents.planners.dual_arm.ocp import plan_ocp
-from agents.planners.dual_arm.paths import PolynomialPath
-from agents.planners.dual_arm.problem import Capture, Plan
+from agents.planners.dual_arm.prescribed_paths.instantaneous import plan_local, plan_zeta_zero
+from agents.planners.dual_arm.prescribed_paths.ocp import plan_ocp
+from agents.planners.dual_arm.prescribed_paths.polynomial import PolynomialPath
+from agents.planners.dual_arm.problem import Capture, CapturePlan
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.reactionless import com, tips
 from space_envs.dynamics.rotations import Array
@@ -35,14 +35,16 @@ def robot_of(mounts: tuple[tuple[float, float], ...] | None = None) -> FloatingR
     return FloatingRobot.from_model(dual_arm_model(options), end_effectors=END_EFFECTORS)
 
 
-def planned(robot: FloatingRobot, capture: Capture, limits: Limits = Limits(), rest: bool = False) -> Plan:
+def planned(
+    robot: FloatingRobot, capture: Capture, limits: Limits = Limits(), rest: bool = False
+) -> CapturePlan:
     plan = plan_ocp(robot, capture, limits, from_rest=rest)
-    assert isinstance(plan, Plan), plan
+    assert isinstance(plan, CapturePlan), plan
     return plan
 
 
 @cache
-def canonical_plan(rest: bool = False) -> Plan:
+def canonical_plan(rest: bool = False) -> CapturePlan:
     return planned(robot_of(), CANONICAL, Limits(acceleration=ACCELERATION) if rest else Limits(), rest)
 
 
@@ -57,12 +59,14 @@ def random_capture(robot: FloatingRobot, seed: int) -> Capture:
     return Capture(start, float(rng.uniform(10.0, 30.0)), tips(robot, there).position + base, velocity)
 
 
-def dense(plan: Plan) -> tuple[Array, Array, Array, Array]:
+def dense(plan: CapturePlan) -> tuple[Array, Array, Array, Array]:
     time = np.linspace(0.0, plan.time[-1], 5003)
     return (time, *plan.sample(time))
 
 
-def cost_beside(robot: FloatingRobot, capture: Capture, plan: Plan, bumps: Array, steps: int = 240) -> Array:
+def cost_beside(
+    robot: FloatingRobot, capture: Capture, plan: CapturePlan, bumps: Array, steps: int = 240
+) -> Array:
     """C (B,) of motions whose control differs from the plan's by columns of `bumps` (2 steps + 1, B).
 
     The control is the share of the null space, of unit length in I_m: C counts its square. Numpy alone,
@@ -150,7 +154,7 @@ def test_never_worse_than_the_methods_that_do_not_look_ahead(seed):
     capture = random_capture(robot, seed)
     plan = planned(robot, capture)
     others = [each(robot, capture) for each in (plan_zeta_zero, plan_local)]
-    energies = [other.energy for other in others if isinstance(other, Plan)]
+    energies = [other.energy for other in others if isinstance(other, CapturePlan)]
     assert energies
     assert plan.energy <= min(energies) * (1.0 + 1e-9)
     time, q, rate, _ = dense(plan)

@@ -10,11 +10,17 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 from agents.planners.common.plans import Cause, Failure, Limits
-from agents.planners.dual_arm.fixed_path import Singular, least_energy, plan_local, plan_zeta_zero, solutions
-from agents.planners.dual_arm.fixed_path import zeta_zero as chosen_by_zeta_zero
-from agents.planners.dual_arm.model import PathModel
-from agents.planners.dual_arm.paths import PolynomialPath
-from agents.planners.dual_arm.problem import Capture, Plan
+from agents.planners.dual_arm.prescribed_paths.instantaneous import (
+    Singular,
+    least_energy,
+    plan_local,
+    plan_zeta_zero,
+    solutions,
+)
+from agents.planners.dual_arm.prescribed_paths.instantaneous import zeta_zero as chosen_by_zeta_zero
+from agents.planners.dual_arm.prescribed_paths.model import PathModel
+from agents.planners.dual_arm.prescribed_paths.polynomial import PolynomialPath
+from agents.planners.dual_arm.problem import Capture, CapturePlan
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.reactionless import com, reach, tips
 from space_envs.dynamics.rotations import Array
@@ -45,9 +51,9 @@ def canonical(**changes: object) -> Capture:
 
 
 @cache
-def canonical_plan(method: str) -> Plan:
+def canonical_plan(method: str) -> CapturePlan:
     plan = PLANNERS[method](robot_of(), canonical())
-    assert isinstance(plan, Plan), plan
+    assert isinstance(plan, CapturePlan), plan
     return plan
 
 
@@ -194,7 +200,7 @@ def test_other_robots_follow_their_paths(method, kind):
     robot = robot_of("spatial") if kind == "spatial" else robot_of("planar", MOUNTS)
     capture = near(robot, robot.home, 0.05) if kind == "spatial" else near(robot, START, 0.25)
     plan = PLANNERS[method](robot, capture)
-    assert isinstance(plan, Plan), plan
+    assert isinstance(plan, CapturePlan), plan
     time = np.linspace(0.0, plan.time[-1], 997)
     q, rate, _ = plan.sample(time)
     assert np.abs(robot.base_twist(q, rate)[:, 3:]).max() < 1e-8
@@ -264,7 +270,7 @@ def test_joint_limit_is_said(method):
     assert found.cause is Cause.JOINT_LIMIT
     assert f"joint {joint + 1} " in found.reason
     bounds[joint, 1] = high[joint] + 0.1
-    assert isinstance(PLANNERS[method](robot_of(), canonical(), Limits(position=bounds)), Plan)
+    assert isinstance(PLANNERS[method](robot_of(), canonical(), Limits(position=bounds)), CapturePlan)
 
 
 def test_lost_rank_is_refused():

@@ -11,8 +11,8 @@ from page_layout import CHROMIUM, layout_faults
 from page_reader import check_self_contained
 
 from agents.planners.common.plans import Cause
-from agents.planners.dual_arm.fixed_path import plan_local, plan_zeta_zero
-from agents.planners.dual_arm.problem import Plan
+from agents.planners.dual_arm.prescribed_paths.instantaneous import plan_local, plan_zeta_zero
+from agents.planners.dual_arm.problem import CapturePlan
 from agents.planners.dual_arm.tracking import Tracking
 from reproduce.__main__ import main
 from reproduce.claims import Rule
@@ -145,12 +145,12 @@ def test_methods_without_a_plan_are_left_out():
 
 
 @pytest.fixture(scope="module")
-def plans() -> dict[str, Plan]:
+def plans() -> dict[str, CapturePlan]:
     found = {
         key: plan(planar_robot(), CANONICAL.capture)
         for key, plan in (("zeta_zero", plan_zeta_zero), ("local", plan_local))
     }
-    return {key: plan for key, plan in found.items() if isinstance(plan, Plan)}
+    return {key: plan for key, plan in found.items() if isinstance(plan, CapturePlan)}
 
 
 def test_curves_agree_with_each_other(plans):

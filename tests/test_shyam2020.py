@@ -13,7 +13,7 @@ from page_reader import check_self_contained
 
 from agents.planners.common.inverse_kinematics import JointMotion
 from agents.planners.common.plans import Cause, Failure
-from agents.planners.single_arm.problem import Motion
+from agents.planners.single_arm.problem import ReachPlan
 from reproduce.__main__ import main
 from reproduce.claims import Rule
 from reproduce.page import Page, Picture, Section, Text, to_html, to_markdown, write_docs
@@ -214,7 +214,7 @@ def test_sampled_and_exact_motions_are_measured_alike():
     assert isinstance(motion, JointMotion)
     time = motion.dt * np.arange(len(motion.position))
     acceleration = np.gradient(motion.velocity, motion.dt, axis=0, edge_order=2)
-    nodes = Motion("test", time, motion.position, motion.velocity, acceleration, cost=0.0)
+    nodes = ReachPlan("test", time, motion.position, motion.velocity, acceleration, cost=0.0)
     one, two = figures(course(motion), case), figures(course(nodes), case)
     for name in ("cost", "end_attitude", "peak_attitude", "shift"):
         assert one[name] == pytest.approx(two[name], rel=1e-4)

@@ -16,10 +16,9 @@ from hypothesis import strategies as st
 from agents.demonstrations.optimal import Recipe
 from agents.demonstrations.variations import DemonstratorConfig
 from agents.planners.common.plans import Limits
-from agents.planners.dual_arm import fixed_path
-from agents.planners.dual_arm import ocp as reactionless_ocp
 from agents.planners.dual_arm.clearance import Surroundings
-from agents.planners.dual_arm.free.planner import plan_free
+from agents.planners.dual_arm.free_paths.planner import plan_free
+from agents.planners.dual_arm.prescribed_paths import ocp as reactionless_ocp
 from agents.planners.dual_arm.problem import Capture
 from agents.planners.dual_arm.tracking import Tracking
 from agents.planners.single_arm.collocation.ocp import plan_ocp
@@ -207,7 +206,7 @@ def test_limits_of_another_robot_are_refused(method: str) -> None:
         lambda: plan_ocp(MODEL, ARM, REACH, limits),
         lambda: plan_free(ARMS, REST, limits),
         lambda: reactionless_ocp.plan_ocp(ARMS, REST, limits),
-        lambda: getattr(fixed_path, f"plan_{method}")(ARMS, REST, limits),
+        lambda: getattr(instantaneous, f"plan_{method}")(ARMS, REST, limits),
     ]
     for call in calls:
         with pytest.raises(

@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 from agents.planners.common.plans import Cause, Failure, Limits
 from agents.planners.single_arm.check import check
 from agents.planners.single_arm.library import Library, shipped_library
-from agents.planners.single_arm.problem import Motion, Reach
+from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.weights.functions import ArmFunctions
 from agents.planners.single_arm.weights.inequalities import Spheres, Torques
 from agents.planners.single_arm.weights.promp_optimal import Planner
-from agents.planners.single_arm.weights.quadratic import Bounds, Program
+from agents.planners.single_arm.weights.quadratic import Bounds, QuadraticProgram
 from agents.planners.single_arm.weights.sqp import minimise
 from agents.planners.single_arm.weights.weight_space import INTERVALS, WeightSpace
 from promp import GaussianBasis
@@ -189,7 +189,7 @@ def test_steps_keep_bounds_and_equations_and_are_least(seed: int) -> None:
     hessian, gradient = root @ root.T + 0.1 * np.eye(6), 3.0 * rng.normal(size=6)
     equations, right = rng.normal(size=(1, 6)), np.array([0.05])
     y = np.zeros((2, 3))
-    found = Program(bounds).solve(hessian, gradient, equations, right, y)
+    found = QuadraticProgram(bounds).solve(hessian, gradient, equations, right, y)
     assert found is not None
     step, _ = found
     np.testing.assert_allclose(equations @ step, right, atol=1e-6)
@@ -208,7 +208,10 @@ def test_contradicting_bounds_have_no_step() -> None:
     bounds = Bounds(rows, np.zeros((3, 3, 2)), np.full((3, 2), -1.0), np.full((3, 2), 1.0))
     equations = np.zeros((1, 6))
     equations[0, 0] = 1.0
-    assert Program(bounds).solve(np.eye(6), np.zeros(6), equations, np.array([3.0]), np.zeros((2, 3))) is None
+    assert (
+        QuadraticProgram(bounds).solve(np.eye(6), np.zeros(6), equations, np.array([3.0]), np.zeros((2, 3)))
+        is None
+    )
 
 
 @cache
@@ -222,7 +225,7 @@ def planner(keep_attitude: bool, limited: bool) -> Planner:
 def test_known_goals_cost_hardly_more_than_is_known(number: int, keep_attitude: bool) -> None:
     reach = reach_of(number, keep_attitude)
     plan = planner(keep_attitude, False).plan(reach)
-    assert isinstance(plan, Motion)
+    assert isinstance(plan, ReachPlan)
     measured = check(single_arm_model(), robot(), reach, Limits(), plan)
     assert measured.cost == pytest.approx(plan.cost, rel=0.01)
     assert measured.cost <= 1.05 * KNOWN[number]["kept" if keep_attitude else "free"]
@@ -236,7 +239,7 @@ def test_limits_of_the_model_are_kept(keep_attitude: bool) -> None:
     for number in range(len(KNOWN)):
         reach = reach_of(number, keep_attitude)
         plan = planner(keep_attitude, True).plan(reach)
-        assert isinstance(plan, Motion)
+        assert isinstance(plan, ReachPlan)
         violation = check(single_arm_model(), robot(), reach, model_limits(), plan).violation
         assert violation["position"] <= 0.0
         assert violation["rate"] <= 1e-4 * 0.3
@@ -250,11 +253,11 @@ def test_limits_of_the_model_are_kept(keep_attitude: bool) -> None:
 
 def test_torque_limit_binds_and_is_kept() -> None:
     model, bare = single_arm_model(), planner(False, True).plan(reach_of(1))
-    assert isinstance(bare, Motion)
+    assert isinstance(bare, ReachPlan)
     most = 60.0 + check(model, robot(), reach_of(1), model_limits(), bare).violation["torque"]
     limits = replace(model_limits(), torque=0.8 * most)
     plan = Planner(robot(), limits, shipped_library(False)).plan(reach_of(1))
-    assert isinstance(plan, Motion)
+    assert isinstance(plan, ReachPlan)
     assert plan.cost > bare.cost
     assert check(model, robot(), reach_of(1), limits, plan).violation["torque"] < 0.01 * most
 
@@ -263,7 +266,7 @@ def test_without_a_library_it_starts_from_rest() -> None:
     for keep_attitude in (False, True):
         reach = reach_of(2, keep_attitude)
         plan = Planner(robot(), Limits()).plan(reach)
-        assert isinstance(plan, Motion)
+        assert isinstance(plan, ReachPlan)
         assert check(single_arm_model(), robot(), reach, Limits(), plan).violation["position_error"] < 1e-3
 
 
@@ -272,14 +275,14 @@ POLISHED = (0, 2, 14, 47)
 
 
 @cache
-def plans_to_goals(keep_attitude: bool) -> list[tuple[Reach, Motion]]:
+def plans_to_goals(keep_attitude: bool) -> list[tuple[Reach, ReachPlan]]:
     """The shipped planner's motions to validation goals, within all limits."""
     goals = SingleArmTask().goals("validation", np.array(POLISHED))
     found = []
     for position, quaternion in zip(goals.position, goals.quaternion, strict=True):
         reach = Reach(robot().home, position, quaternion, keep_attitude=keep_attitude).checked(robot())
         plan = Planner(robot(), model_limits(), shipped_library(keep_attitude)).plan(reach)
-        assert isinstance(plan, Motion)
+        assert isinstance(plan, ReachPlan)
         found.append((reach, plan))
     return found
 
@@ -308,7 +311,7 @@ def test_more_iterations_gain_little(keep_attitude: bool) -> None:
 def test_from_a_moving_start() -> None:
     reach = replace(reach_of(2), rate=np.full(7, 0.02), start=robot().home + 0.1, duration=8.0)
     plan = planner(False, True).plan(reach)
-    assert isinstance(plan, Motion)
+    assert isinstance(plan, ReachPlan)
     violation = check(single_arm_model(), robot(), reach, model_limits(), plan).violation
     assert violation["start"] < 1e-9
     assert violation["position_error"] < 1e-3

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from scipy.integrate import cumulative_simpson
 
-from agents.planners.dual_arm.checks import null_velocities
-from agents.planners.dual_arm.problem import Plan
+from agents.planners.dual_arm.prescribed_paths.check import null_velocities
+from agents.planners.dual_arm.problem import CapturePlan
 from reproduce.shah2013.cases import Case, planar_robot
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.reactionless import com, tips
@@ -54,7 +54,7 @@ class Curves:
     net: Array
 
 
-def curves(plan: Plan, samples: int = SAMPLES) -> Curves:
+def curves(plan: CapturePlan, samples: int = SAMPLES) -> Curves:
     """Sample a plan of the planar robot at equal times."""
     robot = planar_robot()
     time = np.linspace(0.0, float(plan.time[-1]), samples)
@@ -106,7 +106,7 @@ def task_rows(robot: FloatingRobot, position: Array) -> Array:
     return np.concatenate([now.linear[..., :2, :].reshape(-1, 4, 6), now.turning[..., 2:, :]], axis=-2)
 
 
-def record(plan: Plan, course: Curves, case: Case) -> dict[str, Any]:
+def record(plan: CapturePlan, course: Curves, case: Case) -> dict[str, Any]:
     """The figures of a plan that claims are decided by, plain floats.
 
     energy, J s (of the planner); energy_check, J s (quadrature of `Curves`); start_energy, J, kinetic, that a

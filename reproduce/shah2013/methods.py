@@ -4,10 +4,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from agents.planners.common.plans import Failure, Limits
-from agents.planners.dual_arm.fixed_path import plan_local, plan_zeta_zero
-from agents.planners.dual_arm.free.planner import plan_free
-from agents.planners.dual_arm.ocp import plan_ocp
-from agents.planners.dual_arm.problem import Plan
+from agents.planners.dual_arm.free_paths.planner import plan_free
+from agents.planners.dual_arm.prescribed_paths.instantaneous import plan_local, plan_zeta_zero
+from agents.planners.dual_arm.prescribed_paths.ocp import plan_ocp
+from agents.planners.dual_arm.problem import CapturePlan
 from reproduce.shah2013.cases import JOINT_LIMITS, Case, planar_robot
 from space_envs.evaluation.report.figures import BLUE, GREEN, ORANGE, PURPLE, VERMILION
 from space_envs.robots.parameters import DUAL_ARM_PLANAR
@@ -27,7 +27,7 @@ class Method:
     name: str
     what: str
     colour: str
-    plan: Callable[[Case], Plan | Failure]
+    plan: Callable[[Case], CapturePlan | Failure]
     within: str | None = None
 
     @property

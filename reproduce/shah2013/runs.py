@@ -12,7 +12,7 @@ import numpy as np
 import space_envs
 from agents.planners.common.plans import Failure
 from agents.planners.dual_arm import problem
-from agents.planners.dual_arm.problem import Plan
+from agents.planners.dual_arm.problem import CapturePlan
 from agents.planners.dual_arm.tracking import FINE, Tracked, Tracking, track
 from reproduce.cases import Record, config_key, source_digest
 from reproduce.shah2013.cases import Case, Sampler
@@ -28,7 +28,7 @@ class Worked:
     """A case with everything that figures need; dictionaries are by method, of those that found a plan."""
 
     case: Case
-    plans: Mapping[str, Plan]
+    plans: Mapping[str, CapturePlan]
     curves: Mapping[str, Curves]
     coarse: Mapping[str, Tracked]
     fine: Mapping[str, Tracked]
@@ -42,7 +42,7 @@ def work_out(case: Case, fine: bool = False) -> Worked:
     `reproduce.shah2013.measures.record` and the peak base rates at torque level, or cause and reason of a
     failure, and `timing`, s, which alone depends on the clock.
     """
-    plans: dict[str, Plan] = {}
+    plans: dict[str, CapturePlan] = {}
     figures: dict[str, Any] = {}
     timing: dict[str, float] = {}
     courses: dict[str, Curves] = {}

@@ -8,7 +8,7 @@ from agents.planners.common.inverse_kinematics import JointMotion
 from agents.planners.common.plans import Cause, Failure
 from agents.planners.single_arm.collocation.ocp import STARTS, plan_ocp
 from agents.planners.single_arm.library import shipped_library
-from agents.planners.single_arm.problem import Motion
+from agents.planners.single_arm.problem import ReachPlan
 from agents.planners.single_arm.weights.promp_optimal import Planner
 from agents.policies.single_arm.minimum_jerk import MinimumJerk
 from agents.policies.single_arm.mpc import ModelPredictive
@@ -19,7 +19,7 @@ from space_envs.evaluation.report.figures import BLUE, GREEN, ORANGE, PURPLE, SK
 
 OLIVE, PLUM = "#7f8f1f", "#7a5ea8"
 
-Found = JointMotion | Motion | Failure
+Found = JointMotion | ReachPlan | Failure
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ def planner(keep_attitude: bool) -> Planner:
     return Planner(context().arm, limits(), shipped_library(keep_attitude))
 
 
-def optimal_control(case: Case, keep_attitude: bool = False, starts: int = STARTS) -> Motion | Failure:
+def optimal_control(case: Case, keep_attitude: bool = False, starts: int = STARTS) -> ReachPlan | Failure:
     """Optimal control with the limits of the drives."""
     return plan_ocp(context().model, context().arm, case.reach(keep_attitude), limits(), starts=starts)
 

@@ -72,7 +72,7 @@ class JointGoals:
         return replace(self, position=position, converged=converged)
 
 
-Motion = Callable[[Array, Rows], JointMotion]  # from joint goals (k, n) of rows (k,)
+MotionModel = Callable[[Array, Rows], JointMotion]  # from joint goals (k, n) of rows (k,)
 
 
 def inverse_kinematics(
@@ -105,7 +105,7 @@ def floating_inverse_kinematics(
     arm: FloatingRobot,
     goal_position: Array,
     goal_quaternion: Array,
-    motion: Motion,
+    motion: MotionModel,
     base_position: Array,
     base_quaternion: Array,
     start: Array,

@@ -19,7 +19,7 @@ from space_envs.dynamics.rigid_body import tumble
 from space_envs.dynamics.rotations import Array, conjugate, multiply, rotate
 from space_envs.errors import ConfigurationError, positive
 
-Motion = Callable[[Array], tuple[Array, Array]]
+TargetMotion = Callable[[Array], tuple[Array, Array]]
 _GRID = 0.5  # s, of the attitudes of a turning target between which others are interpolated
 _SHORT = 1e-6  # m; links below it are joints without a body of their own
 
@@ -50,7 +50,7 @@ class Surroundings:
     bus: Array | None = None
     standing: int = 2
     target: Array | None = None
-    motion: Motion | None = None
+    motion: TargetMotion | None = None
     gripper: float = 0.15
     contact: float = 4.0
 
@@ -83,7 +83,7 @@ class Surroundings:
 
 def turning_target(
     centre: Array, quaternion: Array, angular_velocity: Array, inertia: Array, at: float = 0.0
-) -> Motion:
+) -> TargetMotion:
     """Motion of a target that turns freely about its resting centre.
 
     Args:

@@ -59,7 +59,7 @@ class Capture:
 
 
 @dataclass(frozen=True, eq=False)
-class Plan(JointPath):
+class CapturePlan(JointPath):
     """A joint motion from t = 0 to T that does not turn the base.
 
     Attributes:

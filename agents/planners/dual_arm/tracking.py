@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 from tqdm import tqdm
 
-from agents.planners.dual_arm.problem import Plan
+from agents.planners.dual_arm.problem import CapturePlan
 from space_envs.checks import non_negative
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError, positive
@@ -83,7 +83,7 @@ class Tracked:
 
 
 def track(
-    plan: Plan,
+    plan: CapturePlan,
     options: DualArmOptions = DualArmOptions(),
     how: Tracking = Tracking(),
     *,

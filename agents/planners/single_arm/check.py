@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from agents.planners.common.plans import Limits
-from agents.planners.single_arm.problem import Motion, Reach
+from agents.planners.single_arm.problem import Reach, ReachPlan
 from space_envs.dynamics import FloatingRobot, attitude_cost, roll_out_base
 from space_envs.dynamics.rotations import Array, angle_between, multiply, rotate
 from space_envs.dynamics.rotations import from_matrix as quaternion_of
@@ -18,8 +18,8 @@ EVERY = 5  # torques are asked of MuJoCo at each fifth
 
 
 def check(
-    model: mujoco.MjModel, robot: FloatingRobot, reach: Reach, limits: Limits, motion: Motion
-) -> Motion:
+    model: mujoco.MjModel, robot: FloatingRobot, reach: Reach, limits: Limits, motion: ReachPlan
+) -> ReachPlan:
     """The motion with its cost and violations as measured on an even grid, between its nodes too.
 
     Violations: `start` rad and rad/s, `end_rate` rad/s, `position_error` m and `rotation_error` rad of the

@@ -67,7 +67,7 @@ class Reach:
 
 
 @dataclass(frozen=True, eq=False)
-class Motion(JointPath):
+class ReachPlan(JointPath):
     """A joint motion whose end has the end-effector at its goal.
 
     Attributes:

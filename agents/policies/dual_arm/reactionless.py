@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from agents.planners.common.plans import Cause, Failure, Limits
 from agents.planners.dual_arm.clearance import Surroundings, gaps, turning_target
-from agents.planners.dual_arm.fixed_path import plan_local, plan_zeta_zero
-from agents.planners.dual_arm.free.planner import plan_free
-from agents.planners.dual_arm.ocp import plan_ocp
-from agents.planners.dual_arm.problem import Capture, Plan
+from agents.planners.dual_arm.free_paths.planner import plan_free
+from agents.planners.dual_arm.prescribed_paths.instantaneous import plan_local, plan_zeta_zero
+from agents.planners.dual_arm.prescribed_paths.ocp import plan_ocp
+from agents.planners.dual_arm.problem import Capture, CapturePlan
 from agents.policies.clearance import MARGIN
 from agents.policies.dual_arm.observed import Reader
 from agents.policies.dual_arm.reactionless_rate import limited, track_rates
@@ -61,7 +61,7 @@ class Task:
             motion=turning_target(self.centre, self.attitude, self.spin, np.array(target.inertia)),
         )
 
-    def checked(self, plan: Plan | Failure) -> Plan | Failure:
+    def checked(self, plan: CapturePlan | Failure) -> CapturePlan | Failure:
         """The plan, or why it is none: a motion in which arms touch something is not followed.
 
         The gripper counts by its centre line all the time, as it does in the simulation.
@@ -96,7 +96,7 @@ class ReactionlessPlanner:
         self._samples = round(MEETING / context.control_period)
 
     @staticmethod
-    def plan(task: Task) -> Plan | Failure:
+    def plan(task: Task) -> CapturePlan | Failure:
         """The plan of one episode."""
         raise NotImplementedError
 
@@ -171,7 +171,7 @@ class ZetaZero(ReactionlessPlanner):
     """Polynomial end-effector paths with zeta = 0."""
 
     @staticmethod
-    def plan(task: Task) -> Plan | Failure:
+    def plan(task: Task) -> CapturePlan | Failure:
         """Method (a)."""
         return plan_zeta_zero(task.robot, task.capture, task.limits)
 
@@ -180,7 +180,7 @@ class Local(ReactionlessPlanner):
     """Polynomial end-effector paths with the least kinetic energy at each instant."""
 
     @staticmethod
-    def plan(task: Task) -> Plan | Failure:
+    def plan(task: Task) -> CapturePlan | Failure:
         """Method (b)."""
         return plan_local(task.robot, task.capture, task.limits)
 
@@ -189,7 +189,7 @@ class OptimalControl(ReactionlessPlanner):
     """Polynomial end-effector paths with the least energy over the motion, from rest."""
 
     @staticmethod
-    def plan(task: Task) -> Plan | Failure:
+    def plan(task: Task) -> CapturePlan | Failure:
         """Method (c)."""
         return plan_ocp(task.robot, task.capture, task.limits, from_rest=True)
 
@@ -198,6 +198,6 @@ class FreePaths(ReactionlessPlanner):
     """Paths free between their ends, clear of everything, with the least energy over the motion."""
 
     @staticmethod
-    def plan(task: Task) -> Plan | Failure:
+    def plan(task: Task) -> CapturePlan | Failure:
         """Method (d)."""
         return plan_free(task.robot, task.capture, task.limits, task.surroundings)

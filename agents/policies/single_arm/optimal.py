@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from agents.planners.common.plans import Failure, Limits
 from agents.planners.single_arm.collocation.ocp import plan_ocp
 from agents.planners.single_arm.library import shipped_library
-from agents.planners.single_arm.problem import Motion, Reach
+from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.weights.promp_optimal import Planner
 from agents.policies.clearance import ASKED, KeepOut, spheres_seen
 from agents.policies.gjm import resolved_rate
@@ -82,7 +82,7 @@ class OptimalPolicy:
         context.require_mode(self.control_mode)
         self.context, self.limits = context, drive_limits(context)
 
-    def plan(self, asked: list[Reach]) -> list[Motion | Failure]:
+    def plan(self, asked: list[Reach]) -> list[ReachPlan | Failure]:
         """Plans of all rows."""
         raise NotImplementedError
 
@@ -116,7 +116,7 @@ class OptimalPolicy:
         return np.clip(rate / context.action_scale, -1.0, 1.0), state
 
 
-def _checked(plan: Motion | Failure, times: Array, keep_out: KeepOut) -> Motion | Failure:
+def _checked(plan: ReachPlan | Failure, times: Array, keep_out: KeepOut) -> ReachPlan | Failure:
     """The plan, or why it is none: a motion that puts a link into something is not followed."""
     if isinstance(plan, Failure):
         return plan
@@ -127,7 +127,7 @@ def _checked(plan: Motion | Failure, times: Array, keep_out: KeepOut) -> Motion 
 class OptimalControl(OptimalPolicy):
     """Least eq. 20 by collocation from several starts; the attitude is free."""
 
-    def plan(self, asked: list[Reach]) -> list[Motion | Failure]:
+    def plan(self, asked: list[Reach]) -> list[ReachPlan | Failure]:
         """Plans of all rows, about half a second each, in as many processes as the context allows."""
         context = self.context
         work = [
@@ -145,7 +145,7 @@ class PrompOptimal(OptimalPolicy):
         super().__init__(context, seed)
         self._planner = Planner(context.arm, self.limits, shipped_library(self.keep_attitude))
 
-    def plan(self, asked: list[Reach]) -> list[Motion | Failure]:
+    def plan(self, asked: list[Reach]) -> list[ReachPlan | Failure]:
         """Plans of all rows, in milliseconds each."""
         return [self._planner.plan(reach) for reach in asked]
 

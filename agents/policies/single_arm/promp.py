@@ -8,7 +8,7 @@ import numpy as np
 from agents.planners.common.inverse_kinematics import (
     JointGoals,
     JointMotion,
-    Motion,
+    MotionModel,
     Rows,
     floating_inverse_kinematics,
 )
@@ -171,7 +171,7 @@ class ProMPPolicy(TrajectoryPolicy):
             chosen[row], kept[row] = (0, False) if best is None else (best, True)
         return mean + kept[:, None, None] * self._offsets[chosen]
 
-    def _solve(self, observation: Array, motion: Motion, start: Array) -> JointGoals:
+    def _solve(self, observation: Array, motion: MotionModel, start: Array) -> JointGoals:
         read, context = self.context.layout.read, self.context
         return floating_inverse_kinematics(
             context.arm,

@@ -2,7 +2,7 @@
 
 from agents.planners.common.plans import Failure
 from agents.planners.single_arm.library import shipped_library
-from agents.planners.single_arm.problem import Motion, Reach
+from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.weights.avoiding import AvoidingPlanner
 from agents.policies.single_arm.optimal import OptimalPolicy
 from space_envs.policy import PolicyContext
@@ -19,6 +19,6 @@ class PrompAvoiding(OptimalPolicy):
         super().__init__(context, seed)
         self._planner = AvoidingPlanner(context.arm, self.limits, shipped_library(self.keep_attitude), seed)
 
-    def plan(self, asked: list[Reach]) -> list[Motion | Failure]:
+    def plan(self, asked: list[Reach]) -> list[ReachPlan | Failure]:
         """Plans of all rows."""
         return [self._planner.plan(reach) for reach in asked]

@@ -16,10 +16,10 @@ from scipy.optimize import minimize_scalar
 
 from agents.planners.common.plans import Cause, Failure, Limits
 from agents.planners.single_arm.check import check
-from agents.planners.single_arm.collocation.solver import METHOD, Solution, Solver, Unsolved
+from agents.planners.single_arm.collocation.solver import METHOD, ReachSolution, ReachSolver, ReachUnsolved
 from agents.planners.single_arm.collocation.starts import end_configurations, starting_paths
 from agents.planners.single_arm.library import shipped_library
-from agents.planners.single_arm.problem import Motion, Reach
+from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.weights.promp_optimal import Planner
 from space_envs.checks import count, finite_array, non_negative
 from space_envs.dynamics import FloatingRobot
@@ -54,7 +54,7 @@ def plan_ocp(
     free_time: tuple[float, float] | None = None,
     time_weight: float = 0.0,
     seed: int = 0,
-) -> Motion | Failure:
+) -> ReachPlan | Failure:
     """The best motion found from several starts, as measured densely, or why there is none.
 
     Args:
@@ -76,16 +76,16 @@ def plan_ocp(
     count("seed", seed, 2**63)
     time_weight = non_negative("time_weight", time_weight)
     if free_time is None:
-        return _Search(model, robot, reach, limits, starts, seed).plan()
+        return _ReachSearch(model, robot, reach, limits, starts, seed).plan()
     low, high = finite_array("free_time", free_time, (2,)).tolist()
     if not 0.0 < low <= high:
         raise ConfigurationError(f"durations must be 0 < low <= high, got {free_time}")
     return _timed(
-        _Search(model, robot, replace(reach, duration=high), limits, starts, seed), low, time_weight
+        _ReachSearch(model, robot, replace(reach, duration=high), limits, starts, seed), low, time_weight
     )
 
 
-def _timed(search: "_Search", low: float, weight: float) -> Motion | Failure:
+def _timed(search: "_ReachSearch", low: float, weight: float) -> ReachPlan | Failure:
     """The motion with the best duration between `low` and that of the search."""
     reach, high = search.reach, search.reach.duration
     longest = search.plan()
@@ -108,7 +108,7 @@ def _timed(search: "_Search", low: float, weight: float) -> Motion | Failure:
     return best
 
 
-class _Search:
+class _ReachSearch:
     """For the best motion of one reach."""
 
     def __init__(
@@ -123,10 +123,10 @@ class _Search:
         self.reach = reach
         self._model, self._robot, self._limits = model, robot, limits
         self._starts, self._seed = starts, seed
-        self._solver = Solver(robot, reach, limits)
+        self._solver = ReachSolver(robot, reach, limits)
         self._begin = np.zeros(0)  # variables of the best solution so far
 
-    def plan(self) -> Motion | Failure:
+    def plan(self) -> ReachPlan | Failure:
         failure = self._unfit_start()
         if failure is not None:
             return failure
@@ -141,34 +141,34 @@ class _Search:
         paths = starting_paths(self._robot, self.reach, ends, max(wanted, 1), self._seed, at)
         begins = near + [self._solver.variables(path) for path in paths[:wanted]]
         solved = [self._solver.solve(begin) for begin in begins]
-        blocked = not any(isinstance(s, Solution) for s in solved)
+        blocked = not any(isinstance(s, ReachSolution) for s in solved)
         if blocked and self.reach.spheres is not None:
             # A way straight through a ball has no side to give way to: random ones have.
             more = starting_paths(self._robot, self.reach, ends, 2 * AROUND, self._seed + 1, at)[1::2]
             others = [self._solver.variables(path) for path in more]
             begins += others
             solved += [self._solver.solve(begin) for begin in others]
-        converged = [s for s in solved if isinstance(s, Solution)]
+        converged = [s for s in solved if isinstance(s, ReachSolution)]
         if not converged:
-            return self._unsolved(paths[0], [s for s in solved if isinstance(s, Unsolved)])
+            return self._unsolved(paths[0], [s for s in solved if isinstance(s, ReachUnsolved)])
         motion = self._best(converged, len(begins))
         if isinstance(motion, Failure) and self._solver.loaded:
             # Limits on torques are added where they were passed; the starts may lead elsewhere with them.
             solved = [self._solver.solve(begin) for begin in begins]
-            converged = [s for s in solved if isinstance(s, Solution)]
+            converged = [s for s in solved if isinstance(s, ReachSolution)]
             return self._best(converged, len(begins)) if converged else motion
         return motion
 
-    def _best(self, converged: list[Solution], starts: int) -> Motion | Failure:
+    def _best(self, converged: list[ReachSolution], starts: int) -> ReachPlan | Failure:
         """The cheapest of the solutions that is accurate, or why the cheapest is not."""
-        found: list[Solution] = []
+        found: list[ReachSolution] = []
         for solution in sorted(converged, key=lambda s: s.cost):
             if not found or solution.cost > (1.0 + EQUAL) * found[-1].cost:
                 found.append(solution)
         failures = []
         for solution in found:
             motion = self._accurate(self._solver, solution)
-            if isinstance(motion, Motion):
+            if isinstance(motion, ReachPlan):
                 count = f"{len(converged)} of {starts} starts converged, to {len(found)} local optima"
                 return replace(motion, notes=count)
             failures.append(motion)
@@ -179,18 +179,18 @@ class _Search:
         reach, limited = self.reach, self._limits.rate is not None
         library = shipped_library(reach.keep_attitude, limited)
         plan = Planner(self._robot, self._limits, library).plan(reach)
-        return [self._solver.fitted(plan)] if isinstance(plan, Motion) else []
+        return [self._solver.fitted(plan)] if isinstance(plan, ReachPlan) else []
 
-    def at(self, duration: float) -> Motion | Failure:
+    def at(self, duration: float) -> ReachPlan | Failure:
         """The motion with another duration, from the best one found so far."""
         reach = replace(self.reach, duration=duration)
-        solver = Solver(self._robot, reach, self._limits)
+        solver = ReachSolver(self._robot, reach, self._limits)
         solution = solver.solve(self._begin)
-        if isinstance(solution, Unsolved):
+        if isinstance(solution, ReachUnsolved):
             return Failure(METHOD, Cause.INFEASIBLE, f"no motion of {duration:.2f} s: {solution.status}")
         return self._accurate(solver, solution)
 
-    def _accurate(self, solver: Solver, solution: Solution) -> Motion | Failure:
+    def _accurate(self, solver: ReachSolver, solution: ReachSolution) -> ReachPlan | Failure:
         """The motion as measured, solved again with tighter limits where it passes them between the nodes."""
         excess: dict[str, float] = {}
         for _ in range(ATTEMPTS):
@@ -206,7 +206,7 @@ class _Search:
                 self._begin = solution.variables
                 return motion
             tighter = solver.tightened(solution, excess)
-            if isinstance(tighter, Unsolved):
+            if isinstance(tighter, ReachUnsolved):
                 name = max(excess, key=lambda key: excess[key] / TOLERANCES[key])
                 cause = Cause.CLEARANCE if name == "clearance" else Cause.INFEASIBLE
                 reason = f"no motion was found that keeps {name}; the nearest passes it by {excess[name]:.2e}"
@@ -242,18 +242,18 @@ class _Search:
                     return Failure(METHOD, Cause.CLEARANCE, reason)
         return None
 
-    def _unsolved(self, path: Array, statuses: list[Unsolved]) -> Failure:
+    def _unsolved(self, path: Array, statuses: list[ReachUnsolved]) -> Failure:
         """Why there is no motion at all: balls, limits that are too low, or the solver."""
         reach, limits = self.reach, self._limits
         bare = replace(reach, spheres=None)
         if reach.spheres is not None:
-            free = Solver(self._robot, bare, limits)
-            if isinstance(free.solve(free.variables(path)), Solution):
+            free = ReachSolver(self._robot, bare, limits)
+            if isinstance(free.solve(free.variables(path)), ReachSolution):
                 reason = f"no motion was found that is clear of the {len(reach.spheres)} spheres"
                 return Failure(METHOD, Cause.CLEARANCE, f"{reason}, from {len(statuses)} starts")
-        free = Solver(self._robot, bare, Limits())
+        free = ReachSolver(self._robot, bare, Limits())
         unlimited = free.solve(free.variables(path))
-        if isinstance(unlimited, Solution):
+        if isinstance(unlimited, ReachSolution):
             motion = free.motion(unlimited)
             reason = (
                 f"no motion was found within {limits.rate} rad/s, {limits.acceleration} rad/s^2, "

@@ -9,8 +9,8 @@ import numpy as np
 from agents.planners.common.plans import JointPath, Limits
 from agents.planners.common.splines import DEGREE, Mesh
 from agents.planners.single_arm.collocation.model import SingleArm, Torque
-from agents.planners.single_arm.collocation.transcription import GIVEN, SCALE, Program, build
-from agents.planners.single_arm.problem import Motion, Reach
+from agents.planners.single_arm.collocation.program import GIVEN, SCALE, ReachProgram, build
+from agents.planners.single_arm.problem import Reach, ReachPlan
 from space_envs.dynamics import FloatingRobot, roll_out_base
 from space_envs.dynamics.rotations import Array, to_matrix
 from space_envs.robots.parameters import SINGLE_ARM
@@ -27,19 +27,19 @@ LEFT = 1e-5  # largest violation of a program's constraint, in its units or of i
 # The barrier falls from a low value at a fixed pace: adapted, it loses motions that are nearly feasible.
 _IPOPT = {"print_level": 0, "sb": "yes", "tol": 1e-6, "max_iter": 150, "mu_init": 1e-2}
 _lock = threading.Lock()
-_programs: dict[str, "Programs"] = {}
+_programs: dict[str, "ReachPrograms"] = {}
 
 
-class Programs:
+class ReachPrograms:
     """Programs of one robot, made at first use and kept."""
 
     def __init__(self, robot: FloatingRobot) -> None:
         self.robot, self.model = robot, SingleArm.of(robot)
         self.mesh = Mesh.graded(INTERVALS, 1.0, 0)
-        self._built: dict[tuple[bool, tuple[bool, ...], int], Program] = {}
+        self._built: dict[tuple[bool, tuple[bool, ...], int], ReachProgram] = {}
 
     @classmethod
-    def of(cls, robot: FloatingRobot) -> "Programs":
+    def of(cls, robot: FloatingRobot) -> "ReachPrograms":
         """Those of a robot.
 
         Warns:
@@ -55,7 +55,7 @@ class Programs:
         """Joint torques."""
         return Torque(self.robot)
 
-    def program(self, moving: bool, loads: tuple[bool, ...], spheres: int) -> Program:
+    def program(self, moving: bool, loads: tuple[bool, ...], spheres: int) -> ReachProgram:
         """The program with or without limits on rates and accelerations, those on torques, and with balls.
 
         Args:
@@ -71,7 +71,7 @@ class Programs:
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class ReachSolution:
     """A solution of a program: eq. 20 in m^2/s, and the program's variables."""
 
     cost: float
@@ -79,18 +79,18 @@ class Solution:
 
 
 @dataclass(frozen=True)
-class Unsolved:
+class ReachUnsolved:
     """Ipopt's status, and the largest violation of a constraint that it left."""
 
     status: str
     left: float
 
 
-class Solver:
+class ReachSolver:
     """The programs of one reach, as `Reach.checked` gives it."""
 
     def __init__(self, robot: FloatingRobot, reach: Reach, limits: Limits) -> None:
-        self._programs = Programs.of(robot)
+        self._programs = ReachPrograms.of(robot)
         self.reach, self.model, self._limits = reach, self._programs.model, limits
         self._robot = robot
         self._spheres = np.zeros((0, 4)) if reach.spheres is None else reach.spheres
@@ -130,7 +130,7 @@ class Solver:
         """(size,) values of s at which the coefficients of a path stand."""
         return self._programs.mesh.greville
 
-    def solve(self, begin: Array) -> Solution | Unsolved:
+    def solve(self, begin: Array) -> ReachSolution | ReachUnsolved:
         """Solve from variables."""
         program = self._programs.program(
             self._moving, tuple(name == "torque" for name in self._loads), len(self._spheres)
@@ -155,18 +155,18 @@ class Solver:
         status = program.solver.stats()["return_status"]
         # A motion that fulfils the constraints is one, even if Ipopt would go on to improve it.
         if not left < LEFT or status == "Infeasible_Problem_Detected":
-            return Unsolved(status, left)
-        return Solution(float(result["f"]) / SCALE / self.reach.duration, x)
+            return ReachUnsolved(status, left)
+        return ReachSolution(float(result["f"]) / SCALE / self.reach.duration, x)
 
-    def motion(self, solution: Solution) -> Motion:
+    def motion(self, solution: ReachSolution) -> ReachPlan:
         """The motion of a solution, not yet measured."""
         mesh, t = self._programs.mesh, self.reach.duration
         free = solution.variables[: -3 * INTERVALS].reshape(-1, self._robot.n_joints)
         coefficients = np.concatenate([self._given, free, free[-1:]])
         q, rate, acceleration = (mesh.basis(mesh.breaks, k) @ coefficients / t**k for k in range(3))
-        return Motion(METHOD, mesh.breaks * t, q, rate, acceleration, cost=solution.cost)
+        return ReachPlan(METHOD, mesh.breaks * t, q, rate, acceleration, cost=solution.cost)
 
-    def tightened(self, solution: Solution, excess: dict[str, float]) -> Solution | Unsolved:
+    def tightened(self, solution: ReachSolution, excess: dict[str, float]) -> ReachSolution | ReachUnsolved:
         """Solve again from a solution, asking for more of what was measured to be passed."""
         for name in ("torque", "coriolis"):
             if name in excess:
@@ -191,7 +191,7 @@ class Solver:
             ]
         )
 
-    def _sides(self, program: Program) -> tuple[Array, Array]:
+    def _sides(self, program: ReachProgram) -> tuple[Array, Array]:
         """Bounds of the constraints."""
         t, n, limits = self.reach.duration, program.joints, self._limits
         rate = np.inf if limits.rate is None else limits.rate * t * (1.0 - ROOM)

@@ -11,7 +11,7 @@ import numpy as np
 
 from agents.planners.common.plans import Cause, Failure, Limits
 from agents.planners.single_arm.library import Library
-from agents.planners.single_arm.problem import Motion, Reach
+from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.weights.demonstrated import DemonstratedPlanner
 from agents.planners.single_arm.weights.inequalities import ROOM_SPHERE, Spheres
 from agents.planners.single_arm.weights.quadratic import Bounds
@@ -54,7 +54,7 @@ class AvoidingPlanner:
         self._robot, self._seed, self._spreads = robot, seed, spreads
         self._demonstrated = DemonstratedPlanner(robot, limits, library, groups=GROUPS)
 
-    def plan(self, reach: Reach) -> Motion | Failure:
+    def plan(self, reach: Reach) -> ReachPlan | Failure:
         """The cheapest of the refined motions that are clear of all spheres, or why there is none."""
         reach = reach.checked(self._robot)
         planner = self._demonstrated.planner
@@ -62,7 +62,7 @@ class AvoidingPlanner:
         starts = self._starts(reach, space, bounds)
         if not len(starts):
             return Failure(METHOD, Cause.SOLVER, f"none of {GROUPS} ProMPs could be conditioned on the goal")
-        clear: list[Motion] = []
+        clear: list[ReachPlan] = []
         nearest, unsolved = -np.inf, 0
         for tried, start in enumerate(starts, 1):
             found = minimise(space, bounds, start, reach.keep_attitude, rows, FINE, ITERATIONS)
@@ -118,7 +118,7 @@ class AvoidingPlanner:
             return np.zeros((0, self._robot.n_joints, space.free))
         return space.coordinates(np.concatenate(parts))
 
-    def _gap(self, reach: Reach, motion: Motion) -> float:
+    def _gap(self, reach: Reach, motion: ReachPlan) -> float:
         """Least gap to any sphere, m, on a dense grid of another roll-out than the optimiser's."""
         if reach.spheres is None or not len(reach.spheres):
             return np.inf

@@ -12,10 +12,10 @@ import numpy as np
 
 from agents.planners.common.plans import Cause, Failure, Limits
 from agents.planners.single_arm.library import Library
-from agents.planners.single_arm.problem import Motion, Reach
+from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.weights.promp_optimal import Planner
-from agents.planners.single_arm.weights.quadratic import Bounds, Program
-from agents.planners.single_arm.weights.sqp import Rows, Solution
+from agents.planners.single_arm.weights.quadratic import Bounds, QuadraticProgram
+from agents.planners.single_arm.weights.sqp import Rows, SqpResult
 from agents.planners.single_arm.weights.task_space import PoseTarget
 from agents.planners.single_arm.weights.weight_space import WeightSpace
 from promp import ConditioningError, GaussianBasis, ProMP
@@ -76,7 +76,7 @@ class DemonstratedPlanner:
         self._samples, self._groups, self._seed = samples, groups, seed
         self.planner = Planner(robot, limits, library, self._basis)
 
-    def plan(self, reach: Reach) -> Motion | Failure:
+    def plan(self, reach: Reach) -> ReachPlan | Failure:
         """The best sample within the limits, or why there is none."""
         reach = reach.checked(self._robot)
         space, bounds, rows = self.planner.setting(replace(reach, spheres=None))
@@ -97,7 +97,7 @@ class DemonstratedPlanner:
 
     def _best(
         self, found: Conditioned, space: WeightSpace, bounds: Bounds, rows: tuple[Rows, ...]
-    ) -> tuple[Motion | None, float]:
+    ) -> tuple[ReachPlan | None, float]:
         """The cheapest of the mean and the samples within the limits, and by what the best breaks them."""
         rng = np.random.default_rng(self._seed)
         samples, met = found.project(found.promp.sample(rng, self._samples), MET)
@@ -114,7 +114,7 @@ class DemonstratedPlanner:
         if chosen is None:
             return None, float(over.min())
         left, beyond = float(np.abs(miss[chosen]).max()), float(over[chosen])
-        solution = Solution(y[chosen], float(cost[chosen]), left, beyond, found.iterations, "sampled")
+        solution = SqpResult(y[chosen], float(cost[chosen]), left, beyond, found.iterations, "sampled")
         note = f"sample {chosen} of {len(y) - 1}" if chosen else "conditional mean"
         return replace(self.planner.motion(space, solution), method=METHOD, notes=note), 0.0
 
@@ -196,7 +196,7 @@ class DemonstratedPlanner:
         out = np.kron(np.eye(len(y)), free)
         into = np.kron(np.eye(len(y)), np.linalg.pinv(free))
         precision = np.linalg.inv(into @ found.prior.covariance @ into.T)
-        program, share, last = Program(bounds), 1.0, np.inf
+        program, share, last = QuadraticProgram(bounds), 1.0, np.inf
         for _ in range(LIMIT_ROUNDS):
             missed, slope = found.targets[0].function(space.weights(y)[None])
             pull = precision @ (y - expected).ravel()

@@ -6,10 +6,10 @@ import numpy as np
 
 from agents.planners.common.plans import Cause, Failure, Limits
 from agents.planners.single_arm.library import Library
-from agents.planners.single_arm.problem import Motion, Reach
+from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.weights.inequalities import Spheres, Torques
 from agents.planners.single_arm.weights.quadratic import Bounds
-from agents.planners.single_arm.weights.sqp import MISS, Rows, Solution, minimise
+from agents.planners.single_arm.weights.sqp import MISS, Rows, SqpResult, minimise
 from agents.planners.single_arm.weights.weight_space import WeightSpace
 from promp import GaussianBasis
 from space_envs.dynamics import FloatingRobot
@@ -56,7 +56,7 @@ class Planner:
             for name, value in (("nearest", nearest), ("tried", tried))
         )
 
-    def plan(self, reach: Reach) -> Motion | Failure:
+    def plan(self, reach: Reach) -> ReachPlan | Failure:
         """The cheapest motion found, or why there is none."""
         reach = reach.checked(self._robot)
         if (failure := self._out_of_reach(reach)) is not None:
@@ -98,11 +98,11 @@ class Planner:
             rows.append(Spheres(space, self._robot, reach.spheres, SINGLE_ARM.link_radius))
         return space, Bounds(space.even, space.even_fixed, low, high), tuple(rows)
 
-    def motion(self, space: WeightSpace, solution: Solution) -> Motion:
+    def motion(self, space: WeightSpace, solution: SqpResult) -> ReachPlan:
         """The motion of a solution."""
         phase = np.linspace(0.0, 1.0, NODES)
         columns, t = space.weights(solution.y).T, space.duration
-        return Motion(
+        return ReachPlan(
             METHOD,
             phase * t,
             self._basis.value(phase) @ columns,
@@ -114,7 +114,7 @@ class Planner:
 
     def _from_library(
         self, space: WeightSpace, bounds: Bounds, rows: tuple[Rows, ...], reach: Reach
-    ) -> list[Solution]:
+    ) -> list[SqpResult]:
         """Solutions from the stored motions that promise most."""
         if self._library is None:
             return []
@@ -123,7 +123,7 @@ class Planner:
         starts = self._library.coordinates[near]
         promise = one_step(space, starts, keep)
         hoped = max(promise.min(), float(np.quantile(self._library.cost[near], 0.25)))
-        found: list[Solution] = []
+        found: list[SqpResult] = []
         for number, k in enumerate(np.argsort(promise, kind="stable")):
             if number >= self._tried and (best := _best(found)) is not None:
                 if number >= MOST or best.cost <= DISAPPOINTING * hoped:
@@ -139,7 +139,7 @@ class Planner:
 
     def _from_nothing(
         self, space: WeightSpace, bounds: Bounds, rows: tuple[Rows, ...], keep_attitude: bool
-    ) -> list[Solution]:
+    ) -> list[SqpResult]:
         """Solutions without stored motions. Arms at rest cannot turn the base back to first order, so the
         attitude-kept ones start around the attitude-free one."""
         rest = np.zeros((self._robot.n_joints, space.free))
@@ -178,13 +178,13 @@ def one_step(space: WeightSpace, starts: Array, keep_attitude: bool) -> Array:
     return (left * left).sum(axis=1)
 
 
-def _best(found: Sequence[Solution]) -> Solution | None:
+def _best(found: Sequence[SqpResult]) -> SqpResult | None:
     """The cheapest solution that reaches its goal."""
     usable = [one for one in found if one.miss < 10.0 * MISS and one.broken < BROKEN]
     return min(usable, key=lambda solution: solution.cost, default=None)
 
 
-def _failure(found: Sequence[Solution], duration: float) -> Failure:
+def _failure(found: Sequence[SqpResult], duration: float) -> Failure:
     nearest = min(found, key=lambda solution: solution.miss)
     if not np.isfinite(nearest.miss):
         return Failure(METHOD, Cause.INFEASIBLE, f"the limits leave no motion of {duration:.3g} s")

@@ -61,7 +61,7 @@ class Bounds:
         return matrix, low, high
 
 
-class Program:
+class QuadraticProgram:
     """min d' B d / 2 + g' d subject to A d = b, the bounds, and further rows."""
 
     def __init__(self, bounds: Bounds) -> None:

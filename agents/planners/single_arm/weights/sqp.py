@@ -5,7 +5,7 @@ from typing import Protocol
 
 import numpy as np
 
-from agents.planners.single_arm.weights.quadratic import Bounds, Program
+from agents.planners.single_arm.weights.quadratic import Bounds, QuadraticProgram
 from agents.planners.single_arm.weights.weight_space import Disturbance, WeightSpace
 from space_envs.dynamics.rotations import Array
 
@@ -36,7 +36,7 @@ class Rows(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class SqpResult:
     """Coordinates (n, m) with their cost, m^2/s, largest miss, m or rad, what is broken of the inequalities
     that are not linear, in sum, and why iterations ended."""
 
@@ -56,7 +56,7 @@ def minimise(
     rows: tuple[Rows, ...] = (),
     enough: float = ENOUGH,
     iterations: int = ITERATIONS,
-) -> Solution:
+) -> SqpResult:
     """Improve coordinates (n, m) until an iteration gains less than `enough` of the cost.
 
     Each iteration minimises the linearised residual, damped, on the linearised goal and within the bounds. A
@@ -64,12 +64,12 @@ def minimise(
     damping. `status` is converged, iterations, infeasible (no step keeps the bounds) or stuck.
     """
     asked = 9 if keep_attitude else 6
-    program = Program(bounds)
+    program = QuadraticProgram(bounds)
     unit = np.eye(space.size)
     damping, share, price = DAMPING, 1.0, 1e-4
     inside = program.solve(unit, np.zeros(space.size), np.zeros((0, space.size)), np.zeros(0), begin)
     if inside is None:
-        return Solution(begin, np.inf, np.inf, np.inf, 0, "infeasible")
+        return SqpResult(begin, np.inf, np.inf, np.inf, 0, "infeasible")
     y = begin + inside[0].reshape(begin.shape)  # the nearest within the bounds
     at = space.disturbance(y[None])
     broken = float(sum(row.violation(y) for row in rows))
@@ -119,8 +119,8 @@ def minimise(
     return _solution(y, at, asked, broken, iterations, "iterations")
 
 
-def _solution(y: Array, at: Disturbance, asked: int, broken: float, number: int, status: str) -> Solution:
-    return Solution(y, float(at.cost[0]), float(np.abs(at.miss[0, :asked]).max()), broken, number, status)
+def _solution(y: Array, at: Disturbance, asked: int, broken: float, number: int, status: str) -> SqpResult:
+    return SqpResult(y, float(at.cost[0]), float(np.abs(at.miss[0, :asked]).max()), broken, number, status)
 
 
 def _tried(

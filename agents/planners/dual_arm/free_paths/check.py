@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from agents.planners.common.plans import Limits
-from agents.planners.dual_arm.problem import Capture, Plan
+from agents.planners.dual_arm.problem import Capture, CapturePlan
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.reactionless import com, tips
 from space_envs.dynamics.rotations import Array, cross
@@ -23,7 +23,7 @@ class Checked:
     energy: float
 
 
-def check(robot: FloatingRobot, capture: Capture, limits: Limits, plan: Plan) -> Checked:
+def check(robot: FloatingRobot, capture: Capture, limits: Limits, plan: CapturePlan) -> Checked:
     """Measure a plan at its nodes and at two points between each pair of them.
 
     Violations: `base_rate` rad/s, `end_position` m, `end_velocity` m/s, `end_axis` rad (0 where any will do),

@@ -10,12 +10,12 @@ import numpy as np
 from agents.planners.common.free_model import HeldAttitude, Smooth
 from agents.planners.common.plans import JointPath, Limits
 from agents.planners.common.splines import Mesh
-from agents.planners.dual_arm.free.check import check
-from agents.planners.dual_arm.free.clearance import EACH, Nearness
-from agents.planners.dual_arm.free.goals import EndGoals
-from agents.planners.dual_arm.free.rollout import Rollout
-from agents.planners.dual_arm.free.transcription import FIXED, Program, build
-from agents.planners.dual_arm.problem import Capture, Plan
+from agents.planners.dual_arm.free_paths.check import check
+from agents.planners.dual_arm.free_paths.goals import EndGoals
+from agents.planners.dual_arm.free_paths.nearness import EACH, Nearness
+from agents.planners.dual_arm.free_paths.program import FIXED, FreePathProgram, build
+from agents.planners.dual_arm.free_paths.rollout import ReactionlessRollout
+from agents.planners.dual_arm.problem import Capture, CapturePlan
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
 
@@ -35,20 +35,20 @@ _IPOPT_CLEAR = _IPOPT | {
     "acceptable_obj_change_tol": 1e-3,
 }
 _lock = threading.Lock()
-_programs: dict[str, "Programs"] = {}
+_programs: dict[str, "FreePathPrograms"] = {}
 
 
-class Programs:
+class FreePathPrograms:
     """Programs and roll-outs of one robot, made at first use and kept."""
 
     def __init__(self, robot: FloatingRobot) -> None:
         self.robot, self.model = robot, HeldAttitude.of(robot)
         self.mesh = Mesh.graded(INTERVALS, GROWTH, STEPS)
         self.free = self._build(self.model.energy, _IPOPT, 0)
-        self.rollout = Rollout(self.model, self.free)
+        self.rollout = ReactionlessRollout(self.model, self.free)
 
     @classmethod
-    def of(cls, robot: FloatingRobot) -> "Programs":
+    def of(cls, robot: FloatingRobot) -> "FreePathPrograms":
         """Those of a robot.
 
         Warns:
@@ -59,7 +59,7 @@ class Programs:
                 _programs[robot.fingerprint] = cls(robot)
             return _programs[robot.fingerprint]
 
-    def _build(self, cost: Smooth, ipopt: dict[str, Any], each: int) -> Program:
+    def _build(self, cost: Smooth, ipopt: dict[str, Any], each: int) -> FreePathProgram:
         options = {"print_time": False, "ipopt": ipopt}
         return build(self.model, cost, self.robot.n_joints, self.mesh, options, each)
 
@@ -69,13 +69,13 @@ class Programs:
         return Nearness.of(self.robot, self.model.dimensions == 2)
 
     @cached_property
-    def clear(self) -> Program:
+    def clear(self) -> FreePathProgram:
         """The program with a cost on nearness."""
         return self._build(self.nearness.added_to(self.model.energy, self.robot.n_joints), _IPOPT_CLEAR, EACH)
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class SplineSolution:
     """Splines that fulfil a program: C in J s, with the cost of nearness if there is one; coefficients
     (size, n)."""
 
@@ -84,14 +84,14 @@ class Solution:
 
 
 @dataclass(frozen=True)
-class Unsolved:
+class FreePathUnsolved:
     """Ipopt's status, and the largest violation of a constraint that it left."""
 
     status: str
     left: float
 
 
-class Solver:
+class FreePathSolver:
     """The programs of one capture.
 
     Attributes:
@@ -99,7 +99,7 @@ class Solver:
     """
 
     def __init__(self, robot: FloatingRobot, capture: Capture, limits: Limits) -> None:
-        self.programs = Programs.of(robot)
+        self.programs = FreePathPrograms.of(robot)
         self._robot, self._capture, self._limits = robot, capture, limits
         mesh, duration = self.programs.mesh, capture.duration
         goals = EndGoals.of(robot, self.programs.model, capture)
@@ -131,7 +131,7 @@ class Solver:
         rate: float | None,
         acceleration: float | None,
         nearness: Array | None = None,
-    ) -> Solution | Unsolved:
+    ) -> SplineSolution | FreePathUnsolved:
         """Solve from coefficients (size, n), within limits that are None where there are none.
 
         Args:
@@ -167,20 +167,20 @@ class Solver:
         status = program.solver.stats()["return_status"]
         # A motion that fulfils the constraints is one, even if Ipopt would go on to improve it.
         if not left < LEFT or status == "Infeasible_Problem_Detected":
-            return Unsolved(status, left)
+            return FreePathUnsolved(status, left)
         free = result["x"].full().reshape(-1, n)
         coefficients = np.concatenate([np.tile(self._capture.start, (FIXED, 1)), free])
-        return Solution(float(result["f"]) / duration, coefficients)
+        return SplineSolution(float(result["f"]) / duration, coefficients)
 
-    def motion(self, solution: Solution) -> Plan:
+    def motion(self, solution: SplineSolution) -> CapturePlan:
         """The exact motion, with what an independent check measured."""
         motion = self.programs.rollout.closed(solution.coefficients, self._parameters)
         t = self._capture.duration
-        bare = Plan(
+        bare = CapturePlan(
             METHOD, motion.s * t, motion.position, motion.rate / t, motion.acceleration / t**2, solution.cost
         )
         checked = check(self._robot, self._capture, self._limits, bare)
-        return Plan(
+        return CapturePlan(
             METHOD,
             bare.time,
             bare.position,

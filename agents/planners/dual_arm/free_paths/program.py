@@ -22,7 +22,7 @@ FIXED = 3  # leading coefficients that put the start at rest, without accelerati
 
 
 @dataclass(frozen=True, eq=False)
-class Program:
+class FreePathProgram:
     """The nonlinear program of one robot and mesh.
 
     Its variables are the free coefficients (size - 3) x n, a coefficient's joints side by side; its
@@ -42,7 +42,7 @@ class Program:
 
 def build(
     model: HeldAttitude, cost: Smooth, n: int, mesh: Mesh, options: dict[str, Any], each: int = 0
-) -> Program:
+) -> FreePathProgram:
     """The program of a robot with n joints.
 
     Args:
@@ -86,7 +86,7 @@ def build(
     bend = _bend(model, mesh, n, bends, (middles, last), across, bend_weight[1])
     slopes = ca.Function("nlp_jac_g", [x, p], [g, slope], ["x", "p"], ["g", "jac_g_x"])
     solver = Expressions(x, p, f, g, gradient, slope, bend_weight, bend).solver(options)
-    return Program(mesh, solver, slopes, n, shown, turning.numel(), ending.numel())
+    return FreePathProgram(mesh, solver, slopes, n, shown, turning.numel(), ending.numel())
 
 
 def _gradient(mesh: Mesh, n: int, slope: ca.MX) -> ca.MX:

@@ -4,9 +4,9 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from agents.planners.common.plans import Cause, Failure, Limits
-from agents.planners.dual_arm.free.check import check
-from agents.planners.dual_arm.paths import PolynomialPath
-from agents.planners.dual_arm.problem import Capture, Plan
+from agents.planners.dual_arm.free_paths.check import check
+from agents.planners.dual_arm.prescribed_paths.polynomial import PolynomialPath
+from agents.planners.dual_arm.problem import Capture, CapturePlan
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.reactionless import com, tips
 from space_envs.dynamics.rotations import Array
@@ -32,7 +32,7 @@ def checked_plan(
     rate: Array,
     energy: float,
     notes: str = "",
-) -> Plan | Failure:
+) -> CapturePlan | Failure:
     """The plan with what was measured, or why it is none.
 
     Args:
@@ -41,7 +41,7 @@ def checked_plan(
     """
     acceleration = make_interp_spline(time, rate, k=5, axis=0).derivative()(time)
     zeta = null_velocities(robot, position, rate) if robot.n_joints == 6 else None
-    bare = Plan(method, time, position, rate, acceleration, energy, zeta, notes=notes)
+    bare = CapturePlan(method, time, position, rate, acceleration, energy, zeta, notes=notes)
     inner = np.arange(DENSER) / DENSER
     dense = np.append((time[:-1, None] + np.diff(time)[:, None] * inner).ravel(), time[-1])
     q, qdot, qddot = bare.sample(dense)
@@ -65,7 +65,7 @@ def checked_plan(
     failure = _beyond_limits(method, limits, dense, q, qdot, qddot)
     if failure is not None:
         return failure
-    return Plan(method, time, position, rate, acceleration, energy, zeta, violation, notes)
+    return CapturePlan(method, time, position, rate, acceleration, energy, zeta, violation, notes)
 
 
 def path_error(robot: FloatingRobot, path: PolynomialPath, time: Array, q: Array) -> float:

@@ -9,8 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from agents.planners.common.plans import Cause, Failure, Limits
-from agents.planners.dual_arm.collocation import BOUNDED_NODES, NODES, Programme, Solution
-from agents.planners.dual_arm.fixed_path import (
+from agents.planners.dual_arm.prescribed_paths.instantaneous import (
     Singular,
     capture_path,
     integrate,
@@ -20,9 +19,15 @@ from agents.planners.dual_arm.fixed_path import (
     solutions,
     zeta_zero,
 )
-from agents.planners.dual_arm.model import Matrices, PathModel
-from agents.planners.dual_arm.paths import PolynomialPath
-from agents.planners.dual_arm.problem import Capture, Plan
+from agents.planners.dual_arm.prescribed_paths.model import Matrices, PathModel
+from agents.planners.dual_arm.prescribed_paths.polynomial import PolynomialPath
+from agents.planners.dual_arm.prescribed_paths.program import (
+    BOUNDED_NODES,
+    NODES,
+    CollocatedMotion,
+    PrescribedPathProgram,
+)
+from agents.planners.dual_arm.problem import Capture, CapturePlan
 from space_envs.checks import flag
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
@@ -38,7 +43,7 @@ FEEDBACK = 0.5  # 1/s, with which the accurate motion follows the collocated one
 
 def plan_ocp(
     robot: FloatingRobot, capture: Capture, limits: Limits = Limits(), *, from_rest: bool = False
-) -> Plan | Failure:
+) -> CapturePlan | Failure:
     """Method (c): polynomial paths, zeta for the least energy over the motion.
 
     Several starts are tried, (a) and (b) among them, and the best is returned after an accurate integration,
@@ -65,9 +70,9 @@ def plan_ocp(
     first = [plan(robot, capture, limits) for plan in (plan_zeta_zero, plan_local)]
     # Without bounds first, from every start: that takes milliseconds. The best are then led into the bounds,
     # where a start from rest is one.
-    found: list[tuple[float, str, Solution]] = []
+    found: list[tuple[float, str, CollocatedMotion]] = []
     reasons = []
-    free = Programme.of(robot, model, BOUNDED_NODES if from_rest else NODES)
+    free = PrescribedPathProgram.of(robot, model, BOUNDED_NODES if from_rest else NODES)
     for name, guess in _starts(model, path, capture, first, free.times(capture.duration)):
         solution = free.solve(path, capture, Limits(), guess)
         if isinstance(solution, str):
@@ -75,19 +80,19 @@ def plan_ocp(
         else:
             found.append((solution.energy, name, solution))
     found.sort(key=lambda each: each[0])
-    best: Plan | None = None
+    best: CapturePlan | None = None
     for _, name, solution in found:
         for plan in _attempts(
             robot, model, path, capture, limits, solution, from_rest, f"best start: {name}"
         ):
-            if isinstance(plan, Plan):
+            if isinstance(plan, CapturePlan):
                 best = plan
                 break
             reasons.append(f"from {name}: {plan if isinstance(plan, str) else plan.reason}")
         if best is not None:
             break
     for plan in first:
-        if isinstance(plan, Plan) and (best is None or plan.energy < best.energy):
+        if isinstance(plan, CapturePlan) and (best is None or plan.energy < best.energy):
             best = replace(plan, method=METHOD, notes=f"collocation found nothing better than {plan.method}")
     if best is not None:
         return best
@@ -104,10 +109,10 @@ def _attempts(
     path: PolynomialPath,
     capture: Capture,
     limits: Limits,
-    solution: Solution,
+    solution: CollocatedMotion,
     from_rest: bool,
     note: str,
-) -> Iterator[Plan | Failure | str]:
+) -> Iterator[CapturePlan | Failure | str]:
     """What comes of a solution without bounds: as it is, then led into bounds that are drawn in step by step.
 
     What fails for another reason than the bounds is not tried again.
@@ -136,13 +141,13 @@ def _led(
     path: PolynomialPath,
     capture: Capture,
     limits: Limits,
-    solution: Solution,
+    solution: CollocatedMotion,
     from_rest: bool,
     share: float,
-) -> Solution | str:
+) -> CollocatedMotion | str:
     """Lead a solution without bounds into them."""
     bounded = limits.acceleration is not None, limits.control is not None
-    programme = Programme.of(robot, model, BOUNDED_NODES, from_rest, *bounded)
+    programme = PrescribedPathProgram.of(robot, model, BOUNDED_NODES, from_rest, *bounded)
     curve = solution.curve()
     guess = np.array([curve(time)[0] for time in programme.times(capture.duration)])
     return programme.solve(path, capture, limits, guess, share)
@@ -154,9 +159,9 @@ def _followed(
     path: PolynomialPath,
     capture: Capture,
     limits: Limits,
-    solution: Solution,
+    solution: CollocatedMotion,
     note: str,
-) -> Plan | Failure:
+) -> CapturePlan | Failure:
     """Follow a collocated motion accurately: exactly on the paths, and exactly reactionless."""
     curve = solution.curve()
 
@@ -173,12 +178,12 @@ def _starts(
     model: PathModel,
     path: PolynomialPath,
     capture: Capture,
-    first: list[Plan | Failure],
+    first: list[CapturePlan | Failure],
     times: Array,
 ) -> Iterator[tuple[str, Array]]:
     """Names and joint angles (N, n) at some times (N,) to start from."""
     for plan in first:
-        if isinstance(plan, Plan):
+        if isinstance(plan, CapturePlan):
             yield plan.method, plan.sample(times)[0]
     for share in PERTURBATIONS:
         guess = _perturbed(model, path, capture, share)

@@ -30,7 +30,7 @@ SMOOTH = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
-class Program:
+class ReachProgram:
     """The nonlinear program of one robot and mesh.
 
     Its variables are the free coefficients (F, n), a coefficient's joints side by side, then the attitudes
@@ -100,7 +100,7 @@ def build(
     moving: bool,
     spheres: int,
     options: dict[str, Any],
-) -> Program:
+) -> ReachProgram:
     """The program of a robot with n joints.
 
     Args:
@@ -231,7 +231,7 @@ def build(
     values = ca.Function("values", [x, p], [f, g], ["x", "p"], ["f", "g"])
     solver = Expressions(x, p, f, g, gradient, slopes, (lam_f, lam_g), bend).solver(options)
     both = ca.Function("slopes", [x, p], [gradient, slopes])
-    return Program(
+    return ReachProgram(
         mesh, solver, values, both, n, (len(rates), len(accelerations)), n * len(times), clearances
     )
 

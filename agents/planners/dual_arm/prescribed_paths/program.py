@@ -19,8 +19,8 @@ from scipy.special import roots_legendre
 from agents.planners.common.free_model import compiled
 from agents.planners.common.ipopt import Expressions
 from agents.planners.common.plans import Limits
-from agents.planners.dual_arm.model import PathModel
-from agents.planners.dual_arm.paths import PolynomialPath
+from agents.planners.dual_arm.prescribed_paths.model import PathModel
+from agents.planners.dual_arm.prescribed_paths.polynomial import PolynomialPath
 from agents.planners.dual_arm.problem import Capture
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
@@ -42,7 +42,7 @@ IPOPT = {
 }
 
 _lock = threading.Lock()
-_programmes: dict[tuple[str, int, bool, bool, bool], "Programme"] = {}
+_programmes: dict[tuple[str, int, bool, bool, bool], "PrescribedPathProgram"] = {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +75,7 @@ def gauss_grid(n: int) -> Grid:
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class CollocatedMotion:
     """Angles (N + 1, n) rad at the start and the Gauss points, rates (N, n) rad/s at the latter, at times
     (N + 1,) s; energy is C by the quadrature, J s."""
 
@@ -109,7 +109,7 @@ class Solution:
 
 
 @dataclass(frozen=True, eq=False)
-class Programme:
+class PrescribedPathProgram:
     """The nonlinear programme of one robot, built once; what varies from case to case are its parameters.
 
     Attributes:
@@ -133,7 +133,7 @@ class Programme:
         from_rest: bool = False,
         accelerated: bool = False,
         controlled: bool = False,
-    ) -> "Programme":
+    ) -> "PrescribedPathProgram":
         """The programme of a robot, kept after its first use; the flags say which constraints it has."""
         key = (robot.fingerprint, points, from_rest, accelerated, controlled)
         with _lock:
@@ -147,7 +147,7 @@ class Programme:
 
     def solve(
         self, path: PolynomialPath, capture: Capture, limits: Limits, guess: Array, share: float = 1.0
-    ) -> Solution | str:
+    ) -> CollocatedMotion | str:
         """Solve from joint angles (N, n) at the Gauss points; a string says why there is no solution.
 
         Args:
@@ -180,12 +180,12 @@ class Programme:
         if status not in ("Solve_Succeeded", "Solved_To_Acceptable_Level"):
             return f"Ipopt ended with {status}"
         angles, rates = np.array(found["x"]).reshape(2, count, n)
-        return Solution(times, np.vstack([capture.start, angles]), rates, float(found["f"]))
+        return CollocatedMotion(times, np.vstack([capture.start, angles]), rates, float(found["f"]))
 
 
 def _built(
     robot: FloatingRobot, model: PathModel, points: int, from_rest: bool, accelerated: bool, controlled: bool
-) -> Programme:
+) -> PrescribedPathProgram:
     grid, n = gauss_grid(points), robot.n_joints
     rows = model.dimensions * 2 + model.turns + int(controlled)
     # Rates are variables of their own, tied to the angles by linear equations: derivatives then only join
@@ -225,7 +225,7 @@ def _built(
     solver = Expressions(
         variables, parameters, cost, constraints, gradient, jacobian, (factor, multipliers), hessian
     ).solver({"ipopt": IPOPT, "print_time": False, "error_on_fail": False})
-    return Programme(solver, points, n, rows, (rows + n) * points + (n if from_rest else 0))
+    return PrescribedPathProgram(solver, points, n, rows, (rows + n) * points + (n if from_rest else 0))
 
 
 def _point_functions(model: PathModel, n: int, rows: int, controlled: bool) -> dict[str, ca.Function]:

@@ -15,13 +15,19 @@ from numpy.typing import NDArray
 from agents.planners.common.free_model import HeldAttitude
 from agents.planners.common.plans import Cause, Failure, Limits
 from agents.planners.dual_arm.clearance import Gaps, Surroundings, gaps
-from agents.planners.dual_arm.fixed_path import plan_local, plan_zeta_zero
-from agents.planners.dual_arm.free.check import check
-from agents.planners.dual_arm.free.clearance import parameters
-from agents.planners.dual_arm.free.goals import end_configurations, spread
-from agents.planners.dual_arm.free.solver import ANGLE_ROOM, METHOD, Solution, Solver, Unsolved
-from agents.planners.dual_arm.ocp import plan_ocp
-from agents.planners.dual_arm.problem import Capture, Plan
+from agents.planners.dual_arm.free_paths.check import check
+from agents.planners.dual_arm.free_paths.goals import end_configurations, spread
+from agents.planners.dual_arm.free_paths.nearness import parameters
+from agents.planners.dual_arm.free_paths.solver import (
+    ANGLE_ROOM,
+    METHOD,
+    FreePathSolver,
+    FreePathUnsolved,
+    SplineSolution,
+)
+from agents.planners.dual_arm.prescribed_paths.instantaneous import plan_local, plan_zeta_zero
+from agents.planners.dual_arm.prescribed_paths.ocp import plan_ocp
+from agents.planners.dual_arm.problem import Capture, CapturePlan
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import positive_integer
@@ -54,7 +60,7 @@ def plan_free(
     limits: Limits = Limits(),
     around: Surroundings | None = None,
     starts: int = STARTS,
-) -> Plan | Failure:
+) -> CapturePlan | Failure:
     """Motion of least energy from rest to a capture, reactionless all along, within limits and clear.
 
     Args:
@@ -67,24 +73,24 @@ def plan_free(
         ConfigurationError: for a malformed capture, limits of another robot, or no number of starts.
     """
     positive_integer("starts", starts, MORE_ENDS)
-    return _Search(robot, capture.checked(robot), limits.checked(robot), around, starts).plan()
+    return _FreePathSearch(robot, capture.checked(robot), limits.checked(robot), around, starts).plan()
 
 
-def along_paths(robot: FloatingRobot, capture: Capture, limits: Limits) -> list[Plan]:
+def along_paths(robot: FloatingRobot, capture: Capture, limits: Limits) -> list[CapturePlan]:
     """The motions of methods (a), (b) and, in the plane, (c) to a checked capture; of the limits they keep
     those on joint angles."""
     room = Limits(position=limits.position)
     plans = [plan_zeta_zero(robot, capture, room), plan_local(robot, capture, room)]
     if HeldAttitude.of(robot).dimensions == 2:
         plans.append(plan_ocp(robot, capture, room))
-    return [plan for plan in plans if isinstance(plan, Plan)]
+    return [plan for plan in plans if isinstance(plan, CapturePlan)]
 
 
-def _energy(plan: Plan | Failure) -> float:
-    return plan.energy if isinstance(plan, Plan) else np.inf
+def _energy(plan: CapturePlan | Failure) -> float:
+    return plan.energy if isinstance(plan, CapturePlan) else np.inf
 
 
-class _Search:
+class _FreePathSearch:
     """For the best motion of one capture."""
 
     def __init__(
@@ -97,7 +103,7 @@ class _Search:
     ) -> None:
         self._robot, self._capture, self._limits, self._around = robot, capture, limits, around
         self._starts = starts
-        self._solver = Solver(robot, capture, limits)
+        self._solver = FreePathSolver(robot, capture, limits)
         self._rate, self._acceleration = (
             None if limit is None else ROOM * limit for limit in (limits.rate, limits.acceleration)
         )
@@ -105,18 +111,18 @@ class _Search:
         if around is not None and around.motion is not None:
             self._poses = around.motion(self._solver.times)
         self._required = 0.0  # m, least gap
-        self._given: list[Plan] = []  # motions along polynomial paths
+        self._given: list[CapturePlan] = []  # motions along polynomial paths
 
-    def plan(self) -> Plan | Failure:
+    def plan(self) -> CapturePlan | Failure:
         failure = self._unfit_start()
         if failure is not None:
             return failure
         self._given = along_paths(self._robot, self._capture, self._limits)
         found = self._searched()
         known = [plan for plan in map(self._as_found, self._given) if plan is not None]
-        return min([found, *known] if isinstance(found, Plan) else known, key=_energy, default=found)
+        return min([found, *known] if isinstance(found, CapturePlan) else known, key=_energy, default=found)
 
-    def _as_found(self, given: Plan) -> Plan | None:
+    def _as_found(self, given: CapturePlan) -> CapturePlan | None:
         """A motion along polynomial paths as a result of this method, if it fulfils all that is asked."""
         measured = check(self._robot, self._capture, self._limits, given)
         if any(value > TOLERANCES[name] for name, value in measured.violation.items()):
@@ -128,7 +134,7 @@ class _Search:
         note = f"the motion of {given.method}, which no search improved"
         return replace(given, method=METHOD, violation=measured.violation, notes=note)
 
-    def _searched(self) -> Plan | Failure:
+    def _searched(self) -> CapturePlan | Failure:
         """The best motion of the searches, or why there is none."""
         ends = self._ends(ENDS)
         if isinstance(ends, Failure):
@@ -148,7 +154,7 @@ class _Search:
         cause = Cause.INFEASIBLE if name == "torque" else Cause.INACCURATE
         return Failure(METHOD, cause, f"the motion passes what is allowed in {name} by {excess[name]:.2e}")
 
-    def _take_room(self, plan: Plan, excess: dict[str, float]) -> None:
+    def _take_room(self, plan: CapturePlan, excess: dict[str, float]) -> None:
         """Tighten the splines' limits, which the roll-out passes by little; torques follow accelerations."""
         limits = self._limits
         if "rate" in excess and self._rate is not None and limits.rate is not None:
@@ -175,26 +181,28 @@ class _Search:
             self._require(self._around.margin, first.least)
         return None
 
-    def _best(self, ends: Array) -> Plan | Failure:
+    def _best(self, ends: Array) -> CapturePlan | Failure:
         """The motion of least energy that is clear; limits may be passed by little."""
         begins = [self._solver.straight(end) for end in spread(ends, self._starts)]
         begins += [self._solver.fitted(plan) for plan in self._given]
         solved = [self._solve(begin) for begin in begins]
-        found: list[Solution] = []
-        for solution in sorted((s for s in solved if isinstance(s, Solution)), key=lambda s: s.cost):
+        found: list[SplineSolution] = []
+        for solution in sorted((s for s in solved if isinstance(s, SplineSolution)), key=lambda s: s.cost):
             if not found or solution.cost > (1.0 + EQUAL) * found[-1].cost:
                 found.append(solution)
         if not found:
-            return self._unsolved(ends, [s for s in solved if isinstance(s, Unsolved)])
+            return self._unsolved(ends, [s for s in solved if isinstance(s, FreePathUnsolved)])
         note = f"{len(found)} local optima from {len(solved)} starts"
         if self._around is None:
             return replace(self._solver.motion(found[0]), notes=note)
         return self._clear(self._around, ends, found, note)
 
-    def _clear(self, around: Surroundings, ends: Array, found: list[Solution], note: str) -> Plan | Failure:
+    def _clear(
+        self, around: Surroundings, ends: Array, found: list[SplineSolution], note: str
+    ) -> CapturePlan | Failure:
         """The cheapest of the optima if it is clear; else the best that comes of leading those around that
         are not, or of starting from clear ends."""
-        best: tuple[float, Plan] | None = None
+        best: tuple[float, CapturePlan] | None = None
         tried: list[Gaps] = []
         begins: list[tuple[float, Array]] = []
         for solution in found:
@@ -216,7 +224,7 @@ class _Search:
                 break
             for weight in WEIGHTS:
                 solution = self._solve(begin, self._nearness(around, weight))
-                if isinstance(solution, Unsolved) or (best is not None and solution.cost >= best[0]):
+                if isinstance(solution, FreePathUnsolved) or (best is not None and solution.cost >= best[0]):
                     break
                 if any(abs(solution.cost - other) < EQUAL * other for other in seen):
                     break
@@ -261,11 +269,11 @@ class _Search:
             self._robot, model, self._capture, self._limits, METHOD, searches, ANGLE_ROOM
         )
 
-    def _measured(self, around: Surroundings, solution: Solution) -> tuple[Plan, Gaps]:
+    def _measured(self, around: Surroundings, solution: SplineSolution) -> tuple[CapturePlan, Gaps]:
         plan = self._solver.motion(solution)
         return plan, self._gaps(around, plan.position, self._solver.dense)
 
-    def _solve(self, begin: Array, nearness: Array | None = None) -> Solution | Unsolved:
+    def _solve(self, begin: Array, nearness: Array | None = None) -> SplineSolution | FreePathUnsolved:
         return self._solver.solve(begin, self._rate, self._acceleration, nearness)
 
     def _nearness(self, around: Surroundings, weight: float) -> Array:
@@ -291,10 +299,10 @@ class _Search:
         reason = f"{when} {what} come to {gap.least:.3f} m at t = {time:.2f} s, {margin:.3f} m are kept"
         return Failure(METHOD, Cause.CLEARANCE, reason)
 
-    def _unsolved(self, ends: Array, statuses: list[Unsolved]) -> Failure:
+    def _unsolved(self, ends: Array, statuses: list[FreePathUnsolved]) -> Failure:
         """Why there is no motion at all: limits that are too low, or the solver."""
         unlimited = self._solver.solve(self._solver.straight(ends[0]), None, None)
-        if isinstance(unlimited, Solution):
+        if isinstance(unlimited, SplineSolution):
             fastest = float(np.abs(self._solver.motion(unlimited).rate).max())
             limits = self._limits
             reason = (

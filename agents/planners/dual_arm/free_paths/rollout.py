@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from agents.planners.common.free_model import HeldAttitude
-from agents.planners.dual_arm.free.transcription import FIXED, Program
+from agents.planners.dual_arm.free_paths.program import FIXED, FreePathProgram
 from space_envs.dynamics.rotations import Array
 
 _SUBSTEPS = 20  # of the integration, in an interval of the splines
@@ -20,7 +20,7 @@ _CLOSE = 1e-10  # m and m/s (rates times the duration), of what is left at the e
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class ReactionlessMotion:
     """A reactionless motion in the scaled time s = t / T; rates are per s.
 
     Attributes:
@@ -36,10 +36,10 @@ class Motion:
     miss: float
 
 
-class Rollout:
+class ReactionlessRollout:
     """Roll-outs of the splines of one program."""
 
-    def __init__(self, model: HeldAttitude, program: Program) -> None:
+    def __init__(self, model: HeldAttitude, program: FreePathProgram) -> None:
         mesh, n = program.mesh, program.joints
         self._program, self._model = program, model
         spans = zip(mesh.breaks[:-1], mesh.breaks[1:], strict=True)
@@ -54,16 +54,18 @@ class Rollout:
         square = bending.T @ bending
         self._soft = np.kron(np.linalg.inv(square), np.eye(n))
 
-    def run(self, coefficients: Array) -> Motion:
+    def run(self, coefficients: Array) -> ReactionlessMotion:
         """The motion that the splines with coefficients (size, n) ask for."""
         wanted = (self._rates @ coefficients).reshape(len(self.s) - 1, -1)
         path = self._steps(coefficients[0], wanted.T).full().T
         position = np.concatenate([coefficients[:1], path])
         at_nodes = np.concatenate([self._rates[:, 0], self._rates[-1:, 2]]) @ coefficients
         rate, acceleration = self._still(position.T, at_nodes.T, (self._change @ coefficients).T)
-        return Motion(self.s, position, rate.full().T, acceleration.full().T, coefficients, np.inf)
+        return ReactionlessMotion(
+            self.s, position, rate.full().T, acceleration.full().T, coefficients, np.inf
+        )
 
-    def closed(self, coefficients: Array, parameters: Array) -> Motion:
+    def closed(self, coefficients: Array, parameters: Array) -> ReactionlessMotion:
         """The motion after corrections that make it end where the program's parameters say.
 
         A correction fulfils the linearised constraints of the program; as the splines are all but
@@ -79,7 +81,7 @@ class Rollout:
         across = parameters[n + program.shown :].reshape(4, 3).T
         wanted = np.concatenate([goal, np.zeros(program.ending - len(goal))])
 
-        def measured(splines: Array) -> tuple[Motion, Array]:
+        def measured(splines: Array) -> tuple[ReactionlessMotion, Array]:
             motion = self.run(splines)
             reached = self._model.ending.value(motion.position[-1], motion.rate[-1], across).full()[:, 0]
             left = reached - wanted

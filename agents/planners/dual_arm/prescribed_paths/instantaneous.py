@@ -13,10 +13,10 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import get_lapack_funcs
 
 from agents.planners.common.plans import Cause, Failure, Limits
-from agents.planners.dual_arm.checks import checked_plan
-from agents.planners.dual_arm.model import Matrices, PathModel
-from agents.planners.dual_arm.paths import PolynomialPath
-from agents.planners.dual_arm.problem import Capture, Plan
+from agents.planners.dual_arm.prescribed_paths.check import checked_plan
+from agents.planners.dual_arm.prescribed_paths.model import Matrices, PathModel
+from agents.planners.dual_arm.prescribed_paths.polynomial import PolynomialPath
+from agents.planners.dual_arm.problem import Capture, CapturePlan
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
 
@@ -71,7 +71,9 @@ def least_energy(at: Matrices, particular: Array, null: Array) -> Array:
     return -np.linalg.solve(null.T @ at.mass @ null, null.T @ at.mass @ particular)
 
 
-def plan_zeta_zero(robot: FloatingRobot, capture: Capture, limits: Limits = Limits()) -> Plan | Failure:
+def plan_zeta_zero(
+    robot: FloatingRobot, capture: Capture, limits: Limits = Limits()
+) -> CapturePlan | Failure:
     """Method (a): polynomial paths, zeta = 0.
 
     Args:
@@ -83,7 +85,7 @@ def plan_zeta_zero(robot: FloatingRobot, capture: Capture, limits: Limits = Limi
     return _plan("reactionless", robot, capture, limits, zeta_zero)
 
 
-def plan_local(robot: FloatingRobot, capture: Capture, limits: Limits = Limits()) -> Plan | Failure:
+def plan_local(robot: FloatingRobot, capture: Capture, limits: Limits = Limits()) -> CapturePlan | Failure:
     """Method (b): polynomial paths, least kinetic energy at each instant; arguments as `plan_zeta_zero`."""
     return _plan("reactionless_local", robot, capture, limits, least_energy)
 
@@ -112,7 +114,7 @@ def _centre(robot: FloatingRobot, q: Array) -> Array:
 
 def _plan(
     method: str, robot: FloatingRobot, capture: Capture, limits: Limits, choice: Choice
-) -> Plan | Failure:
+) -> CapturePlan | Failure:
     capture, limits = capture.checked(robot), limits.checked(robot)
     path = capture_path(robot, PathModel.of(robot), capture)
     if isinstance(path, str):
@@ -136,7 +138,7 @@ def integrate(
     path: PolynomialPath,
     rate: Law,
     notes: str = "",
-) -> Plan | Failure:
+) -> CapturePlan | Failure:
     """Follow a law of joint rates from the start of a capture to its end, and check what came of it."""
     model = PathModel.of(robot)
     reached, calls = [0.0], [0]

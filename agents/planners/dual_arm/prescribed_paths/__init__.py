@@ -1,0 +1,1 @@
+"""Reactionless motions along prescribed end-effector paths (shah2013)."""
