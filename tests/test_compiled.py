@@ -1,5 +1,7 @@
-"""Compiled base twists: numpy's numbers, a cache that survives damage, a fall-back that says so once."""
+"""Compiled code: numpy's numbers, a cache that survives damage, a fall-back with one warning."""
 
+import ctypes
+import hashlib
 import os
 import shutil
 import stat
@@ -10,16 +12,25 @@ import threading
 import time
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from dynamics_models import ROBOTS, robot_and_model
 
-from space_envs.codegen import c_library
-from space_envs.codegen.c_library import LibraryError, cache_folder, load_library
-from space_envs.dynamics import FloatingRobot, NoCompiledCodeWarning, base_twist, compiled, trajectory_cost
+from space_envs.codegen import functions, libraries, once
+from space_envs.codegen.cache import (
+    LibraryError,
+    UnsafeCacheError,
+    UnsafeCacheWarning,
+    cache_folder,
+    private_folder,
+)
+from space_envs.codegen.libraries import load_library
+from space_envs.dynamics import FloatingRobot, NoCompiledCodeWarning, base_twist, trajectory_cost
 from space_envs.dynamics.rotations import Array
+from space_envs.dynamics.symbolic import SymbolicRobot
 from space_envs.errors import ConfigurationError
 
 quiet = pytest.mark.filterwarnings("ignore::space_envs.dynamics.NoCompiledCodeWarning")
@@ -32,8 +43,8 @@ needs_owners = pytest.mark.skipif(not hasattr(os, "geteuid"), reason="files have
 @pytest.fixture(autouse=True)
 def fresh(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """As in a new process with an empty cache."""
-    monkeypatch.setattr(compiled, "_kernels", {})
-    monkeypatch.setattr(compiled, "_warned", False)
+    once.clear()
+    libraries.warn_uncompiled.cache_clear()
     monkeypatch.setenv("SPACE_ENVS_CACHE", str(tmp_path / "cache"))
 
 
@@ -77,7 +88,6 @@ def test_same_numbers_as_numpy(name: str) -> None:
     q, qdot = samples(name, 20, 30)
     twist = base_twist(robot, q, qdot)
     np.testing.assert_allclose(twist, robot.base_twist(q, qdot), rtol=0.0, atol=1e-12)
-    assert (compiled._kernel(robot) is not None) == HAS_COMPILER
 
 
 @quiet
@@ -109,7 +119,7 @@ def test_any_layout_of_arrays(way: str) -> None:
         base_twist(robot, q, qdot[..., :3])
 
 
-@pytest.mark.parametrize("lacking", ["compiler", "any compiler", "cache", "home", "casadi"])
+@pytest.mark.parametrize("lacking", ["compiler", "any compiler", "cache", "home"])
 def test_fall_back_says_once_what_is_missing(
     lacking: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, counting_compiler: Callable[[], int]
 ) -> None:
@@ -126,13 +136,10 @@ def test_fall_back_says_once_what_is_missing(
             "SPACE_ENVS_CACHE", str(tmp_path / "file" / "cache")
         )  # root may write anywhere else
         message = "cache of compiled code cannot be used .* set SPACE_ENVS_CACHE"
-    elif lacking == "home":
+    else:
         monkeypatch.delenv("SPACE_ENVS_CACHE")
         monkeypatch.setattr(Path, "home", raise_runtime_error)
         message = "no home folder .* set SPACE_ENVS_CACHE"
-    else:
-        monkeypatch.setitem(sys.modules, "casadi", None)
-        message = "CasADi is not there"
     with pytest.warns(NoCompiledCodeWarning, match=message) as caught:
         use_every_robot_twice()
     assert len(caught) == 1
@@ -163,7 +170,7 @@ def test_compiler_that_fails(
 ) -> None:
     (tmp_path / "compiler.py").write_text(f"import sys\nif '--version' not in sys.argv:\n {script}\n")
     monkeypatch.setenv("CC", f"'{sys.executable}' '{tmp_path / 'compiler.py'}'")
-    monkeypatch.setattr(c_library, "_TIMEOUT", 0.5)
+    monkeypatch.setattr(libraries, "TIMEOUT", 0.5)
     with pytest.raises(LibraryError, match=message):
         load_library("int one(void) { return 1; }")
     assert list((tmp_path / "cache").iterdir()) == []
@@ -174,13 +181,31 @@ def test_wrong_code_is_not_trusted(monkeypatch: pytest.MonkeyPatch) -> None:
 
     class Zeros:
         @staticmethod
-        def base_twists(q: int, qdot: int, twist: int, count: int) -> None:
-            np.ctypeslib.as_array((compiled.ctypes.c_double * (6 * count)).from_address(twist))[:] = 0.0
+        def map_base_twist(inputs: ctypes.Array, outputs: ctypes.Array, count: int) -> None:
+            np.ctypeslib.as_array((ctypes.c_double * (6 * count)).from_address(outputs[0]))[:] = 0.0
 
-    monkeypatch.setattr(compiled, "load_library", lambda source: Zeros)
+    monkeypatch.setattr(functions, "load_library", lambda source: Zeros)
     with pytest.warns(NoCompiledCodeWarning, match="disagrees with numpy"):
         twist = base_twist(robot, *samples("single arm", 3))
     assert (twist != 0.0).all()
+
+
+@quiet
+def test_batches_compiled_and_interpreted() -> None:
+    """Both give what one sample after the other gives; a matrix comes out transposed."""
+    twist = SymbolicRobot(robot_and_model("single arm")[0]).base_map
+    q, _ = samples("single arm", 3, 4)
+    fast, slow = functions.batched({"map": twist})["map"], functions.Batched(twist)
+    assert (fast.compiled, slow.compiled) == (HAS_COMPILER, False)
+    expected = np.array([[twist(one).full().T for one in row] for row in q])
+    for function in (fast, slow):
+        np.testing.assert_allclose(function(q)[0], expected, rtol=1e-12, atol=1e-12)
+        assert function(q[:0])[0].shape == (0, 4, 7, 6)
+        with pytest.raises(ValueError, match="shape"):
+            function(q[..., :6])
+    outside = functions.compiled({"map": twist})["map"]
+    assert outside.is_a("External") == HAS_COMPILER
+    np.testing.assert_allclose(outside(q[0, 0]).full().T, expected[0, 0], rtol=1e-12, atol=1e-12)
 
 
 def test_library_is_compiled_once(counting_compiler: Callable[[], int]) -> None:
@@ -223,7 +248,7 @@ def test_library_of_another_system_is_built_again(counting_compiler: Callable[[]
     (path,) = cache_folder().iterdir()
     key, foreign = path.stem.split("-")[0], b"not for this machine"
     path.unlink()
-    other = path.with_name(f"{key}-{c_library.hashlib.sha256(foreign).hexdigest()[:32]}{path.suffix}")
+    other = path.with_name(f"{key}-{hashlib.sha256(foreign).hexdigest()[:32]}{path.suffix}")
     other.write_bytes(foreign)
     load_library("one")
     assert counting_compiler() == 2
@@ -243,7 +268,7 @@ def planted(key_source: str, tmp_path: Path) -> Path:
         text=True,
         check=True,
     )
-    digest = c_library.hashlib.sha256(library.read_bytes()).hexdigest()[:32]
+    digest = hashlib.sha256(library.read_bytes()).hexdigest()[:32]
     place = built.with_name(f"{built.stem.split('-')[0]}-{digest}{built.suffix}")
     built.unlink()
     shutil.copy(library, place)
@@ -282,7 +307,7 @@ def test_what_others_can_write_is_not_loaded(
     assert mark.exists() == (opened == "nothing")
     if opened != "nothing":
         assert getattr(found, f"from_{opened.replace(' ', '_')}")() == 5
-    unsafe = [str(one.message) for one in caught if one.category is c_library.UnsafeCacheWarning]
+    unsafe = [str(one.message) for one in caught if one.category is UnsafeCacheWarning]
     assert len(unsafe) == (opened in ("folder", "folder above"))
     if unsafe:
         said = {"folder": "can be written to by others (mode 770; chmod go-w)", "folder above": "chmod o-w"}
@@ -292,7 +317,7 @@ def test_what_others_can_write_is_not_loaded(
 
 
 @needs_owners
-@pytest.mark.filterwarnings("ignore::space_envs.codegen.c_library.UnsafeCacheWarning")
+@pytest.mark.filterwarnings("ignore::space_envs.codegen.cache.UnsafeCacheWarning")
 def test_without_a_private_folder_numpy_takes_over(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     for folder in (tmp_path / "cache", tmp_path / f"space_envs-{os.geteuid()}"):
@@ -306,10 +331,10 @@ def test_without_a_private_folder_numpy_takes_over(monkeypatch: pytest.MonkeyPat
 
 @needs_owners
 def test_a_cache_of_somebody_else_is_not_used(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    folder = c_library.private_folder(tmp_path / "own")
+    folder = private_folder(tmp_path / "own")
     monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 1)
-    with pytest.raises(c_library.UnsafeCacheError, match=f"belongs to user {os.getuid()}"):
-        c_library.private_folder(folder)
+    with pytest.raises(UnsafeCacheError, match=f"belongs to user {os.getuid()}"):
+        private_folder(folder)
 
 
 @needs_owners
@@ -328,7 +353,7 @@ def test_processes_at_once(counting_compiler: Callable[[], int]) -> None:
     command = [
         sys.executable,
         "-c",
-        "from space_envs.codegen.c_library import load_library; load_library('one')",
+        "from space_envs.codegen.libraries import load_library; load_library('one')",
     ]
     running = [
         subprocess.Popen(command, stderr=subprocess.PIPE, cwd=Path(__file__).parents[1]) for _ in range(3)
@@ -340,32 +365,23 @@ def test_processes_at_once(counting_compiler: Callable[[], int]) -> None:
     assert counting_compiler() == built
 
 
-def test_threads_at_once_build_one_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
-    robot, _ = robot_and_model("single arm")
+def test_things_are_built_once_for_equal_content_by_all_threads() -> None:
+    robots = [robot_and_model(name)[0] for name in ROBOTS]
     built = []
 
-    def slow_kernel(robot: FloatingRobot) -> Callable[[Array, Array], Array]:
-        built.append(robot)
-        time.sleep(0.05)
-        return robot.base_twist
+    @once.built_once
+    def slowly(robot: FloatingRobot, size: int = 1) -> object:
+        built.append((robot.fingerprint, size))
+        time.sleep(0.02)
+        return object()
 
-    monkeypatch.setattr(compiled, "Kernel", slow_kernel)
-    q, qdot = samples("single arm", 10)
-    threads = [threading.Thread(target=base_twist, args=(robot, q, qdot)) for _ in range(8)]
+    threads = [threading.Thread(target=slowly, args=(robot,)) for robot in 4 * robots]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    assert len(built) == 1
-
-
-def test_kernels_are_kept_by_content() -> None:
-    names = [robot_and_model(name)[0].fingerprint for name in ROBOTS]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", NoCompiledCodeWarning)
-        for name in (*ROBOTS, *ROBOTS):
-            base_twist(robot_and_model(name)[0], *samples(name, 1))
-    assert sorted(compiled._kernels) == sorted(names)
+    assert sorted(built) == sorted((robot.fingerprint, 1) for robot in robots)
+    assert slowly(robots[0]) is slowly(replace(robots[0])) is not slowly(robots[0], 2)
 
 
 @pytest.mark.parametrize(

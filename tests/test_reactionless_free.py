@@ -10,19 +10,18 @@ import numpy as np
 import pytest
 from dual_arm_goals import IDS, at_meeting, task_of
 
-from agents.planners.common import free_model
-from agents.planners.common.free_model import HeldAttitude
 from agents.planners.common.plans import Cause, Failure, Limits
+from agents.planners.common.smooth import Smooth
 from agents.planners.dual_arm.clearance import Surroundings, gaps, turning_target
 from agents.planners.dual_arm.free_paths.check import held_dynamics
 from agents.planners.dual_arm.free_paths.goals import EndGoals, end_configurations, spread
+from agents.planners.dual_arm.free_paths.model import HeldAttitude
 from agents.planners.dual_arm.free_paths.planner import plan_free
 from agents.planners.dual_arm.free_paths.solver import FreePathPrograms, FreePathSolver, FreePathUnsolved
 from agents.planners.dual_arm.prescribed_paths.instantaneous import plan_local, plan_zeta_zero
 from agents.planners.dual_arm.prescribed_paths.ocp import plan_ocp
 from agents.planners.dual_arm.problem import Capture, CapturePlan
-from space_envs.codegen.c_library import LibraryError
-from space_envs.dynamics import FloatingRobot, NoCompiledCodeWarning, compiled
+from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.reactionless import com
 from space_envs.dynamics.rotations import Array
 from space_envs.dynamics.symbolic import SymbolicRobot
@@ -341,7 +340,7 @@ def test_derivatives_of_the_functions_agree_with_differences(kind: str) -> None:
         outputs = f.value.numel_out(0)
         weight = random.normal(size=outputs)
 
-        def at(point: Array, f: free_model.Smooth = f, extra: list = extra) -> tuple[Array, Array]:
+        def at(point: Array, f: Smooth = f, extra: list = extra) -> tuple[Array, Array]:
             value, slope = (part(point[:n], point[n:], *extra).full() for part in (f.value, f.slope))
             return value[:, 0], slope
 
@@ -404,25 +403,6 @@ def test_end_configurations_reach_the_goal_and_lie_apart(kind: str) -> None:
     np.testing.assert_array_equal(chosen[0], ends[0])
     apart = np.linalg.norm(ends - ends[0], axis=1)
     np.testing.assert_array_equal(chosen[1], ends[apart.argmax()])
-
-
-def test_without_a_compiler_the_same_functions_run_interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
-    def missing(source: str) -> None:
-        raise LibraryError("no C compiler was found")
-
-    robot, ready = robot_of("planar"), HeldAttitude.of(robot_of("planar"))
-    monkeypatch.setattr(free_model, "load_library", missing)
-    monkeypatch.setattr(free_model, "_models", {})
-    monkeypatch.setattr(compiled, "_warned", False)
-    with pytest.warns(NoCompiledCodeWarning, match="no C compiler"):
-        model = HeldAttitude.of(robot)
-    q, qdot = np.random.default_rng(6).normal(size=(2, 6))
-    for mine, other in ((model.energy, ready.energy), (model.turning, ready.turning)):
-        np.testing.assert_allclose(mine.value(q, qdot).full(), other.value(q, qdot).full(), rtol=1e-12)
-        weight = np.ones(mine.value.numel_out(0))
-        np.testing.assert_allclose(
-            mine.bend(q, qdot, weight).full(), other.bend(q, qdot, weight).full(), atol=1e-11
-        )
 
 
 # Many cases -------------------------------------------------------------------------------------------

@@ -18,6 +18,7 @@ from agents.demonstrations.variations import DemonstratorConfig
 from agents.planners.common.plans import Limits
 from agents.planners.dual_arm.clearance import Surroundings
 from agents.planners.dual_arm.free_paths.planner import plan_free
+from agents.planners.dual_arm.prescribed_paths import instantaneous
 from agents.planners.dual_arm.prescribed_paths import ocp as reactionless_ocp
 from agents.planners.dual_arm.problem import Capture
 from agents.planners.dual_arm.tracking import Tracking

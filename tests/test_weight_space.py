@@ -22,7 +22,6 @@ from agents.planners.single_arm.weights.sqp import minimise
 from agents.planners.single_arm.weights.weight_space import INTERVALS, WeightSpace
 from promp import GaussianBasis
 from promp.errors import StorageError
-from space_envs.codegen.mapped import Mapped
 from space_envs.dynamics import FloatingRobot, roll_out_base, trajectory_cost
 from space_envs.dynamics.rotations import Array, exponential, to_matrix
 from space_envs.errors import ConfigurationError
@@ -166,17 +165,6 @@ def test_ends_are_met_by_every_coordinate() -> None:
     phase = np.linspace(0.0, 1.0, 2001)
     rate = basis.derivative(phase) @ (weights - space.fixed.T)
     assert (rate**2).mean(axis=0).sum() == pytest.approx((y**2).sum(), rel=1e-2)
-
-
-def test_virtual_machine_gives_what_compiled_code_gives() -> None:
-    functions, rng = ArmFunctions.of(robot(), INTERVALS), np.random.default_rng(2)
-    q, qdot = rng.normal(size=(2, 3, 5, 7))
-    for function in (functions.slopes, functions.twist):
-        slow = Mapped(function.function)
-        for ours, theirs in zip(function(q, qdot), slow(q, qdot), strict=True):
-            np.testing.assert_allclose(ours, theirs, rtol=1e-12, atol=1e-12)
-    with pytest.raises(ValueError, match="shape"):
-        functions.twist(q, qdot[..., :6])
 
 
 @settings(max_examples=20, deadline=None)

@@ -1,1 +1,1 @@
-"""CasADi functions as compiled C code, with one cache."""
+"""CasADi functions as compiled C code: one cache of libraries on disk, one of what was built in memory."""

@@ -3,7 +3,8 @@
 `space_envs.dynamics.symbolic` is not imported from here: it needs CasADi, which takes its time to load.
 """
 
-from space_envs.dynamics.compiled import NoCompiledCodeWarning, base_twist
+from space_envs.codegen.libraries import NoCompiledCodeWarning
+from space_envs.dynamics.compiled import base_twist
 from space_envs.dynamics.floating import FloatingRobot, Kinematics
 from space_envs.dynamics.trajectories import attitude_cost, minimum_jerk, roll_out_base, trajectory_cost
 

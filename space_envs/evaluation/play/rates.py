@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
-from space_envs.codegen.c_library import LibraryError, cache_folder, private_folder
+from space_envs.codegen.cache import LibraryError, cache_folder, private_folder
 from space_envs.errors import ConfigurationError
 from space_envs.evaluation.records.record import Entrant
 from space_envs.system.files import atomic_write_text

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.planners.common.free_model import HeldAttitude
 from agents.planners.common.plans import Cause, Failure, Limits
+from agents.planners.dual_arm.free_paths.model import HeldAttitude
 from agents.planners.dual_arm.problem import Capture
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.reactionless import com

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from agents.planners.common.free_model import Smooth, compiled
+from agents.planners.common.smooth import Smooth
 from agents.planners.dual_arm.clearance import Links, Surroundings
+from space_envs.codegen.functions import compiled
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.reactionless import com
 from space_envs.dynamics.rotations import Array, rotate

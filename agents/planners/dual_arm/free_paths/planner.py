@@ -12,11 +12,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.planners.common.free_model import HeldAttitude
 from agents.planners.common.plans import Cause, Failure, Limits
 from agents.planners.dual_arm.clearance import Gaps, Surroundings, gaps
 from agents.planners.dual_arm.free_paths.check import check
 from agents.planners.dual_arm.free_paths.goals import end_configurations, spread
+from agents.planners.dual_arm.free_paths.model import HeldAttitude
 from agents.planners.dual_arm.free_paths.nearness import parameters
 from agents.planners.dual_arm.free_paths.solver import (
     ANGLE_ROOM,

@@ -13,9 +13,10 @@ import casadi as ca
 import numpy as np
 from scipy.sparse import csc_matrix
 
-from agents.planners.common.free_model import HeldAttitude, Smooth
 from agents.planners.common.ipopt import Expressions
+from agents.planners.common.smooth import Smooth
 from agents.planners.common.splines import Mesh, Terms
+from agents.planners.dual_arm.free_paths.model import HeldAttitude
 from space_envs.dynamics.rotations import Array
 
 FIXED = 3  # leading coefficients that put the start at rest, without acceleration

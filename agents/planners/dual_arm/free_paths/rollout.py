@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from agents.planners.common.free_model import HeldAttitude
+from agents.planners.dual_arm.free_paths.model import HeldAttitude
 from agents.planners.dual_arm.free_paths.program import FIXED, FreePathProgram
 from space_envs.dynamics.rotations import Array
 

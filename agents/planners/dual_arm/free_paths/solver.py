@@ -1,21 +1,22 @@
 """Solutions of the free-path programs of one robot, and the exact motions that they become."""
 
-import threading
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from agents.planners.common.free_model import HeldAttitude, Smooth
 from agents.planners.common.plans import JointPath, Limits
+from agents.planners.common.smooth import Smooth
 from agents.planners.common.splines import Mesh
 from agents.planners.dual_arm.free_paths.check import check
 from agents.planners.dual_arm.free_paths.goals import EndGoals
+from agents.planners.dual_arm.free_paths.model import HeldAttitude
 from agents.planners.dual_arm.free_paths.nearness import EACH, Nearness
 from agents.planners.dual_arm.free_paths.program import FIXED, FreePathProgram, build
 from agents.planners.dual_arm.free_paths.rollout import ReactionlessRollout
 from agents.planners.dual_arm.problem import Capture, CapturePlan
+from space_envs.codegen.once import built_once
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
 
@@ -34,8 +35,6 @@ _IPOPT_CLEAR = _IPOPT | {
     "acceptable_constr_viol_tol": 1e-4,
     "acceptable_obj_change_tol": 1e-3,
 }
-_lock = threading.Lock()
-_programs: dict[str, "FreePathPrograms"] = {}
 
 
 class FreePathPrograms:
@@ -54,10 +53,7 @@ class FreePathPrograms:
         Warns:
             NoCompiledCodeWarning: if they have to run in CasADi's virtual machine, twenty times slower.
         """
-        with _lock:
-            if robot.fingerprint not in _programs:
-                _programs[robot.fingerprint] = cls(robot)
-            return _programs[robot.fingerprint]
+        return _programs(robot)
 
     def _build(self, cost: Smooth, ipopt: dict[str, Any], each: int) -> FreePathProgram:
         options = {"print_time": False, "ipopt": ipopt}
@@ -72,6 +68,11 @@ class FreePathPrograms:
     def clear(self) -> FreePathProgram:
         """The program with a cost on nearness."""
         return self._build(self.nearness.added_to(self.model.energy, self.robot.n_joints), _IPOPT_CLEAR, EACH)
+
+
+@built_once
+def _programs(robot: FloatingRobot) -> FreePathPrograms:
+    return FreePathPrograms(robot)
 
 
 @dataclass(frozen=True, eq=False)

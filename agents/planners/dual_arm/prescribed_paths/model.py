@@ -10,13 +10,11 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from agents.planners.common.free_model import compiled
+from space_envs.codegen.functions import compiled
+from space_envs.codegen.once import built_once
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
 from space_envs.dynamics.symbolic import SymbolicRobot
-
-_lock = threading.Lock()
-_models: dict[str, "PathModel"] = {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,10 +59,7 @@ class PathModel:
         Warns:
             NoCompiledCodeWarning: if it has to run in CasADi's virtual machine, several times slower.
         """
-        with _lock:
-            if robot.fingerprint not in _models:
-                _models[robot.fingerprint] = _build(robot)
-            return _models[robot.fingerprint]
+        return _build(robot)
 
     def __call__(self, q: Array) -> Matrices:
         """The matrices at joint angles q (n,) rad."""
@@ -85,6 +80,7 @@ class PathModel:
         return Matrices(tips[:, 0], task, angular, mass)
 
 
+@built_once
 def _build(robot: FloatingRobot) -> PathModel:
     symbolic, n = SymbolicRobot(robot), robot.n_joints
     q, qdot, rest = ca.SX.sym("q", n), ca.SX.sym("qdot", n), ca.SX(6, 1)

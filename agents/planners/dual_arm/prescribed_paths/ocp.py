@@ -72,7 +72,7 @@ def plan_ocp(
     # where a start from rest is one.
     found: list[tuple[float, str, CollocatedMotion]] = []
     reasons = []
-    free = PrescribedPathProgram.of(robot, model, BOUNDED_NODES if from_rest else NODES)
+    free = PrescribedPathProgram.of(robot, BOUNDED_NODES if from_rest else NODES)
     for name, guess in _starts(model, path, capture, first, free.times(capture.duration)):
         solution = free.solve(path, capture, Limits(), guess)
         if isinstance(solution, str):
@@ -147,7 +147,7 @@ def _led(
 ) -> CollocatedMotion | str:
     """Lead a solution without bounds into them."""
     bounded = limits.acceleration is not None, limits.control is not None
-    programme = PrescribedPathProgram.of(robot, model, BOUNDED_NODES, from_rest, *bounded)
+    programme = PrescribedPathProgram.of(robot, BOUNDED_NODES, from_rest, *bounded)
     curve = solution.curve()
     guess = np.array([curve(time)[0] for time in programme.times(capture.duration)])
     return programme.solve(path, capture, limits, guess, share)

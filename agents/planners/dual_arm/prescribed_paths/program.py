@@ -5,7 +5,6 @@ have to follow the end-effector paths and be reactionless; what is left is zeta,
 planar robot. zeta itself need not appear.
 """
 
-import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -16,12 +15,13 @@ from numpy.typing import NDArray
 from scipy.interpolate import BarycentricInterpolator
 from scipy.special import roots_legendre
 
-from agents.planners.common.free_model import compiled
 from agents.planners.common.ipopt import Expressions
 from agents.planners.common.plans import Limits
 from agents.planners.dual_arm.prescribed_paths.model import PathModel
 from agents.planners.dual_arm.prescribed_paths.polynomial import PolynomialPath
 from agents.planners.dual_arm.problem import Capture
+from space_envs.codegen.functions import compiled
+from space_envs.codegen.once import built_once
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
 
@@ -40,9 +40,6 @@ IPOPT = {
     "bound_relax_factor": 0.0,
     "mumps_permuting_scaling": 0,  # on these dense blocks it takes most of the time, and finds nothing
 }
-
-_lock = threading.Lock()
-_programmes: dict[tuple[str, int, bool, bool, bool], "PrescribedPathProgram"] = {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,18 +125,13 @@ class PrescribedPathProgram:
     def of(
         cls,
         robot: FloatingRobot,
-        model: PathModel,
         points: int,
         from_rest: bool = False,
         accelerated: bool = False,
         controlled: bool = False,
     ) -> "PrescribedPathProgram":
         """The programme of a robot, kept after its first use; the flags say which constraints it has."""
-        key = (robot.fingerprint, points, from_rest, accelerated, controlled)
-        with _lock:
-            if key not in _programmes:
-                _programmes[key] = _built(robot, model, *key[1:])
-            return _programmes[key]
+        return _built(robot, points, from_rest, accelerated, controlled)
 
     def times(self, duration: float) -> Array:
         """Times (N,) of the Gauss points in a motion of some duration, s."""
@@ -183,10 +175,11 @@ class PrescribedPathProgram:
         return CollocatedMotion(times, np.vstack([capture.start, angles]), rates, float(found["f"]))
 
 
+@built_once
 def _built(
-    robot: FloatingRobot, model: PathModel, points: int, from_rest: bool, accelerated: bool, controlled: bool
+    robot: FloatingRobot, points: int, from_rest: bool, accelerated: bool, controlled: bool
 ) -> PrescribedPathProgram:
-    grid, n = gauss_grid(points), robot.n_joints
+    model, grid, n = PathModel.of(robot), gauss_grid(points), robot.n_joints
     rows = model.dimensions * 2 + model.turns + int(controlled)
     # Rates are variables of their own, tied to the angles by linear equations: derivatives then only join
     # what belongs to one point, and are put together here from compiled functions of one point.

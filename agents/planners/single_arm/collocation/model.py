@@ -7,13 +7,14 @@ attitude; what has to be integrated is the attitude. It is written as a Gibbs ve
 in which compositions are rational; it ends at half a turn, far beyond what an arm does to its base.
 """
 
-import threading
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
-from agents.planners.common.free_model import Smooth, compiled, smooth_parts
+from agents.planners.common.smooth import Smooth, smooth_parts
+from space_envs.codegen.functions import compiled
+from space_envs.codegen.once import built_once
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.symbolic import SymbolicRobot
 from space_envs.errors import ConfigurationError
@@ -21,9 +22,6 @@ from space_envs.errors import ConfigurationError
 GAUSS = 3  # points on an interval, at which twists are evaluated
 ORDER = 4  # cubic B-splines that live on an interval
 SHORT = 1e-6  # m; a shorter link is a point that its neighbours cover
-
-_lock = threading.Lock()
-_models: dict[str, "SingleArm"] = {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,10 +57,7 @@ class SingleArm:
         Raises:
             ConfigurationError: if the robot is no single arm.
         """
-        with _lock:
-            if robot.fingerprint not in _models:
-                _models[robot.fingerprint] = _build(robot)
-            return _models[robot.fingerprint]
+        return _build(robot)
 
 
 class Torque:
@@ -92,6 +87,7 @@ def rotated(r: ca.SX, x: ca.SX, back: bool = False) -> ca.SX:
     return x + 2.0 / (1.0 + ca.dot(r, r)) * (turned + ca.cross(axis, turned))
 
 
+@built_once
 def _build(robot: FloatingRobot) -> SingleArm:
     if len(robot.tip_link) != 1:
         raise ConfigurationError("optimal control of the single arm needs a robot with one end-effector")
@@ -130,13 +126,10 @@ def _build(robot: FloatingRobot) -> SingleArm:
         }
     )
 
-    def smooth(name: str) -> Smooth:
-        return Smooth(*(ready[f"{name}_{part}"] for part in ("value", "slope", "bend")))
-
     return SingleArm(
-        interval=smooth("interval"),
-        ending=smooth("ending"),
-        spheres=smooth("spheres"),
+        interval=Smooth.named(ready, "interval"),
+        ending=Smooth.named(ready, "ending"),
+        spheres=Smooth.named(ready, "spheres"),
         links=len(squares),
         com=ready["com"],
     )

@@ -1,6 +1,5 @@
 """Solutions of the single arm's programs, and the motions that they are."""
 
-import threading
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,6 +10,7 @@ from agents.planners.common.splines import DEGREE, Mesh
 from agents.planners.single_arm.collocation.model import SingleArm, Torque
 from agents.planners.single_arm.collocation.program import GIVEN, SCALE, ReachProgram, build
 from agents.planners.single_arm.problem import Reach, ReachPlan
+from space_envs.codegen.once import built_once
 from space_envs.dynamics import FloatingRobot, roll_out_base
 from space_envs.dynamics.rotations import Array, to_matrix
 from space_envs.robots.parameters import SINGLE_ARM
@@ -26,8 +26,6 @@ LEFT = 1e-5  # largest violation of a program's constraint, in its units or of i
 
 # The barrier falls from a low value at a fixed pace: adapted, it loses motions that are nearly feasible.
 _IPOPT = {"print_level": 0, "sb": "yes", "tol": 1e-6, "max_iter": 150, "mu_init": 1e-2}
-_lock = threading.Lock()
-_programs: dict[str, "ReachPrograms"] = {}
 
 
 class ReachPrograms:
@@ -45,10 +43,7 @@ class ReachPrograms:
         Warns:
             NoCompiledCodeWarning: if they have to run in CasADi's virtual machine, twenty times slower.
         """
-        with _lock:
-            if robot.fingerprint not in _programs:
-                _programs[robot.fingerprint] = cls(robot)
-            return _programs[robot.fingerprint]
+        return _programs(robot)
 
     @cached_property
     def torque(self) -> Torque:
@@ -68,6 +63,11 @@ class ReachPrograms:
             n = self.robot.n_joints
             self._built[key] = build(self.model, torque, loads, n, self.mesh, moving, spheres, options)
         return self._built[key]
+
+
+@built_once
+def _programs(robot: FloatingRobot) -> ReachPrograms:
+    return ReachPrograms(robot)
 
 
 @dataclass(frozen=True, eq=False)

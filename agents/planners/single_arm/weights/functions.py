@@ -6,18 +6,15 @@ Omega = h / 2 (xi1 + xi2) + sqrt(3) / 12 h^2 [xi1, xi2], which is of fourth orde
 Norsett 1999).
 """
 
-import threading
 from dataclasses import dataclass
-from functools import lru_cache
 
 import casadi as ca
 import numpy as np
 
-from space_envs.codegen.mapped import Mapped, mapped
+from space_envs.codegen.functions import Batched, batched
+from space_envs.codegen.once import built_once
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.symbolic import SymbolicRobot
-
-_lock = threading.Lock()
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,12 +36,12 @@ class ArmFunctions:
         torque_slope: q, qdot, qddot, weight (n) -> derivative (3 n) of weight' torque.
     """
 
-    twist: Mapped
-    slopes: Mapped
-    chain: Mapped
-    ending: Mapped
-    torque: Mapped
-    torque_slope: Mapped
+    twist: Batched
+    slopes: Batched
+    chain: Batched
+    ending: Batched
+    torque: Batched
+    torque_slope: Batched
 
     @classmethod
     def of(cls, robot: FloatingRobot, intervals: int) -> "ArmFunctions":
@@ -53,24 +50,11 @@ class ArmFunctions:
         Warns:
             NoCompiledCodeWarning: if they have to run in CasADi's virtual machine, twenty times slower.
         """
-        with _lock:
-            return _built(_Key(robot), intervals)
+        return _build(robot, intervals)
 
 
-@dataclass(frozen=True)
-class _Key:
-    robot: FloatingRobot
-
-    def __hash__(self) -> int:
-        return hash(self.robot.fingerprint)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Key) and self.robot.fingerprint == other.robot.fingerprint
-
-
-@lru_cache(maxsize=8)
-def _built(key: _Key, intervals: int) -> ArmFunctions:
-    robot = key.robot
+@built_once
+def _build(robot: FloatingRobot, intervals: int) -> ArmFunctions:
     symbolic, n = SymbolicRobot(robot), robot.n_joints
     q, qdot, qddot, weight = (ca.SX.sym(name, n) for name in ("q", "qdot", "qddot", "weight"))
     twist = symbolic.base_twist(q, qdot)
@@ -85,7 +69,7 @@ def _built(key: _Key, intervals: int) -> ArmFunctions:
         "torque": ca.Function("torque", [q, qdot, qddot], [torque]),
         "torque_slope": ca.Function("torque_slope", [q, qdot, qddot, weight], ca.cse([ca.densify(pulled)])),
     }
-    return ArmFunctions(**mapped(functions))
+    return ArmFunctions(**batched(functions))
 
 
 def _chain(intervals: int) -> ca.Function:

@@ -6,36 +6,16 @@ about the centre of mass of a robot with that base. Far smaller than the same of
 expressions are sums over the arms and products of a few vectors, which their derivatives make use of.
 """
 
-import threading
 from dataclasses import dataclass
 
 import casadi as ca
 
-from space_envs.codegen.c_library import LibraryError, load_library
+from agents.planners.common.smooth import Smooth, smooth_parts
+from space_envs.codegen.functions import compiled
+from space_envs.codegen.once import built_once
 from space_envs.dynamics import FloatingRobot
-from space_envs.dynamics.compiled import warn_uncompiled
 from space_envs.dynamics.symbolic import SymbolicRobot
 from space_envs.errors import ConfigurationError
-
-# Second derivatives are long straight-line code: more optimisation takes minutes and wins nothing.
-_PRAGMA = '#ifdef __GNUC__\n#pragma GCC optimize("O1")\n#endif\n'
-
-_lock = threading.Lock()
-_models: dict[str, "HeldAttitude"] = {}
-
-
-@dataclass(frozen=True, eq=False)
-class Smooth:
-    """A function f(q, qdot, *parameters) of k outputs with its derivatives by y = [q; qdot].
-
-    Attributes:
-        value: -> f (k). slope: -> df/dy (k, 2 n). bend: (q, qdot, *parameters, weight (k)) -> second
-            derivative (2 n, 2 n) of weight' f.
-    """
-
-    value: ca.Function
-    slope: ca.Function
-    bend: ca.Function
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,26 +53,10 @@ class HeldAttitude:
         Warns:
             NoCompiledCodeWarning: if they have to run in CasADi's virtual machine, twenty times slower.
         """
-        with _lock:
-            if robot.fingerprint not in _models:
-                _models[robot.fingerprint] = _build(robot)
-            return _models[robot.fingerprint]
+        return _build(robot)
 
 
-def compiled(functions: dict[str, ca.Function]) -> dict[str, ca.Function]:
-    """The functions as compiled code, or as they are where nothing can be compiled (with a warning)."""
-    generator = ca.CodeGenerator("kernel")
-    for function in functions.values():
-        generator.add(function)
-    try:
-        path = load_library(_PRAGMA + generator.dump())._name
-    except LibraryError as error:
-        message = f"planning runs in CasADi's virtual machine, twenty times slower: {error}"
-        warn_uncompiled(message)
-        return functions
-    return {key: ca.external(function.name(), path) for key, function in functions.items()}
-
-
+@built_once
 def _build(robot: FloatingRobot) -> HeldAttitude:
     symbolic, n = SymbolicRobot(robot), robot.n_joints
     q, u, udot = (ca.SX.sym(name, n) for name in ("q", "u", "udot"))
@@ -144,16 +108,13 @@ def _build(robot: FloatingRobot) -> HeldAttitude:
     }
     ready = compiled(functions)
 
-    def smooth(name: str) -> Smooth:
-        return Smooth(*(ready[f"{name}_{part}"] for part in ("value", "slope", "bend")))
-
     return HeldAttitude(
         dimensions=d,
         turns=turning.numel(),
         tilts=0 if planar else 4,
-        energy=smooth("energy"),
-        turning=smooth("turning"),
-        ending=smooth("ending"),
+        energy=Smooth.named(ready, "energy"),
+        turning=Smooth.named(ready, "turning"),
+        ending=Smooth.named(ready, "ending"),
         projected=ready["projected"],
         still=ready["still"],
         places=ready["places"],
@@ -257,20 +218,6 @@ def _composed(
         f"{name}_value": ca.Function(f"{name}_value", inputs, [ca.densify(result)]),
         f"{name}_slope": ca.Function(f"{name}_slope", inputs, [ca.densify(outer_slope @ slope)]),
         f"{name}_bend": ca.Function(f"{name}_bend", [*inputs, weight], [ca.densify(total)]),
-    }
-
-
-def smooth_parts(name: str, f: ca.SX, of: list[ca.SX], parameters: list[ca.SX]) -> dict[str, ca.Function]:
-    """The three functions of a `Smooth`, by name."""
-    y, weight = ca.vertcat(*of), ca.SX.sym("weight", f.numel())
-    bend = ca.hessian(ca.dot(weight, f), y)[0]
-    outputs = {"value": f, "slope": ca.jacobian(f, y), "bend": bend}
-    extra = {"value": [], "slope": [], "bend": [weight]}
-    return {
-        f"{name}_{part}": ca.Function(
-            f"{name}_{part}", [*of, *parameters, *extra[part]], ca.cse([ca.densify(value)])
-        )
-        for part, value in outputs.items()
     }
 
 
