@@ -17,9 +17,9 @@ from agents.planners.single_arm.collocation.ocp import plan_ocp
 from agents.planners.single_arm.library import shipped_library
 from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.weights.functions import ArmFunctions
-from agents.planners.single_arm.weights.promp_optimal import Planner, one_step
-from agents.planners.single_arm.weights.sqp import MISS, minimise
-from agents.planners.single_arm.weights.weight_space import INTERVALS
+from agents.planners.single_arm.weights.promp_optimal import Planner, predicted_costs
+from agents.planners.single_arm.weights.shapes import INTERVALS
+from agents.planners.single_arm.weights.sqp import GOAL_TOLERANCE, minimise
 from benchmarks.arguments import check_goals, split, whole
 from benchmarks.machine import machine_class, markdown_table
 from space_envs.dynamics.rotations import Array
@@ -68,14 +68,14 @@ def best_known(setting: Setting, reach: Reach, number: int, collocation: bool) -
     planner = Planner(robot, setting.limits, library)
     space, bounds, rows = planner.setting(reach)
     near = library.nearest(reach, 3 * NEAR)
-    near = near[np.argsort(one_step(space, near, reach.keep_attitude), kind="stable")[:NEAR]]
+    near = near[np.argsort(predicted_costs(space, near, reach.keep_attitude), kind="stable")[:NEAR]]
     rng = np.random.default_rng(number)
     free = minimise(space, bounds, np.zeros_like(near[0]), False, rows).y
     drawn = free + 0.15 * rng.standard_normal((DRAWN, *free.shape))
     found = [
-        minimise(space, bounds, begin, reach.keep_attitude, rows, enough=FINE) for begin in [*near, *drawn]
+        minimise(space, bounds, begin, reach.keep_attitude, rows, tolerance=FINE) for begin in [*near, *drawn]
     ]
-    costs = [solution.cost for solution in found if solution.miss < MISS]
+    costs = [solution.cost for solution in found if solution.goal_error < GOAL_TOLERANCE]
     plan = plan_ocp(single_arm_model(), robot, reach, setting.limits) if collocation else None
     return min(costs, default=np.inf), plan.cost if isinstance(plan, ReachPlan) else np.inf
 
@@ -179,10 +179,10 @@ def table_of_starts(count: int) -> None:
         library, robot = shipped_library(keep_attitude), SingleArmTask().robot
         ways = {
             "nothing stored": Planner(robot, setting.limits),
-            "the nearest": Planner(robot, setting.limits, library, nearest=1, tried=1),
-            "the best of 8 near": Planner(robot, setting.limits, library, nearest=8, tried=1),
-            "the best 2 of 8 near": Planner(robot, setting.limits, library, nearest=8, tried=2),
-            "the best 4 of 16 near": Planner(robot, setting.limits, library, nearest=16, tried=4),
+            "the nearest": Planner(robot, setting.limits, library, candidates=1, improved=1),
+            "the best of 8 near": Planner(robot, setting.limits, library, candidates=8, improved=1),
+            "the best 2 of 8 near": Planner(robot, setting.limits, library, candidates=8, improved=2),
+            "the best 4 of 16 near": Planner(robot, setting.limits, library, candidates=16, improved=4),
         }
         results = {name: timed(planner.plan, asked) for name, planner in ways.items()}
         costs = {

@@ -12,7 +12,7 @@ from agents.planners.single_arm.problem import Reach
 from agents.planners.single_arm.stochastic_feedback import StochasticFeedback
 from agents.planners.single_arm.weights.demonstrated import DemonstratedPlanner
 from agents.planners.single_arm.weights.functions import ArmFunctions
-from agents.planners.single_arm.weights.weight_space import INTERVALS
+from agents.planners.single_arm.weights.shapes import INTERVALS
 from benchmarks.arguments import check_goals, seed, whole
 from benchmarks.machine import machine_class, markdown_table
 from promp import ProMP

@@ -27,7 +27,7 @@ from agents.planners.dual_arm.prescribed_paths.check import null_velocities
 from agents.planners.dual_arm.prescribed_paths.polynomial import PolynomialPath
 from agents.planners.single_arm.weights.functions import ArmFunctions
 from agents.planners.single_arm.weights.inequalities import Spheres
-from agents.planners.single_arm.weights.promp_optimal import one_step
+from agents.planners.single_arm.weights.promp_optimal import predicted_costs
 from agents.planners.single_arm.weights.task_space import PoseTarget
 from agents.planners.single_arm.weights.weight_space import WeightSpace
 from agents.policies.registry import POLICIES, make_policy, policies_for
@@ -204,9 +204,11 @@ CASES: dict[str, Callable[[int], Any]] = {
     "WeightSpace.values": lambda n: space().values(numbers(n, 7, space().free)),
     "WeightSpace.disturbance": lambda n: space().disturbance(numbers(n, 7, space().free)),
     "WeightSpace.poses": lambda n: space().poses(numbers(n, 7, space().free)),
-    "WeightSpace.drifts": lambda n: space().drifts(space().disturbance(numbers(n, 7, space().free)).pushes),
+    "WeightSpace.displacements": lambda n: space().displacements(
+        space().disturbance(numbers(n, 7, space().free)).influence
+    ),
     "WeightSpace.weights": lambda n: space().coordinates(space().weights(numbers(n, 7, space().free))),
-    "one_step": lambda n: one_step(space(), numbers(n, 7, space().free), True),
+    "predicted_costs": lambda n: predicted_costs(space(), numbers(n, 7, space().free), True),
     "Spheres.gaps": lambda n: Spheres(space(), arm(), np.ones((2, 4)), 0.05).gaps(
         numbers(n, 7, space().free)
     ),

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from scipy.linalg import solve_discrete_are
 
 import space_envs  # noqa: F401  (registers the ids)
+from agents.planners.common.damped_search import Rows
 from agents.planners.common.inverse_kinematics import (
     JointMotion,
-    Rows,
     floating_inverse_kinematics,
     inverse_kinematics,
 )

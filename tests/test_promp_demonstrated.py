@@ -12,7 +12,7 @@ from agents.planners.single_arm.check import check
 from agents.planners.single_arm.library import shipped_library
 from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.weights.avoiding import AvoidingPlanner
-from agents.planners.single_arm.weights.demonstrated import GROUP, MET, UNLIKE, DemonstratedPlanner
+from agents.planners.single_arm.weights.demonstrated import ADDED_DEVIATION, GROUP, DemonstratedPlanner
 from agents.planners.single_arm.weights.inequalities import Spheres
 from agents.policies.single_arm.promp import ProMPPolicy
 from agents.policies.single_arm.promp_avoiding import PrompAvoiding
@@ -115,7 +115,7 @@ def test_samples_of_the_conditioned_promp_meet_the_goal() -> None:
     space, bounds, _ = planner().planner.setting(reach)
     for found in planner().distributions(reach, space, bounds).found:
         assert np.abs(space.values(space.coordinates(found.promp.mean[None]))[1][0, :6]).max() < 1e-8
-        samples, met = found.project(found.promp.sample(np.random.default_rng(0), 30), MET)
+        samples, met = found.project(found.promp.sample(np.random.default_rng(0), 30), 1e-5)
         assert met.mean() > 0.9
         assert np.abs(space.values(space.coordinates(samples[met]))[1][:, :6]).max() <= 1e-5
 
@@ -134,7 +134,7 @@ def test_moving_to_another_start_is_conditioning_on_it() -> None:
     found = wide.condition_on([ViaPoint(0.0, start, rate, duration=10.0)])
     np.testing.assert_allclose(found.mean, priors[1].mean, atol=1e-6)
     np.testing.assert_allclose(found.covariance, priors[1].covariance, atol=1e-7)
-    assert UNLIKE > 0.0
+    assert ADDED_DEVIATION > 0.0
     assert priors[0].factor.deviations.size == 7 * spaces[0].free > GROUP
 
 

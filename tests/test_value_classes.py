@@ -23,7 +23,8 @@ from agents.planners.dual_arm.prescribed_paths import ocp as reactionless_ocp
 from agents.planners.dual_arm.problem import Capture
 from agents.planners.dual_arm.tracking import Tracking
 from agents.planners.single_arm.collocation.ocp import plan_ocp
-from agents.planners.single_arm.nmpc import Controller, Weights
+from agents.planners.single_arm.nmpc.controller import Controller
+from agents.planners.single_arm.nmpc.problem import Weights
 from agents.planners.single_arm.problem import Reach
 from agents.planners.single_arm.stochastic_feedback import StochasticFeedback
 from agents.planners.single_arm.weights.legendre import LegendreBasis

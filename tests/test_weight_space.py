@@ -14,12 +14,14 @@ from agents.planners.common.plans import Cause, Failure, Limits
 from agents.planners.single_arm.check import check
 from agents.planners.single_arm.library import Library, shipped_library
 from agents.planners.single_arm.problem import Reach, ReachPlan
+from agents.planners.single_arm.weights.bounds import Bounds
 from agents.planners.single_arm.weights.functions import ArmFunctions
 from agents.planners.single_arm.weights.inequalities import Spheres, Torques
 from agents.planners.single_arm.weights.promp_optimal import Planner
-from agents.planners.single_arm.weights.quadratic import Bounds, QuadraticProgram
+from agents.planners.single_arm.weights.quadratic import QuadraticProgram
+from agents.planners.single_arm.weights.shapes import INTERVALS
 from agents.planners.single_arm.weights.sqp import minimise
-from agents.planners.single_arm.weights.weight_space import INTERVALS, WeightSpace
+from agents.planners.single_arm.weights.weight_space import WeightSpace
 from promp import GaussianBasis
 from promp.errors import StorageError
 from space_envs.dynamics import FloatingRobot, roll_out_base, trajectory_cost
@@ -104,16 +106,16 @@ def test_what_a_motion_does_is_differentiated_exactly(seed: int) -> None:
     space, y = space_of(seed)
     at = space.disturbance(y[None])
     # At half a turn a rotation vector jumps to the other side, and close to it differences lose their digits.
-    assume(all(np.linalg.norm(at.miss[0, part]) < np.pi - 0.01 for part in (slice(3, 6), slice(6, 9))))
+    assume(all(np.linalg.norm(at.goal_error[0, part]) < np.pi - 0.01 for part in (slice(3, 6), slice(6, 9))))
     way = np.random.default_rng(seed + 1).standard_normal(y.shape)
     high, low = (space.disturbance((y + sign * 1e-6 * way)[None]) for sign in (1, -1))
-    for name in ("residual", "miss"):
+    for name, derivative in (("residual", "residual_slope"), ("goal_error", "goal_slope")):
         difference = (getattr(high, name) - getattr(low, name))[0] / 2e-6
-        slope = getattr(at, f"{name}_slope")[0] @ way.ravel()
+        slope = getattr(at, derivative)[0] @ way.ravel()
         np.testing.assert_allclose(slope, difference, atol=1e-6 * max(1.0, np.abs(slope).max()))
     cost, miss = space.values(y[None])
     assert cost == pytest.approx(at.cost, rel=1e-12)
-    np.testing.assert_allclose(miss, at.miss, atol=1e-12)
+    np.testing.assert_allclose(miss, at.goal_error, atol=1e-12)
 
 
 def test_torque_and_sphere_rows_agree_with_differences() -> None:
@@ -178,7 +180,7 @@ def test_steps_keep_bounds_and_equations_and_are_least(seed: int) -> None:
     equations, right = rng.normal(size=(1, 6)), np.array([0.05])
     y = np.zeros((2, 3))
     found = QuadraticProgram(bounds).solve(hessian, gradient, equations, right, y)
-    assert found is not None
+    assert not isinstance(found, Failure)
     step, _ = found
     np.testing.assert_allclose(equations @ step, right, atol=1e-6)
     assert bounds.excess(step.reshape(2, 3)).max() < 2e-4
@@ -196,16 +198,16 @@ def test_contradicting_bounds_have_no_step() -> None:
     bounds = Bounds(rows, np.zeros((3, 3, 2)), np.full((3, 2), -1.0), np.full((3, 2), 1.0))
     equations = np.zeros((1, 6))
     equations[0, 0] = 1.0
-    assert (
-        QuadraticProgram(bounds).solve(np.eye(6), np.zeros(6), equations, np.array([3.0]), np.zeros((2, 3)))
-        is None
-    )
+    right, y = np.array([3.0]), np.zeros((2, 3))
+    found = QuadraticProgram(bounds).solve(np.eye(6), np.zeros(6), equations, right, y)
+    assert isinstance(found, Failure)
+    assert found.cause is Cause.INFEASIBLE
 
 
 @cache
 def planner(keep_attitude: bool, limited: bool) -> Planner:
     limits = model_limits() if limited else Limits()
-    return Planner(robot(), limits, shipped_library(keep_attitude, limited), nearest=16, tried=4)
+    return Planner(robot(), limits, shipped_library(keep_attitude, limited), candidates=16, improved=4)
 
 
 @pytest.mark.parametrize("keep_attitude", [False, True])
@@ -292,7 +294,7 @@ def test_more_iterations_gain_little(keep_attitude: bool) -> None:
         phase = plan.time / plan.time[-1]
         weights = np.linalg.lstsq(GaussianBasis().value(phase), plan.position, rcond=None)[0].T
         finest = minimise(space, bounds, space.coordinates(weights), keep_attitude, rows, 1e-7, 300)
-        assert finest.miss < 1e-4
+        assert finest.goal_error < 1e-4
         assert plan.cost <= 1.01 * space.dense_cost(finest.y[None])[0]
 
 

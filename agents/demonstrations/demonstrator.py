@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.demonstrations.elastic_bands import Detour, Obstacles, end_effector_path, joint_detour, task_detour
-from agents.planners.common.inverse_kinematics import JointGoals, JointMotion, Rows, floating_inverse_kinematics
+from agents.planners.common.damped_search import JointGoals, Rows
+from agents.planners.common.inverse_kinematics import (JointMotion, floating_inverse_kinematics)
 from agents.planners.common.linear_quadratic import closed_loop, receding_gains
 from agents.policies.single_arm.mpc import CONTROL_WEIGHT, POSITION_WEIGHT
 from agents.policies.tracking import DURATION

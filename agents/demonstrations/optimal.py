@@ -15,8 +15,8 @@ from tqdm import tqdm
 
 from agents.planners.single_arm.library import NAMES, Library, library_name
 from agents.planners.single_arm.problem import Reach
-from agents.planners.single_arm.weights.promp_optimal import BROKEN, Planner, one_step
-from agents.planners.single_arm.weights.sqp import MISS, minimise
+from agents.planners.single_arm.weights.promp_optimal import VIOLATION_TOLERANCE, Planner, predicted_costs
+from agents.planners.single_arm.weights.sqp import GOAL_TOLERANCE, minimise
 from agents.planners.common.plans import Limits
 from space_envs.checks import count, flag
 from space_envs.system.command_line import AppendValues, Parser, exit_status
@@ -181,7 +181,7 @@ def _first(planner: Planner, reach: Reach, rng: np.random.Generator) -> tuple[Ar
     y, cost = rest, np.inf
     for begin in begins:
         found = minimise(space, bounds, begin, reach.keep_attitude, rows, iterations=ITERATIONS)
-        if found.miss < MISS and found.broken < BROKEN and found.cost < cost:
+        if found.goal_error < GOAL_TOLERANCE and found.violation < VIOLATION_TOLERANCE and found.cost < cost:
             y, cost = found.y, found.cost
     return y, cost, float(len(begins))
 
@@ -195,16 +195,16 @@ def _improved(
     beside = before.order(reach.position, reach.quaternion)
     beside = beside[(beside != number) & np.isfinite(before.cost[beside])][:BESIDE]
     starts = before.coordinates[beside]
-    promise = one_step(space, starts, reach.keep_attitude)
+    promise = predicted_costs(space, starts, reach.keep_attitude)
     order = np.argsort(promise, kind="stable")[:TRIED]
     chosen = starts[order[promise[order] < GAIN * cost]]
     for begin in chosen:
         found = minimise(space, bounds, begin, reach.keep_attitude, rows)
-        if found.miss < MISS and found.broken < BROKEN and found.cost < cost:
+        if found.goal_error < GOAL_TOLERANCE and found.violation < VIOLATION_TOLERANCE and found.cost < cost:
             y, cost = found.y, found.cost
     if last and np.isfinite(cost):
-        found = minimise(space, bounds, y, reach.keep_attitude, rows, enough=FINE)
-        if found.miss < MISS and found.broken < BROKEN and found.cost < cost:
+        found = minimise(space, bounds, y, reach.keep_attitude, rows, tolerance=FINE)
+        if found.goal_error < GOAL_TOLERANCE and found.violation < VIOLATION_TOLERANCE and found.cost < cost:
             y, cost = found.y, found.cost
     return y, cost, float(before.attempts[number] + len(chosen))
 

@@ -7,7 +7,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.planners.common.inverse_kinematics import JointGoals, JointMotion
+from agents.planners.common.damped_search import JointGoals
+from agents.planners.common.inverse_kinematics import JointMotion
 from agents.planners.common.plans import Failure, JointPath
 from agents.policies.clearance import KeepOut
 from agents.policies.gjm import resolved_rate
@@ -205,7 +206,7 @@ class TrajectoryPolicy:
                 own = keep_out.take(np.array([row]))
                 failures[row] = own.refusal(type(self).__name__, position[row], velocity[row], dt)
             position[rows], velocity[rows] = rest[rows, None], 0.0
-            goals = goals.given_up(rows, rest[rows])
+            goals = goals.rejected(rows, rest[rows])
         return Plan(position, velocity, read(observation, "time")[:, 0], goals, failures)
 
     def follow(self, observation: Array, plan: Plan, step: Steps) -> Array:

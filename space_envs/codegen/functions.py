@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from space_envs.codegen.cache import LibraryError
 from space_envs.codegen.libraries import load_library, warn_uncompiled
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 # Derivatives are long straight-line code: more optimisation takes minutes and gains little.
 _LITTLE_OPTIMISATION = '#ifdef __GNUC__\n#pragma GCC optimize("O1")\n#endif\n'
@@ -32,8 +32,8 @@ void map_{name}(const double** in, double** out, long long samples) {{
 class Batched:
     """A function of columns, applied to samples along leading axes.
 
-    A sample's result does not depend on the samples next to it. Matrices come out transposed, as C stores them:
-    declare a Jacobian (k, n) as its transpose to get (..., k, n).
+    A sample's result does not depend on the samples next to it. Matrices come out transposed, as C stores
+    them: declare a Jacobian (k, n) as its transpose to get (..., k, n).
 
     Args:
         function: of one sample. loop: the compiled loop over samples, None for CasADi's interpreter.

@@ -1,7 +1,7 @@
 """Base twist at zero momentum as compiled code, or by numpy where nothing can be compiled.
 
-CasADi generates the C code from `symbolic.py`. A robot's code is compiled at its first use (about 0.2 s), once
-per machine.
+CasADi generates the C code from `symbolic.py`. A robot's code is compiled at its first use, in about 0.2 s,
+once per machine.
 """
 
 from typing import TYPE_CHECKING

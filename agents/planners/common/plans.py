@@ -1,6 +1,6 @@
-"""What planners of joint motions share: limits, motions, and why there may be none."""
+"""Limits of joint motions, joint paths, and typed failures of planners."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Self
 
@@ -14,15 +14,16 @@ from space_envs.errors import ConfigurationError, positive
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """Bounds that a plan keeps; None leaves a quantity free.
+    """Bounds on a plan; None leaves a quantity unbounded.
 
-    Building one checks it: bounds are finite positive numbers, angles run from lowest to highest, where
-    infinity leaves a joint free. Raises ConfigurationError that names the bound.
+    Bounds are checked at construction: finite positive numbers, and angles from lowest to highest, where
+    infinity leaves a joint unbounded. Raises ConfigurationError that names the bound.
 
     Attributes:
         position: (n, 2) rad, lowest and highest.
         rate: rad/s. acceleration: rad/s^2. torque: N m. Each for every joint.
-        coriolis: N m, of what the rates alone ask of a joint; the drives slow the arm where it is more.
+        coriolis: N m, of the torque that the rates alone require of a joint; above it the drives slow the
+            arm.
         control: rad/s, of the length of zeta, the null-space part of the end-effectors' angular velocities.
     """
 
@@ -49,7 +50,7 @@ class Limits:
             object.__setattr__(self, "position", position)
 
     def checked(self, robot: FloatingRobot) -> Self:
-        """The same, if they are of as many joints as a robot has.
+        """Return the limits if they are for as many joints as a robot has.
 
         Raises:
             ConfigurationError: naming both numbers.
@@ -62,33 +63,39 @@ class Limits:
 
 
 class Cause(StrEnum):
-    """Why there is no plan."""
+    """Reason why there is no plan."""
 
-    SINGULAR = "singular"  # the velocities asked for are out of reach of finite joint rates
-    OUT_OF_REACH = "out_of_reach"  # no posture has the end-effectors at their goals
-    INFEASIBLE = "infeasible"  # the bounds leave no motion
-    JOINT_LIMIT = "joint_limit"  # the motion is fixed by the method, and leaves the bounds
-    CLEARANCE = "clearance"  # the motion touches what it must not
+    SINGULAR = "singular"  # the required velocities need infinite joint rates
+    OUT_OF_REACH = "out_of_reach"  # no configuration has the end-effectors at their goals
+    INFEASIBLE = "infeasible"  # no motion satisfies the bounds
+    JOINT_LIMIT = "joint_limit"  # the only motion of the method violates joint limits
+    CLEARANCE = "clearance"  # the motion comes too close to an obstacle
     SOLVER = "solver"  # the optimiser stopped without a solution
-    INACCURATE = "inaccurate"  # the motion found misses what was asked, as measured independently
+    INACCURATE = "inaccurate"  # an independent check found errors beyond the tolerances
 
 
 @dataclass(frozen=True)
 class Failure:
-    """No plan, and why: `reason` is a sentence that says what, when and how much."""
+    """A solve without a result; planners, programs and solvers return it in place of one.
+
+    Attributes:
+        method: name of the planner or solver. reason: a sentence with what failed, when and by how much.
+        residual: largest constraint violation that was left, in the solver's units; infinite if unknown.
+    """
 
     method: str
     cause: Cause
     reason: str
+    residual: float = field(default=float("inf"), compare=False, repr=False)
 
 
 @dataclass(frozen=True, eq=False)
 class JointPath:
-    """A joint motion from t = 0 to T, as nodes between which it runs as quintics.
+    """A joint motion from t = 0 to T: nodes with quintic interpolation in between.
 
     Attributes:
         method: name of the planner.
-        time: (K,) s, increasing, from 0 to T; not always even.
+        time: (K,) s, increasing from 0 to T, not always evenly.
         position, rate, acceleration: (K, n) rad, rad/s, rad/s^2.
     """
 
@@ -101,7 +108,7 @@ class JointPath:
     def sample(self, times: Array) -> tuple[Array, Array, Array]:
         """Position, rate and acceleration (..., n) at `times` (...,) s, by quintic Hermite interpolation.
 
-        Times beyond the ends count as the ends. Rate and acceleration are the exact derivatives of position.
+        Times are clipped to [0, T]. Rate and acceleration are the exact derivatives of position.
         """
         times = np.clip(np.asarray(times, dtype=np.float64), self.time[0], self.time[-1])
         left = np.clip(np.searchsorted(self.time, times, side="right") - 1, 0, len(self.time) - 2)

@@ -1,4 +1,4 @@
-"""Cubic splines on a mesh, and the sparse matrices of the programs that are made of them."""
+"""Cubic splines on a mesh, and sparse matrices of the programs in their coefficients."""
 
 from dataclasses import dataclass
 
@@ -10,16 +10,16 @@ from scipy.sparse import coo_matrix, csc_matrix
 
 from space_envs.dynamics.rotations import Array
 
-DEGREE = 3  # accelerations are then straight between knots: bounds at the knots hold in between
+DEGREE = 3  # accelerations are linear between knots: bounds at the knots hold in between
 _GAUSS = 2  # points of the quadrature on an interval
 
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Splines on intervals that grow from both ends to the middle.
+    """Splines on intervals whose lengths grow from both ends to the middle.
 
     Attributes:
-        breaks: (N + 1,) of s in [0, 1]. knots: of the splines, with the ends repeated.
+        breaks: (N + 1,) values of s in [0, 1]. knots: of the splines, with repeated ends.
         nodes, weights: of the Gauss quadrature. middles: of the intervals.
     """
 
@@ -52,17 +52,17 @@ class Mesh:
         return len(self.knots) - DEGREE - 1
 
     def basis(self, at: Array, derivative: int = 0) -> Array:
-        """Values (len(at), size) of the splines' derivative."""
+        """Values (len(at), size) of the basis splines or of a derivative."""
         spline = BSpline(self.knots, np.eye(self.size), DEGREE)
         return np.asarray(spline.derivative(derivative)(at) if derivative else spline(at))
 
     @property
     def greville(self) -> Array:
-        """(size,) abscissae at which a spline's coefficients stand: those of s itself."""
+        """(size,) Greville abscissae: coefficients of the spline that equals s."""
         return np.array([self.knots[i + 1 : i + DEGREE + 1].mean() for i in range(self.size)])
 
     def rate_rows(self) -> Array:
-        """(size - 1, size) coefficients of the derivative, whose bounds bound it everywhere."""
+        """(size - 1, size) matrix from coefficients to those of the derivative, which bound it everywhere."""
         span = self.knots[DEGREE + 1 : -1] - self.knots[1 : -DEGREE - 1]
         rows = np.arange(self.size - 1)
         matrix = np.zeros((self.size - 1, self.size))
@@ -71,20 +71,21 @@ class Mesh:
 
 
 class Terms:
-    """Entries of a sparse matrix that are linear in a vector of sources: (row, column, source, factor)."""
+    """Entries of a sparse matrix, linear in a vector of sources: (row, column, source, factor)."""
 
     def __init__(self) -> None:
         self._parts: list[tuple[Array, ...]] = []
 
     def add(self, row: ArrayLike, column: ArrayLike, source: ArrayLike, factor: ArrayLike) -> None:
+        """Add factor times source to entries; the arguments are broadcast."""
         parts = np.broadcast_arrays(np.asarray(row), column, source, factor)
         self._parts.append(tuple(part.ravel() for part in parts))
 
     def matrix(self, sources: ca.MX, shape: tuple[int, int]) -> ca.MX:
-        """The sparse matrix of the given shape as an expression."""
+        """Expression of the sparse matrix of the given shape."""
         row, column, source, factor = (np.concatenate(part) for part in zip(*self._parts, strict=True))
-        kept = np.abs(factor) > 0.0
-        row, column, source, factor = row[kept], column[kept], source[kept], factor[kept]
+        nonzero = np.abs(factor) > 0.0
+        row, column, source, factor = row[nonzero], column[nonzero], source[nonzero], factor[nonzero]
         key, place = np.unique(column * shape[0] + row, return_inverse=True)  # column by column
         count = np.bincount(key // shape[0], minlength=shape[1])
         sparsity = ca.Sparsity(

@@ -1,4 +1,4 @@
-"""What a reactionless planner is asked, what it answers, and why it may refuse."""
+"""Problems and plans of the reactionless planners of two arms."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -17,14 +17,14 @@ from space_envs.errors import ConfigurationError, positive
 class Capture:
     """Bring both end-effectors to their goals at a given time, from rest.
 
-    The frame is inertial: the base frame at t = 0, whose attitude the base keeps. A robot in the plane z = 0
-    has goals in that plane.
+    The frame is inertial: the base frame at t = 0, whose attitude the base keeps. Goals of a planar robot are
+    in the plane z = 0.
 
     Attributes:
         start: (n,) joint angles at t = 0, rad.
         duration: T, s.
         position: (2, 3) of the end-effectors at T, m. velocity: (2, 3) of the end-effectors at T, m/s.
-        axis: (2, 3) approach axes at T, unit vectors, or None if they are free.
+        axis: (2, 3) approach axes at T, unit vectors, or None for any.
     """
 
     start: Array
@@ -34,16 +34,16 @@ class Capture:
     axis: Array | None = None
 
     def checked(self, robot: FloatingRobot) -> Self:
-        """The same as float64 arrays, axes of unit length.
+        """Return a copy with float64 arrays and axes of unit length.
 
         Raises:
             ConfigurationError: if a shape is wrong, a number is not finite, the duration is not positive or
                 an axis is zero.
         """
-        tips = len(robot.tip_link)
+        arms = len(robot.tip_link)
         axis = None
         if self.axis is not None:
-            axis = finite_array("axis", self.axis, (tips, 3))
+            axis = finite_array("axis", self.axis, (arms, 3))
             length = np.sqrt((axis * axis).sum(axis=-1, keepdims=True))
             if not (length > 0.0).all():
                 raise ConfigurationError(f"axis must not be zero, got {self.axis!r}")
@@ -52,23 +52,23 @@ class Capture:
             self,
             start=finite_array("start", self.start, (robot.n_joints,)),
             duration=positive("duration", self.duration),
-            position=finite_array("position", self.position, (tips, 3)),
-            velocity=finite_array("velocity", self.velocity, (tips, 3)),
+            position=finite_array("position", self.position, (arms, 3)),
+            velocity=finite_array("velocity", self.velocity, (arms, 3)),
             axis=axis,
         )
 
 
 @dataclass(frozen=True, eq=False)
 class CapturePlan(JointPath):
-    """A joint motion from t = 0 to T that does not turn the base.
+    """A joint motion from t = 0 to T that does not rotate the base.
 
     Attributes:
         energy: C = integral of thetadot' M* thetadot dt over the motion, J s (eq. 15).
         zeta: (K, 2) rad/s, the null-space part of the dependent angular velocities (eq. 9 of shah2013), or
             None if the method has none.
-        violation: what the motion misses by name, measured densely between its nodes by code that no planner
-            uses; empty until it is measured.
-        notes: how it was found, where there is something to say.
+        violation: errors and violations by name, measured on a dense grid by independent code; empty before
+            that.
+        notes: how the motion was found.
     """
 
     energy: float

@@ -1,4 +1,4 @@
-"""What an optimal planner of the single arm is asked, and what it answers."""
+"""Problems and plans of the single arm's optimal planners."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -20,12 +20,12 @@ class Reach:
     The frame is inertial: the base frame at t = 0. Total momentum is zero.
 
     Attributes:
-        start: (n,) joint angles at t = 0, rad. rate: (n,) joint rates at t = 0, rad/s; None is at rest.
+        start: (n,) joint angles at t = 0, rad. rate: (n,) joint rates at t = 0, rad/s; None for rest.
         position: (3,) of the end-effector at T, m. quaternion: (4,) w x y z, end-effector to inertial at T.
         duration: T, s.
-        keep_attitude: whether the base shall have its first attitude again at T; else it is free.
+        keep_attitude: whether the base has its initial attitude at T; it is unconstrained otherwise.
         c: angular to linear conversion of eq. 20, m/rad.
-        spheres: (K, 4) centre m and radius m of what no link may enter, inertial frame; None for none.
+        spheres: (K, 4) centre m and radius m of keep-out spheres, inertial frame; None for none.
     """
 
     start: Array
@@ -38,7 +38,7 @@ class Reach:
     spheres: Array | None = None
 
     def checked(self, robot: FloatingRobot) -> Self:
-        """The same as float64 arrays, the quaternion of unit length.
+        """Return a copy with float64 arrays and a unit quaternion.
 
         Raises:
             ConfigurationError: if a shape is wrong, a number is not finite, the duration, c or a radius is
@@ -68,13 +68,13 @@ class Reach:
 
 @dataclass(frozen=True, eq=False)
 class ReachPlan(JointPath):
-    """A joint motion whose end has the end-effector at its goal.
+    """A joint motion that ends with the end-effector at its goal.
 
     Attributes:
         cost: integral of c^2 w.w + v.v over the motion, m^2/s (eq. 20 of shyam2020 times dt).
-        violation: what the motion misses by name, measured densely by code that no planner uses; empty until
-            it is measured (agents/planners/single_arm/check.py).
-        notes: how it was found, where there is something to say.
+        violation: errors and violations by name, measured on a dense grid by independent code (`check.py`);
+            empty before that.
+        notes: how the motion was found.
     """
 
     cost: float

@@ -2,12 +2,8 @@
 
 from dataclasses import dataclass
 
-from agents.planners.common.inverse_kinematics import (
-    JointGoals,
-    JointMotion,
-    Rows,
-    floating_inverse_kinematics,
-)
+from agents.planners.common.damped_search import JointGoals, Rows
+from agents.planners.common.inverse_kinematics import JointMotion, floating_inverse_kinematics
 from agents.policies.tracking import TrajectoryPolicy, motion_times
 from space_envs.dynamics.rotations import Array
 from space_envs.policy import PolicyContext

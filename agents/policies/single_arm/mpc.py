@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from agents.planners.common.inverse_kinematics import JointGoals, JointMotion
+from agents.planners.common.damped_search import JointGoals
+from agents.planners.common.inverse_kinematics import JointMotion
 from agents.planners.common.linear_quadratic import closed_loop, receding_gains
 from agents.policies.single_arm.minimum_jerk import Profile, profile_goals
 from agents.policies.tracking import Plan, Steps, TrajectoryPolicy, motion_times

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from agents.planners.common.plans import Failure
 from agents.planners.single_arm.library import shipped_library
-from agents.planners.single_arm.nmpc import ArmState, Controller, Horizon, Target, Weights, coasting
+from agents.planners.single_arm.nmpc.controller import Controller
+from agents.planners.single_arm.nmpc.problem import ArmState, Horizon, Target, Weights, coasting
 from agents.policies.clearance import KeepOut
 from agents.policies.single_arm.optimal import drive_limits
 from agents.policies.tracking import rows_to_plan
@@ -114,5 +115,5 @@ class NMPC:
         if keep_out is None:
             return None
         dt = self.context.control_period
-        times = arm.time - horizon.begin + dt * np.arange(round(LOOK_AHEAD / dt) + 1)
+        times = arm.time - horizon.start + dt * np.arange(round(LOOK_AHEAD / dt) + 1)
         return keep_out.refusal("nmpc", *horizon.motion(times), dt)

@@ -5,13 +5,8 @@ from importlib.resources import as_file, files
 
 import numpy as np
 
-from agents.planners.common.inverse_kinematics import (
-    JointGoals,
-    JointMotion,
-    MotionModel,
-    Rows,
-    floating_inverse_kinematics,
-)
+from agents.planners.common.damped_search import JointGoals, Rows
+from agents.planners.common.inverse_kinematics import JointMotion, MotionModel, floating_inverse_kinematics
 from agents.policies.clearance import KeepOut
 from agents.policies.tracking import TrajectoryPolicy, motion_times
 from promp import ProMP, ViaPoint

@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.planners.common.inverse_kinematics import JointGoals, JointMotion
+from agents.planners.common.damped_search import JointGoals
+from agents.planners.common.inverse_kinematics import JointMotion
 from agents.planners.single_arm.stochastic_feedback import StochasticFeedback
 from agents.policies.single_arm.promp import ConditionalMean
 from agents.policies.tracking import Plan, Steps

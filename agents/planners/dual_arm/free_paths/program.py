@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 from scipy.sparse import csc_matrix
 
-from agents.planners.common.ipopt import Expressions
+from agents.planners.common.ipopt import NonlinearProgram
 from agents.planners.common.smooth import Smooth
 from agents.planners.common.splines import Mesh, Terms
 from agents.planners.dual_arm.free_paths.model import HeldAttitude
@@ -86,7 +86,7 @@ def build(
     bends = ca.vec(cost.bend.map(count)(*nodes, *extra, bend_weight[0] * weights.T))
     bend = _bend(model, mesh, n, bends, (middles, last), across, bend_weight[1])
     slopes = ca.Function("nlp_jac_g", [x, p], [g, slope], ["x", "p"], ["g", "jac_g_x"])
-    solver = Expressions(x, p, f, g, gradient, slope, bend_weight, bend).solver(options)
+    solver = NonlinearProgram(x, p, f, g, gradient, slope, bend_weight, bend).solver(options)
     return FreePathProgram(mesh, solver, slopes, n, shown, turning.numel(), ending.numel())
 
 

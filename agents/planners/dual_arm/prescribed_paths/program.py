@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import BarycentricInterpolator
 from scipy.special import roots_legendre
 
-from agents.planners.common.ipopt import Expressions
+from agents.planners.common.ipopt import NonlinearProgram
 from agents.planners.common.plans import Limits
 from agents.planners.dual_arm.prescribed_paths.model import PathModel
 from agents.planners.dual_arm.prescribed_paths.polynomial import PolynomialPath
@@ -215,7 +215,7 @@ def _built(
     share = ca.reshape(multipliers[: rows * points], rows, points)
     bends = local["bend"].map(points)(x, rates, velocity, share, factor * half * weights)
     hessian = _second_derivatives(bends, n, points)
-    solver = Expressions(
+    solver = NonlinearProgram(
         variables, parameters, cost, constraints, gradient, jacobian, (factor, multipliers), hessian
     ).solver({"ipopt": IPOPT, "print_time": False, "error_on_fail": False})
     return PrescribedPathProgram(solver, points, n, rows, (rows + n) * points + (n if from_rest else 0))

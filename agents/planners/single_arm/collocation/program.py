@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.sparse import csc_matrix
 
-from agents.planners.common.ipopt import Expressions
+from agents.planners.common.ipopt import NonlinearProgram
 from agents.planners.common.splines import DEGREE, Mesh, Terms
 from agents.planners.single_arm.collocation.model import GAUSS, ORDER, SingleArm, Torque
 from space_envs.dynamics.rotations import Array
@@ -229,7 +229,7 @@ def build(
     bend = _bend(layout, bends, SCALE * square, lam_f)
 
     values = ca.Function("values", [x, p], [f, g], ["x", "p"], ["f", "g"])
-    solver = Expressions(x, p, f, g, gradient, slopes, (lam_f, lam_g), bend).solver(options)
+    solver = NonlinearProgram(x, p, f, g, gradient, slopes, (lam_f, lam_g), bend).solver(options)
     both = ca.Function("slopes", [x, p], [gradient, slopes])
     return ReachProgram(
         mesh, solver, values, both, n, (len(rates), len(accelerations)), n * len(times), clearances

@@ -1,4 +1,4 @@
-"""What the weight-space planner needs of one robot, as compiled functions with their derivatives.
+"""Compiled functions of one robot with their derivatives, for motions in weight space.
 
 Twists are [v; w] of the base in its own axes at zero momentum. Time runs over K intervals of equal length h
 with two Gauss points each; over an interval the base moves by the exponential of
@@ -19,17 +19,17 @@ from space_envs.dynamics.symbolic import SymbolicRobot
 
 @dataclass(frozen=True, eq=False)
 class ArmFunctions:
-    """The functions of one robot and one number K of intervals; every input has leading batch axes.
+    """Functions of one robot and one number K of intervals; every input has leading batch axes.
 
     Attributes:
         twist: q (n), qdot (n) -> xi (6).
         slopes: q (n), qdot (n) -> xi (6), d xi / d[q; qdot] (6, 2 n).
         chain: xi (12 K) twists at the Gauss points, h (1) s -> pose (K + 1, 12) of the base at the ends of
-            the intervals, [position; rotation by columns], inertial; pull (2 K, 36): matrices (6, 6), by
-            rows, from a change of a twist to the displacement [v; w], in inertial axes at the inertial
-            origin, that it causes at all later times.
+            the intervals, [position; rotation by columns], inertial; propagation (2 K, 36): matrices
+            (6, 6), by rows, from a change of a twist to the displacement [v; w] at all later times, in
+            inertial axes at the inertial origin.
         ending: q (n), pose (12), goal (21) [position; rotation of the end-effector, of the base, by columns]
-            -> miss (9): position m and rotation vector rad of the end-effector from the goal, rotation
+            -> goal error (9): position m and rotation vector rad of the end-effector from its goal, rotation
             vector of the base from its goal; slope (9, 6 + n) with respect to the displacement of the base
             and q.
         torque: q, qdot, qddot (n each) -> torque (n) N m.
@@ -45,10 +45,10 @@ class ArmFunctions:
 
     @classmethod
     def of(cls, robot: FloatingRobot, intervals: int) -> "ArmFunctions":
-        """Those of a robot, made at first use and kept.
+        """Return the functions of a robot, built at the first use and kept.
 
         Warns:
-            NoCompiledCodeWarning: if they have to run in CasADi's virtual machine, twenty times slower.
+            NoCompiledCodeWarning: if they are interpreted, up to twenty times slower.
         """
         return _build(robot, intervals)
 
@@ -60,69 +60,74 @@ def _build(robot: FloatingRobot, intervals: int) -> ArmFunctions:
     twist = symbolic.base_twist(q, qdot)
     slope = ca.densify(ca.jacobian(twist, ca.vertcat(q, qdot)))
     torque = symbolic.inverse_dynamics(q, qdot, qddot)
-    pulled = ca.gradient(ca.dot(weight, torque), ca.vertcat(q, qdot, qddot))
+    torque_gradient = ca.gradient(ca.dot(weight, torque), ca.vertcat(q, qdot, qddot))
     functions = {
         "twist": ca.Function("twist", [q, qdot], [twist]),
         "slopes": ca.Function("slopes", [q, qdot], ca.cse([twist, slope.T])),
         "chain": _chain(intervals),
         "ending": _ending(symbolic),
         "torque": ca.Function("torque", [q, qdot, qddot], [torque]),
-        "torque_slope": ca.Function("torque_slope", [q, qdot, qddot, weight], ca.cse([ca.densify(pulled)])),
+        "torque_slope": ca.Function(
+            "torque_slope", [q, qdot, qddot, weight], ca.cse([ca.densify(torque_gradient)])
+        ),
     }
     return ArmFunctions(**batched(functions))
 
 
 def _chain(intervals: int) -> ca.Function:
-    """The base's way from its twists at the Gauss points."""
+    """Base poses from the twists at the Gauss points, and the propagation of changes."""
     xi, h = ca.SX.sym("xi", 12 * intervals), ca.SX.sym("h")
     factor = np.sqrt(3.0) / 12.0 * h * h
     position, rotation = ca.SX(3, 1), ca.SX.eye(3)
-    poses, pulls = [ca.vertcat(position, ca.vec(rotation))], []
+    poses, propagations = [ca.vertcat(position, ca.vec(rotation))], []
     for k in range(intervals):
         first, second = xi[12 * k : 12 * k + 6], xi[12 * k + 6 : 12 * k + 12]
         omega = 0.5 * h * (first + second) + factor * (_bracket(first) @ second)
-        around = _bracket(omega)
-        exponential, turned = _exponential(omega)
-        # Derivative of the exponential, left trivialised; Omega is small: the next term is below 1e-8.
-        derivative = ca.SX.eye(6) + around / 2.0 + around @ around / 6.0 + around @ around @ around / 24.0
+        bracket = _bracket(omega)
+        displacement, rotated = _exponential(omega)
+        # Left-trivialised derivative of the exponential; Omega is small: the next term is below 1e-8.
+        derivative = (
+            ca.SX.eye(6) + bracket / 2.0 + bracket @ bracket / 6.0 + bracket @ bracket @ bracket / 24.0
+        )
         carried = ca.blockcat([[rotation, ca.skew(position) @ rotation], [ca.SX(3, 3), rotation]])
         moved = carried @ derivative
         for side in (
             0.5 * h * ca.SX.eye(6) - factor * _bracket(second),
             0.5 * h * ca.SX.eye(6) + factor * _bracket(first),
         ):
-            pulls.append(ca.vec((moved @ side).T))
-        position, rotation = position + rotation @ exponential, rotation @ turned
+            propagations.append(ca.vec((moved @ side).T))
+        position, rotation = position + rotation @ displacement, rotation @ rotated
         poses.append(ca.vertcat(position, ca.vec(rotation)))
-    outputs = [ca.SX(ca.densify(ca.horzcat(*columns))) for columns in (poses, pulls)]
+    outputs = [ca.SX(ca.densify(ca.horzcat(*columns))) for columns in (poses, propagations)]
     return ca.Function("chain", [xi, h], ca.cse(outputs))
 
 
 def _ending(symbolic: SymbolicRobot) -> ca.Function:
-    """What the end misses, and how that changes."""
+    """Goal error at the end and its derivative."""
     n = symbolic.robot.n_joints
     q, pose, goal = ca.SX.sym("q", n), ca.SX.sym("pose", 12), ca.SX.sym("goal", 21)
     change = ca.SX.sym("change", 6)  # of the base: displacement in inertial axes at the inertial origin
     base_position, base = pose[:3], ca.reshape(pose[3:], 3, 3)
     local, rotation = symbolic.end_effector_pose(0)(q)
-    tip = base_position + base @ local
-    tip = tip + change[:3] + ca.cross(change[3:], tip)
-    turn = base @ rotation @ ca.reshape(goal[3:12], 3, 3).T
-    miss = _logarithm(turn)
-    held = _logarithm(base @ ca.reshape(goal[12:], 3, 3).T)
-    position = tip - goal[:3]
+    end_effector = base_position + base @ local
+    end_effector = end_effector + change[:3] + ca.cross(change[3:], end_effector)
+    deviation = base @ rotation @ ca.reshape(goal[3:12], 3, 3).T
+    rotation_error = _logarithm(deviation)
+    attitude_error = _logarithm(base @ ca.reshape(goal[12:], 3, 3).T)
+    position = end_effector - goal[:3]
     # Angular rates in inertial axes: of the base, and of the end-effector by its joints.
     spins = [
         ca.inv_skew(ca.reshape(ca.jacobian(ca.vec(rotation), q[j]), 3, 3) @ rotation.T) for j in range(n)
     ]
     slope = ca.vertcat(
         ca.jacobian(position, ca.vertcat(change, q)),
-        _inverse_derivative(miss) @ ca.horzcat(ca.SX(3, 3), ca.SX.eye(3), base @ ca.horzcat(*spins)),
-        _inverse_derivative(held) @ ca.horzcat(ca.SX(3, 3), ca.SX.eye(3), ca.SX(3, n)),
+        _inverse_derivative(rotation_error)
+        @ ca.horzcat(ca.SX(3, 3), ca.SX.eye(3), base @ ca.horzcat(*spins)),
+        _inverse_derivative(attitude_error) @ ca.horzcat(ca.SX(3, 3), ca.SX.eye(3), ca.SX(3, n)),
     )
-    outputs = [ca.vertcat(position, miss, held), ca.densify(slope).T]
-    still = [ca.substitute(output, change, ca.DM.zeros(6)) for output in outputs]
-    return ca.Function("ending", [q, pose, goal], ca.cse(still))
+    outputs = [ca.vertcat(position, rotation_error, attitude_error), ca.densify(slope).T]
+    outputs = [ca.substitute(output, change, ca.DM.zeros(6)) for output in outputs]
+    return ca.Function("ending", [q, pose, goal], ca.cse(outputs))
 
 
 def _bracket(twist: ca.SX) -> ca.SX:

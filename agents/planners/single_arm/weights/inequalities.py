@@ -1,45 +1,49 @@
-"""Torques and keep-out spheres as rows of the quadratic program, where a motion comes near them."""
+"""Torque limits and keep-out spheres as rows of the quadratic program, where a motion is close to them."""
 
 import numpy as np
 
-from agents.planners.single_arm.weights.weight_space import INTERVALS, Disturbance, WeightSpace
+from agents.planners.single_arm.weights.shapes import INTERVALS
+from agents.planners.single_arm.weights.weight_space import Disturbance, WeightSpace
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
 from space_envs.dynamics.spheres import sphere_gaps
 
-NEAR_TORQUE = 0.9  # share of the limit from which a torque is watched
-ROOM_TORQUE = 0.99  # share of the limit that a plan uses
-NEAR_SPHERE = 0.15  # m, gap from which a sphere is watched
-EVERY = 2  # torques are looked at on each second point of the even grid
-ROOM_SPHERE = 0.02  # m, gap that a plan keeps at its sampling times
+TORQUE_CANDIDATES = 0.9  # fraction of the limit above which a torque gets a row
+TORQUE_FRACTION = 0.99  # of the limit that plans use
+SPHERE_CANDIDATES = 0.15  # m, clearance below which a sphere gets a row
+TORQUE_STRIDE = 2  # points of the even grid for one point at which torques are evaluated
+SPHERE_MARGIN = 0.02  # m, clearance of plans at their sampling times
 
 
 class Torques:
     """|torque| <= limit on an even grid.
 
     Args:
-        limit: N m. accelerating: whether torques for accelerations count, or those of Coriolis forces alone.
+        limit: N m. accelerating: whether torques of accelerations are included, or of Coriolis forces only.
     """
 
     def __init__(self, space: WeightSpace, limit: float, accelerating: bool = True) -> None:
         self._space, self._limit = space, limit
         kinds = np.array([1.0, 1.0, float(accelerating)])[:, None, None]
-        self._rows, self._fixed = kinds * space.even[:, ::EVERY], kinds * space.even_fixed[:, ::EVERY]
+        self._rows, self._fixed = (
+            kinds * space.even[:, ::TORQUE_STRIDE],
+            kinds * space.even_fixed[:, ::TORQUE_STRIDE],
+        )
 
     def _shares(self, y: Array) -> tuple[Array, Array]:
         motion = self._fixed + self._rows @ y.T  # (3, T, n)
         return motion, self._space.functions.torque(*motion)[0] / self._limit
 
     def violation(self, y: Array) -> float:
-        """Sum over the grid of what torques exceed the limit by, as shares of it."""
+        """Sum over the grid of torques beyond the limit, as fractions of it."""
         share = np.abs(self._shares(y)[1])
-        return float(np.maximum(share - ROOM_TORQUE, 0.0).sum())
+        return float(np.maximum(share - TORQUE_FRACTION, 0.0).sum())
 
     def linear(self, y: Array, at: Disturbance, part: float) -> tuple[Array, Array, Array]:
-        """Rows for peaks near the limit."""
+        """Rows for peaks close to the limit."""
         motion, share = self._shares(y)
         size = np.abs(share)
-        peak = size > NEAR_TORQUE  # and no smaller than before and after
+        peak = size > TORQUE_CANDIDATES  # and no smaller than before and after
         peak[1:] &= size[1:] >= size[:-1]
         peak[:-1] &= size[:-1] >= size[1:]
         time, joint = np.nonzero(peak)
@@ -48,17 +52,17 @@ class Torques:
         by = slope.reshape(len(time), 3, y.shape[0])
         rows = np.einsum("kcj,ckm->kjm", by, self._rows[:, time]).reshape(len(time), y.size)
         value = share[time, joint]
-        low, high = -ROOM_TORQUE - value, ROOM_TORQUE - value
+        low, high = -TORQUE_FRACTION - value, TORQUE_FRACTION - value
         return rows, np.where(low > 0.0, part * low, low), np.where(high < 0.0, part * high, high)
 
 
 class Spheres:
-    """Links keep out of balls on an even grid.
+    """Links keep out of spheres on an even grid.
 
-    Between the ends of the roll-out's intervals the base's slow motion counts as straight.
+    Between the ends of the roll-out's intervals the slow motion of the base is interpolated linearly.
 
     Args:
-        spheres: (K, 4) centre and radius, m, in the base's first frame.
+        spheres: (K, 4) centre and radius, m, in the initial base frame.
     """
 
     def __init__(self, space: WeightSpace, robot: FloatingRobot, spheres: Array, link_radius: float) -> None:
@@ -69,50 +73,50 @@ class Spheres:
         self._share = place - self._left
 
     def gaps(self, y: Array) -> Array:
-        """Gaps (S, T, n, K) of coordinates (S, n, m) on the grid, m."""
+        """Clearances (S, T, n, K), m, of coordinates (S, n, m) on the grid."""
         ends, _ = self._ends(y, self._space.poses(y))
         return sphere_gaps(ends, self._spheres, self._radius)
 
     def violation(self, y: Array) -> float:
-        """Sum over the grid of what is missing to the gap, m."""
+        """Sum over the grid of clearance below the margin, m."""
         ends, _ = self._ends(y, self._space.poses(y[None])[0])
         gap = sphere_gaps(ends, self._spheres, self._radius)
-        return float(np.maximum(ROOM_SPHERE - gap, 0.0).sum())
+        return float(np.maximum(SPHERE_MARGIN - gap, 0.0).sum())
 
     def _ends(self, y: Array, pose: Array) -> tuple[Array, Array]:
         """Ends of the links (..., T, n + 1, 3) m and axes of the joints (..., T, n, 3)."""
         before, after = pose[..., self._left, :], pose[..., self._left + 1, :]
         mixed = before + self._share[:, None] * (after - before)
-        # Rotations are stored by columns: read by rows they are transposed, as points in rows want them.
-        place, turned = mixed[..., :3], mixed[..., 3:].reshape(*mixed.shape[:-1], 3, 3)
+        # Rotations are stored by columns; read by rows they are transposed, as row vectors need them.
+        place, rotation = mixed[..., :3], mixed[..., 3:].reshape(*mixed.shape[:-1], 3, 3)
         q = self._space.even_fixed[0] + self._space.even[0] @ y.swapaxes(-1, -2)
         k = self._robot.kinematics(q)
         points = np.concatenate([k.position, self._robot.end_effector_pose(q)[0][..., None, :]], axis=-2)
-        return place[..., None, :] + points @ turned, k.axis @ turned
+        return place[..., None, :] + points @ rotation, k.axis @ rotation
 
     def linear(self, y: Array, at: Disturbance, part: float) -> tuple[Array, Array, Array]:
-        """Rows for links near a ball: the velocity of the nearest point along the way out."""
+        """Rows for links close to a sphere: velocity of the nearest point away from the centre."""
         ends, axes = self._ends(y, at.pose[0])
         gap = sphere_gaps(ends, self._spheres, self._radius)
-        time, link, ball = np.nonzero(gap < NEAR_SPHERE)
+        time, link, sphere = np.nonzero(gap < SPHERE_CANDIDATES)
         start = ends[time, link]
         along = ends[time, link + 1] - start
-        centre = self._spheres[ball, :3]
+        centre = self._spheres[sphere, :3]
         square = np.maximum((along * along).sum(axis=1), 1e-12)
         share = np.clip(((centre - start) * along).sum(axis=1) / square, 0.0, 1.0)
         point = start + share[:, None] * along
         out = point - centre
         out /= np.maximum(np.sqrt((out * out).sum(axis=1, keepdims=True)), 1e-9)
-        # By the joints that carry the link: axis x (point - joint).
+        # Derivative by the joints that carry the link: axis x (point - joint).
         carried = np.arange(axes.shape[1]) <= link[:, None]
         arms = point[:, None] - ends[time, :-1]
         lever = (np.cross(axes[time], arms) * out[:, None]).sum(axis=-1) * carried
         rows = (lever[..., None] * self._space.even[0][time][:, None]).reshape(len(time), y.size)
-        # By the base: its displacement so far.
-        drift = self._space.drifts(at.pushes)[0]
+        # Derivative by the displacement of the base so far.
+        displacement = self._space.displacements(at.influence)[0]
         weight = np.concatenate([out, np.cross(point, out)], axis=1)
         left, ahead = self._left[time], self._share[time][:, None, None]
-        moved = (1.0 - ahead) * drift[left] + ahead * drift[left + 1]
+        moved = (1.0 - ahead) * displacement[left] + ahead * displacement[left + 1]
         rows += (weight[:, None] @ moved)[:, 0]
-        missing = ROOM_SPHERE - gap[time, link, ball]
+        missing = SPHERE_MARGIN - gap[time, link, sphere]
         return rows, np.where(missing > 0.0, part * missing, missing), np.full(len(time), np.inf)

@@ -15,8 +15,8 @@ from space_envs.errors import positive_integer
 class LegendreBasis:
     """Legendre polynomials of the phase, shifted to [0, 1].
 
-    The rest of a polynomial motion is a polynomial motion again: what was planned stays what it is when the
-    horizon shrinks. Gaussian functions lose up to a fifth of a rate in half a second.
+    The remainder of a polynomial motion is a polynomial motion again: a plan is reproduced exactly when the
+    horizon shrinks. With Gaussian basis functions up to a fifth of a rate is lost in half a second.
 
     Args:
         size: nb, number of polynomials.

@@ -1,51 +1,70 @@
-"""Damped Gauss-Newton in the weights of a ProMP: the least eq. 20 for a goal, within limits."""
+"""Damped Gauss-Newton in the weights of a ProMP: the least cost by eq. 20 for a goal, within limits."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from enum import StrEnum
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from agents.planners.single_arm.weights.quadratic import Bounds, QuadraticProgram
+from agents.planners.common.plans import Failure
+from agents.planners.single_arm.weights.bounds import Bounds
+from agents.planners.single_arm.weights.quadratic import QuadraticProgram
 from agents.planners.single_arm.weights.weight_space import Disturbance, WeightSpace
 from space_envs.dynamics.rotations import Array
 
 ITERATIONS = 60
-# Relative gain of an iteration below which it is the last. On 60 validation goals with the attitude kept,
-# 1e-3 leaves 0.6 % of the cost in one goal of ten and 9 % at most, 1e-4 leaves 0.03 % and 0.8 % for a fifth
-# more iterations.
-ENOUGH = 1e-4
-MISS = 1e-5  # m and rad, left at the end
-FAR = 0.3  # m or rad, of which an iteration takes away at most so much of the miss
-DAMPING = 1e-3  # at first, m^2/rad^2 per unit of the integral of qdot' qdot
-LEAST_DAMPING, MOST_DAMPING = 1e-6, 1e2
+# Relative gain of an iteration below which it is the last. On 60 validation goals with the attitude
+# constrained, 1e-3 leaves 0.6 % of the cost in one goal of ten and 9 % at most, 1e-4 leaves 0.03 % and 0.8 %
+# for a fifth more iterations.
+COST_TOLERANCE = 1e-4
+GOAL_TOLERANCE = 1e-5  # m and rad, of the terminal error
+MAX_GOAL_STEP = 0.3  # m or rad, of the terminal error that one iteration removes
+DAMPING = 1e-3  # initial, m^2/rad^2 per unit of the integral of qdot' qdot
+LEAST_DAMPING, LARGEST_DAMPING = 1e-6, 1e2
+LEAST_FRACTION = 0.05  # of the terminal error, below which no step is tried
+CORRECTION_RATIO = 0.3  # of actual to predicted decrease, below which a second-order correction is tried
+ACCEPTED_RATIO, GOOD_RATIO, POOR_RATIO = 0.05, 0.6, 0.25  # of actual to predicted decrease
+
+LinearRows = tuple[Array, Array, Array]
+"""Rows (k, n m) on a step, with lower and upper limits (k,)."""
 
 
 class Rows(Protocol):
-    """Inequalities that are not linear, as rows at one motion."""
+    """Nonlinear inequalities, linearised at one motion."""
 
     def violation(self, y: Array) -> float:
-        """Sum of what they are broken by at coordinates (n, m)."""
+        """Sum of the violations at coordinates (n, m)."""
         ...
 
-    def linear(self, y: Array, at: Disturbance, part: float) -> tuple[Array, Array, Array]:
-        """Rows (k, n m) on a step from y, with lowest and highest values.
-
-        A step shall make good at least `part` of what is broken.
-        """
+    def linear(self, y: Array, at: Disturbance, part: float) -> LinearRows:
+        """Rows on a step from y that removes at least `part` of each violation."""
         ...
+
+
+class Ending(StrEnum):
+    """Reason why iterations ended."""
+
+    CONVERGED = "converged"
+    ITERATIONS = "iterations"
+    INFEASIBLE = "infeasible"  # no step satisfies the bounds
+    STUCK = "stuck"
 
 
 @dataclass(frozen=True, eq=False)
 class SqpResult:
-    """Coordinates (n, m) with their cost, m^2/s, largest miss, m or rad, what is broken of the inequalities
-    that are not linear, in sum, and why iterations ended."""
+    """Last iterate, converged or not.
+
+    Attributes:
+        y: (n, m) coordinates. cost: m^2/s. goal_error: largest component, m or rad. violation: sum over the
+            nonlinear inequalities. iterations: number of them. ending: reason why they ended.
+    """
 
     y: Array
     cost: float
-    miss: float
-    broken: float
+    goal_error: float
+    violation: float
     iterations: int
-    status: str
+    ending: Ending
 
 
 def minimise(
@@ -54,84 +73,149 @@ def minimise(
     begin: Array,
     keep_attitude: bool,
     rows: tuple[Rows, ...] = (),
-    enough: float = ENOUGH,
+    tolerance: float = COST_TOLERANCE,
     iterations: int = ITERATIONS,
 ) -> SqpResult:
-    """Improve coordinates (n, m) until an iteration gains less than `enough` of the cost.
+    """Improve coordinates (n, m) until an iteration gains less than `tolerance` of the cost.
 
-    Each iteration minimises the linearised residual, damped, on the linearised goal and within the bounds. A
-    step that the exact penalty function does not like is first corrected to second order, then shortened by
-    damping. `status` is converged, iterations, infeasible (no step keeps the bounds) or stuck.
+    Each iteration minimises the linearised residual, damped, subject to the linearised goal and the bounds. A
+    step that does not decrease the exact penalty function enough is corrected to second order, then shortened
+    by damping.
     """
-    asked = 9 if keep_attitude else 6
-    program = QuadraticProgram(bounds)
-    unit = np.eye(space.size)
-    damping, share, price = DAMPING, 1.0, 1e-4
-    inside = program.solve(unit, np.zeros(space.size), np.zeros((0, space.size)), np.zeros(0), begin)
-    if inside is None:
-        return SqpResult(begin, np.inf, np.inf, np.inf, 0, "infeasible")
-    y = begin + inside[0].reshape(begin.shape)  # the nearest within the bounds
-    at = space.disturbance(y[None])
-    broken = float(sum(row.violation(y) for row in rows))
-    for number in range(1, iterations + 1):
-        jacobian, miss, equations = at.residual_slope[0], at.miss[0, :asked], at.miss_slope[0, :asked]
-        gradient, square = 2.0 * at.residual[0] @ jacobian, 2.0 * jacobian.T @ jacobian
-        largest = float(np.abs(miss).max())
-        part = min(share, FAR / max(largest, 1e-12))
-        while True:
-            extra = _together([row.linear(y, at, part) for row in rows])
-            found = program.solve(square + damping * unit, gradient, equations, -part * miss, y, extra)
-            if found is not None or part < 0.05:
-                break
-            part *= 0.5
-        if found is None:
-            return _solution(y, at, asked, broken, number, "infeasible")
+    return _Iterations(space, bounds, rows, keep_attitude, tolerance).run(begin, iterations)
+
+
+class _Linearised(NamedTuple):
+    """Residual, terminal error, their derivatives, the gradient and the undamped Hessian at an iterate."""
+
+    residual: Array
+    jacobian: Array
+    goal_error: Array
+    equations: Array
+    gradient: Array
+    square: Array
+
+
+class _Trial(NamedTuple):
+    """Coordinates with their terminal error and penalty function."""
+
+    y: Array
+    goal_error: Array
+    value: float
+
+
+class _Iterations:
+    def __init__(
+        self,
+        space: WeightSpace,
+        bounds: Bounds,
+        rows: tuple[Rows, ...],
+        keep_attitude: bool,
+        tolerance: float,
+    ) -> None:
+        self._space, self._rows, self._tolerance = space, rows, tolerance
+        self._constrained = 9 if keep_attitude else 6  # components of the terminal error
+        self._program, self._unit = QuadraticProgram(bounds), np.eye(space.size)
+        self._damping, self._fraction, self._penalty = DAMPING, 1.0, 1e-4
+
+    def run(self, begin: Array, iterations: int) -> SqpResult:
+        none = np.zeros((0, self._space.size)), np.zeros(0)
+        nearest = self._program.solve(self._unit, np.zeros(self._space.size), *none, begin)
+        if isinstance(nearest, Failure):
+            return SqpResult(begin, np.inf, np.inf, np.inf, 0, Ending.INFEASIBLE)
+        self._move(begin + nearest[0].reshape(begin.shape))
+        for number in range(1, iterations + 1):
+            ending = self._iterate()
+            if ending is not None:
+                return self._result(number, ending)
+        return self._result(iterations, Ending.ITERATIONS)
+
+    def _iterate(self) -> Ending | None:
+        """One iteration; the reason if it is the last."""
+        here = self._linearised()
+        part, extra, found = self._step(here)
+        if isinstance(found, Failure):
+            return Ending.INFEASIBLE
         step, multipliers = found
-        price = max(price, 1.5 * float(np.abs(multipliers).max()))
-        here = float(at.cost[0]) + price * (np.abs(miss).sum() + broken)
-        left = at.residual[0] + jacobian @ step
-        hoped = here - (float(left @ left) + price * (1.0 - part) * np.abs(miss).sum())
-        there, after, value = _tried(space, rows, y + step.reshape(y.shape), asked, price)
-        if here - value < 0.3 * hoped:
-            curved = equations @ step - after  # what the step's own curvature adds
-            second = program.solve(square + damping * unit, gradient, equations, curved, y, extra)
-            if second is not None:
-                other = _tried(space, rows, y + second[0].reshape(y.shape), asked, price)
-                if other[2] < value:
-                    there, after, value = other
-        gain = (here - value) / max(hoped, 1e-300)
-        if gain > 0.05:
-            before = float(at.cost[0])
-            y, at = there, space.disturbance(there[None])
-            broken = float(sum(row.violation(y) for row in rows))
-            share = min(2.0 * share, 1.0)
-            if gain > 0.6:
-                damping = max(0.25 * damping, LEAST_DAMPING)
-            elif gain < 0.25:
-                damping *= 4.0
-            done = np.abs(at.miss[0, :asked]).max() < MISS and broken < MISS
-            if done and part == 1.0 and abs(before - float(at.cost[0])) < enough * before:
-                return _solution(y, at, asked, broken, number, "converged")
-        else:
-            damping, share = 8.0 * damping, 0.5 * share
-            if damping > MOST_DAMPING:
-                return _solution(y, at, asked, broken, number, "stuck")
-    return _solution(y, at, asked, broken, iterations, "iterations")
+        self._penalty = max(self._penalty, 1.5 * float(np.abs(multipliers).max()))
+        value = self._merit(float(self._at.cost[0]), here.goal_error, self._violation)
+        left = here.residual + here.jacobian @ step
+        remaining = self._penalty * (1.0 - part) * np.abs(here.goal_error).sum()
+        predicted = value - (float(left @ left) + remaining)
+        trial = self._tried(step)
+        if value - trial.value < CORRECTION_RATIO * predicted:
+            trial = self._corrected(here, step, trial, extra)
+        ratio = (value - trial.value) / max(predicted, 1e-300)
+        if ratio > ACCEPTED_RATIO:
+            return self._accept(trial, ratio, part)
+        self._damping, self._fraction = 8.0 * self._damping, 0.5 * self._fraction
+        return Ending.STUCK if self._damping > LARGEST_DAMPING else None
+
+    def _linearised(self) -> _Linearised:
+        at, n = self._at, self._constrained
+        residual, jacobian = at.residual[0], at.residual_slope[0]
+        gradient, square = 2.0 * residual @ jacobian, 2.0 * jacobian.T @ jacobian
+        return _Linearised(residual, jacobian, at.goal_error[0, :n], at.goal_slope[0, :n], gradient, square)
+
+    def _step(self, here: _Linearised) -> tuple[float, LinearRows | None, tuple[Array, Array] | Failure]:
+        """Part of the terminal error that a step removes, the rows it obeys, and step and multipliers."""
+        largest = float(np.abs(here.goal_error).max())
+        part = min(self._fraction, MAX_GOAL_STEP / max(largest, 1e-12))
+        while True:
+            extra = _concatenated([row.linear(self._y, self._at, part) for row in self._rows])
+            found = self._solve(here, -part * here.goal_error, extra)
+            if not isinstance(found, Failure) or part < LEAST_FRACTION:
+                return part, extra, found
+            part *= 0.5
+
+    def _solve(
+        self, here: _Linearised, right: Array, extra: LinearRows | None
+    ) -> tuple[Array, Array] | Failure:
+        hessian = here.square + self._damping * self._unit
+        return self._program.solve(hessian, here.gradient, here.equations, right, self._y, extra)
+
+    def _corrected(self, here: _Linearised, step: Array, trial: _Trial, extra: LinearRows | None) -> _Trial:
+        """The better of a trial and its second-order correction, which adds the step's own curvature."""
+        curved = here.equations @ step - trial.goal_error
+        second = self._solve(here, curved, extra)
+        if isinstance(second, Failure):
+            return trial
+        other = self._tried(second[0])
+        return other if other.value < trial.value else trial
+
+    def _accept(self, trial: _Trial, ratio: float, part: float) -> Ending | None:
+        before = float(self._at.cost[0])
+        self._move(trial.y)
+        self._fraction = min(2.0 * self._fraction, 1.0)
+        if ratio > GOOD_RATIO:
+            self._damping = max(0.25 * self._damping, LEAST_DAMPING)
+        elif ratio < POOR_RATIO:
+            self._damping *= 4.0
+        error = np.abs(self._at.goal_error[0, : self._constrained]).max()
+        satisfied = error < GOAL_TOLERANCE and self._violation < GOAL_TOLERANCE
+        settled = abs(before - float(self._at.cost[0])) < self._tolerance * before
+        return Ending.CONVERGED if satisfied and part == 1.0 and settled else None
+
+    def _move(self, y: Array) -> None:
+        self._y, self._at = y, self._space.disturbance(y[None])
+        self._violation = float(sum(row.violation(y) for row in self._rows))
+
+    def _merit(self, cost: float, goal_error: Array, violation: float) -> float:
+        return cost + self._penalty * (np.abs(goal_error).sum() + violation)
+
+    def _tried(self, step: Array) -> _Trial:
+        y = self._y + step.reshape(self._y.shape)
+        cost, goal_error = self._space.values(y[None])
+        violation = float(sum(row.violation(y) for row in self._rows))
+        error = goal_error[0, : self._constrained]
+        return _Trial(y, error, self._merit(float(cost[0]), error, violation))
+
+    def _result(self, number: int, ending: Ending) -> SqpResult:
+        error = float(np.abs(self._at.goal_error[0, : self._constrained]).max())
+        return SqpResult(self._y, float(self._at.cost[0]), error, self._violation, number, ending)
 
 
-def _solution(y: Array, at: Disturbance, asked: int, broken: float, number: int, status: str) -> SqpResult:
-    return SqpResult(y, float(at.cost[0]), float(np.abs(at.miss[0, :asked]).max()), broken, number, status)
-
-
-def _tried(
-    space: WeightSpace, rows: tuple[Rows, ...], y: Array, asked: int, price: float
-) -> tuple[Array, Array, float]:
-    cost, miss = space.values(y[None])
-    broken = float(sum(row.violation(y) for row in rows))
-    return y, miss[0, :asked], float(cost[0]) + price * (np.abs(miss[0, :asked]).sum() + broken)
-
-
-def _together(parts: list[tuple[Array, Array, Array]]) -> tuple[Array, Array, Array] | None:
+def _concatenated(parts: list[LinearRows]) -> LinearRows | None:
     if not parts:
         return None
     rows, low, high = (np.concatenate(column) for column in zip(*parts, strict=True))

@@ -1,4 +1,4 @@
-"""Targets of a ProMP in task space: the end-effector's inertial pose at a phase, through the base's roll-out.
+"""Targets of a ProMP in task space: inertial pose of the end-effector at a phase, by a roll-out of the base.
 
 The frame of all poses is inertial: the base frame at phase 0. Total momentum is zero.
 """
@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from agents.planners.single_arm.weights.functions import ArmFunctions
-from agents.planners.single_arm.weights.weight_space import INTERVALS, Basis
+from agents.planners.single_arm.weights.shapes import INTERVALS, Basis
 from space_envs.checks import finite_array
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
@@ -15,21 +15,21 @@ from space_envs.errors import ConfigurationError, positive
 
 
 class PoseTarget:
-    """What motions miss of a pose at a phase, with the derivative by their weights.
+    """Error of motions from a pose at a phase, with the derivative by their weights.
 
     As the `function` of promp.nonlinear.NonlinearTarget it conditions a ProMP on that pose; there is no
     inverse kinematics.
 
     Args:
         basis: of the weights. duration: s, of the whole motion.
-        position: (3,) m, of the end-effector, or None to leave it free.
-        rotation: (3, 3), end-effector to inertial, or None to leave it free.
-        attitude: (3, 3), base to inertial, or None to leave it free.
-        phase: when, above 0 and at most 1. The base is rolled out over [0, phase], so that a pose on the way
-            is as accurate as one at the end.
+        position: (3,) m, of the end-effector, or None for any.
+        rotation: (3, 3), end-effector to inertial, or None for any.
+        attitude: (3, 3), base to inertial, or None for any.
+        phase: above 0 and at most 1. The base is rolled out over [0, phase], so that a pose along the path is
+            as accurate as one at the end.
 
     Raises:
-        ConfigurationError: if everything is free, a shape is wrong, or the phase is none.
+        ConfigurationError: if nothing is constrained, a shape is wrong, or the phase is outside (0, 1].
     """
 
     def __init__(
@@ -42,12 +42,12 @@ class PoseTarget:
         attitude: Array | None = None,
         phase: float = 1.0,
     ) -> None:
-        asked = [part is not None for part in (position, rotation, attitude)]
-        if not any(asked):
+        constrained = [part is not None for part in (position, rotation, attitude)]
+        if not any(constrained):
             raise ConfigurationError("a pose target needs a position, a rotation or an attitude, got none")
         if not positive("phase", phase) <= 1.0:
             raise ConfigurationError(f"phase must be above 0 and at most 1, got {phase!r}")
-        self.rows = np.repeat(asked, 3)
+        self.rows = np.repeat(constrained, 3)
         self._functions = ArmFunctions.of(robot, INTERVALS)
         unit = np.eye(3)
         self._goal = np.concatenate(
@@ -64,24 +64,24 @@ class PoseTarget:
         self._end, self._step = basis.value(phase), np.array([step])
 
     def __call__(self, weights: ArrayLike) -> tuple[Array, Array]:
-        """What weights (S, n, nb) miss (S, m), and its derivative (S, m, n nb).
+        """Errors (S, m) of weights (S, n, nb) and their derivative (S, m, n nb).
 
-        Rows are those of position m, rotation rad (of the end-effector from its goal, a rotation vector) and
-        attitude rad (of the base likewise) that are asked for, three each.
+        Rows are three each of position m, rotation rad (rotation vector of the end-effector from its goal)
+        and attitude rad (the same of the base), as far as they are constrained.
         """
         weights = np.asarray(weights, dtype=np.float64)
         (s, n, size), points = weights.shape, 2 * INTERVALS
         states = (weights @ self._gauss.swapaxes(1, 2)[:, None]).swapaxes(-1, -2)  # (2, S, 2 K, n)
         xi, slope = self._functions.slopes(*states)
         step = np.broadcast_to(self._step, (s, 1))
-        pose, pull = self._functions.chain(xi.reshape(s, 6 * points), step)
+        pose, propagation = self._functions.chain(xi.reshape(s, 6 * points), step)
         goal = np.broadcast_to(self._goal, (s, len(self._goal)))
-        missed, ending = self._functions.ending(weights @ self._end, pose[:, -1], goal)
-        # Of the base's displacement at the phase, by the weights: through every Gauss point.
-        pushes = (pull.reshape(s, points, 6, 6) @ slope).reshape(s, points, 12 * n)
-        columns = pushes.swapaxes(1, 2).reshape(s, 6, 2, n, points)
+        error, ending = self._functions.ending(weights @ self._end, pose[:, -1], goal)
+        # Derivative of the base's displacement by the weights, through every Gauss point.
+        influence = (propagation.reshape(s, points, 6, 6) @ slope).reshape(s, points, 12 * n)
+        columns = influence.swapaxes(1, 2).reshape(s, 6, 2, n, points)
         angle, rate = self._gauss
-        drift = (columns[:, :, 0] @ angle + columns[:, :, 1] @ rate).reshape(s, 6, n * size)
-        by_weight = ending[..., :6] @ drift
+        displacement = (columns[:, :, 0] @ angle + columns[:, :, 1] @ rate).reshape(s, 6, n * size)
+        by_weight = ending[..., :6] @ displacement
         by_weight += (ending[..., 6:, None] * self._end).reshape(s, 9, n * size)
-        return missed[:, self.rows], by_weight[:, self.rows]
+        return error[:, self.rows], by_weight[:, self.rows]
