@@ -150,7 +150,7 @@ CASES = [
     *each(Weights, "goal attitude_end attitude_late attitude", NEGATIVE),
     *each(Weights, "iterations", NO_COUNT),
     *each(controller, "c", NOT_POSITIVE),
-    *each(planner, "nearest tried", NO_COUNT),
+    *each(planner, "candidates improved", NO_COUNT),
     *each(ocp, "starts", NO_COUNT),
     *each(ocp, "time_weight", NEGATIVE),
     *each(ocp, "free_time", NO_ARRAY | st.sampled_from([(2.0, 1.0), (0.0, 1.0), (1.0, np.inf)])),
