@@ -39,7 +39,7 @@ LONGER = {
     "tests/test_report.py": "one report, made once and looked at from all sides",
 }
 # Tests that ask where a cache would be for users who do not exist.
-MADE_UP_PATHS = {"tests/test_compiled.py", "tests/test_architecture.py"}
+MADE_UP_PATHS = {"tests/test_libraries.py", "tests/test_architecture.py"}
 # Messages of the harness to a process that it started itself, and back; as multiprocessing does it.
 BETWEEN_OWN_PROCESSES = {"space_envs/evaluation/play/policy_process.py"}
 # Running code from text is what these tests are about.
