@@ -21,7 +21,7 @@ from space_envs.dynamics.bodies import body_motion, momentum_drift
 from space_envs.dynamics.rotations import Array, angle_between
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import SpaceEnvsError
-from space_envs.registration import ENTRIES, Entry, make_task
+from space_envs.registration import ENTRIES, make_task, register, unregister
 from space_envs.robots.parameters import VARIANTS
 from space_envs.simulation import Simulation
 from space_envs.system.command_line import Parser, exit_status
@@ -79,11 +79,11 @@ def unlimited(robot: Robot) -> Iterator[Robot]:
     task = ENTRIES[robot.env_id].task
     limits = {"largest_control_period": 10.0, "largest_timestep": 0.1}
     env_id = robot.env_id.replace("-v", "Unlimited-v")
-    ENTRIES[env_id] = Entry(type(f"Unlimited{task.__name__}", (task,), limits), "with wider limits")
+    register(env_id, type(f"Unlimited{task.__name__}", (task,), limits))
     try:
         yield robot._replace(env_id=env_id)
     finally:
-        del ENTRIES[env_id]
+        unregister(env_id)
 
 
 def environment(robot: Robot, mode: str, episodes: int, seed: int, **keywords: Any) -> CaptureVectorEnv:

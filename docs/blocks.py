@@ -8,13 +8,14 @@ from typing import Any, ClassVar, get_origin
 
 from agents.planners.common.plans import Cause
 from agents.planners.dual_arm.tracking import FINE, Tracking
-from agents.policies.registry import POLICIES, policies_for
+from agents.policies.registry import POLICIES, control_mode, policies_for
 from docs.reading import attributes, comments, number, summary, table
 from docs.robots import links, planar_links, spatial_links
 from space_envs import control
 from space_envs.evaluation.records.schema import record_schema
 from space_envs.evaluation.statistics.columns import COLUMNS, NOTE, RULES
 from space_envs.evaluation.statistics.comparison import FRONT
+from space_envs.policy import Needs
 from space_envs.registration import ENTRIES
 from space_envs.tasks.base import CaptureTask, DriveLimits
 from space_envs.tasks.common import ObservationLayout, RewardWeights
@@ -35,7 +36,7 @@ def policies() -> str:
     rows = []
     for name, entry in POLICIES.items():
         plays = ["x" if name in policies_for(env_id) else "" for env_id in ENTRIES]
-        rows.append((f"`{name}`", f"`{entry.control_mode}`", *plays, entry.summary))
+        rows.append((f"`{name}`", f"`{control_mode(name)}`", *plays, entry.summary))
     return table(("policy", "control mode", *names, "what it is"), rows)
 
 
@@ -68,6 +69,13 @@ def tracking() -> str:
         for f in fields(Tracking)
     ]
     return table(("setting", "`Tracking()`", "`FINE`", "meaning"), rows)
+
+
+def needs() -> str:
+    """What a policy can say that it needs."""
+    said = attributes(Needs)
+    rows = [(f"`{f.name}`", said[f.name].rstrip(".")) for f in fields(Needs)]
+    return table(("field of `Needs`", "what it is"), rows)
 
 
 def task_states() -> str:
@@ -154,6 +162,7 @@ BLOCKS: dict[str, Callable[[], str]] = {
         drive,
         causes,
         tracking,
+        needs,
         task_states,
         task_hooks,
         task_members,

@@ -120,7 +120,7 @@ def _sentence(text: str) -> str:
 
 
 def _opening(env: CaptureVectorEnv) -> str:
-    # The module's first paragraph is its title; ENTRIES has the same in a line that stands alone.
+    # The module's first paragraph is its title; the task's summary says the same in a line that stands alone.
     rest = next(text for kind in type(env.task).__mro__ if (text := _told(kind)))
     example = f"""```python
 import gymnasium as gym

@@ -113,7 +113,8 @@ def unknown_keyword(got: str, valid: Iterable[str]) -> UnknownKeywordError:
 
 def unknown_id(got: object, valid: Iterable[str]) -> UnknownIdError:
     """Build the error for an environment id that there is not."""
-    return UnknownIdError(f"unknown environment id {shown(got)}; {_hint(got, valid)}")
+    hint = f"{_hint(got, valid)} One that another package registers is named as module:id."
+    return UnknownIdError(f"unknown environment id {shown(got)}; {hint}")
 
 
 def no_path(kind: str, path: Path, beside: Iterable[str]) -> ConfigurationError:

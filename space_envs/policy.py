@@ -1,8 +1,9 @@
-"""What a policy is: its signature, what it is told about the task, and how a user's own one is loaded."""
+"""The interface of policies: signature, context, what one needs of a task, and loading a user's own class."""
 
 import importlib
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol, Self, cast
+from typing import TYPE_CHECKING, Any, Literal, Protocol, Self, cast
 
 import mujoco
 import numpy as np
@@ -25,8 +26,9 @@ DEFAULT_CONTROL_MODE = "joint_velocity"
 class Policy(Protocol):
     """Chooses actions; the signature of `predict` is stable-baselines3's.
 
-    A policy class is built as `Class(context, seed)` with a `PolicyContext` and an int. It may name the
-    control mode it wants in a class attribute `control_mode` (joint_velocity without one).
+    A policy class is built as `Class(context, seed)` with a `PolicyContext` and an int. Two class attributes
+    may say more: `control_mode`, the one it acts in unless another is asked for (default joint_velocity), and
+    `needs`, a `Needs` that says which tasks it can act in (default all).
     """
 
     def predict(
@@ -53,7 +55,7 @@ class Policy(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class PolicyContext:
-    """All that a policy is told besides observations: the public model and the terms of the task.
+    """All that a policy may know besides observations: the public model and the terms of the task.
 
     Attributes:
         env_id: registered id. control_mode: what an action means.
@@ -108,29 +110,30 @@ class PolicyContext:
             contacts=task.contacts if task.collides and task.collisions else None,
         )
 
-    def require_mode(self, *modes: str) -> None:
-        """Refuse to be used in another control mode than those.
+    @property
+    def arms(self) -> int:
+        """Number of arms."""
+        return len(self.arm.tip_link)
 
-        Raises:
-            PolicyError: naming both modes.
-        """
-        if self.control_mode not in modes:
-            raise PolicyError(
-                f"this policy acts in control mode {' or '.join(map(repr, modes))}, "
-                f"the environment is in {self.control_mode!r}"
-            )
+    @property
+    def joints(self) -> int:
+        """Number of joints of all arms."""
+        return self.arm.n_joints
 
-    def require_fields(self, *names: str) -> None:
-        """Refuse to be used on a task whose observations lack one of these fields.
+    @property
+    def planar(self) -> bool:
+        """Whether the satellite moves in the plane z = 0."""
+        return int(self.model.jnt_type[0]) != int(mujoco.mjtJoint.mjJNT_FREE)
 
-        Raises:
-            PolicyError: naming the task and what it lacks.
-        """
-        missing = [name for name in names if name not in self.layout.slices]
-        if missing:
-            raise PolicyError(
-                f"this policy needs {' and '.join(missing)} in the observation, which {self.env_id} lacks"
-            )
+    @property
+    def goals(self) -> Literal["static", "moving"]:
+        """Whether goals are moving or static: the velocity of moving ones is observed."""
+        return "moving" if "goal_linear_velocity" in self.layout.slices else "static"
+
+    @property
+    def obstacles(self) -> bool:
+        """Whether obstacles are observed."""
+        return "obstacle_position" in self.layout.slices
 
     def check_observation(self, observation: NDArray) -> Array:
         """Observations as float64 (N, size).
@@ -146,6 +149,56 @@ class PolicyContext:
         if not np.isfinite(observation).all():
             raise PolicyError("observations must be finite, got NaN or infinity")
         return observation
+
+
+@dataclass(frozen=True)
+class Needs:
+    """Properties of the tasks that a policy can act in; the defaults fit every task.
+
+    Attributes:
+        fields: of the observation, that it reads. control_modes: that it can act in; empty is any.
+        arms: how many; None is any number. joints: how many, of all arms together; None is any number.
+        planar: a robot in the plane (True) or in space (False); None is either.
+        goals: static or moving; None is either.
+        obstacles: whether there must be some (True) or none (False); None is either.
+        other: function of a context that returns the reason why it does not fit, or None; for what the
+            others cannot say.
+    """
+
+    fields: tuple[str, ...] = ()
+    control_modes: tuple[str, ...] = ()
+    arms: int | None = None
+    joints: int | None = None
+    planar: bool | None = None
+    goals: Literal["static", "moving"] | None = None
+    obstacles: bool | None = None
+    other: Callable[[PolicyContext], str | None] | None = None
+
+    def missing(self, context: PolicyContext) -> list[str]:
+        """Reasons why a policy does not fit a context's task and control mode; empty where it fits."""
+        reasons = [
+            f"it needs {words(wanted)}, the task has {words(got)}"
+            for name, words in _NEEDS.items()
+            if (wanted := getattr(self, name)) is not None and wanted != (got := getattr(context, name))
+        ]
+        absent = [name for name in self.fields if name not in context.layout.slices]
+        if absent:
+            reasons.append(f"it needs {' and '.join(absent)} in the observation, which the task lacks")
+        if self.control_modes and context.control_mode not in self.control_modes:
+            modes = " or ".join(map(repr, self.control_modes))
+            reasons.append(f"it acts in control mode {modes}, the environment is in {context.control_mode!r}")
+        reason = None if self.other is None else self.other(context)
+        return reasons if reason is None else [*reasons, reason]
+
+
+# Attribute of `Needs`, and of `PolicyContext`, and its values in words.
+_NEEDS: dict[str, Callable[[Any], str]] = {
+    "arms": lambda count: f"{count} arm{'s' * (count != 1)}",
+    "joints": lambda count: f"{count} joint{'s' * (count != 1)}",
+    "planar": lambda planar: "a robot in the plane" if planar else "a robot in space",
+    "goals": lambda kind: f"{kind} goals",
+    "obstacles": lambda some: "obstacles" if some else "no obstacles",
+}
 
 
 def load_policy_class(path: str) -> type[Policy]:

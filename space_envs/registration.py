@@ -1,44 +1,31 @@
-"""The one table of ids: which task, with what defaults."""
+"""Registration of tasks by id, of this package and of any other: the one table of tasks."""
 
 import inspect
+import re
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from importlib import import_module
 from typing import Any
 
 import gymnasium as gym
 from gymnasium.envs.registration import make
 
-from space_envs.errors import positive, unknown_id, unknown_keyword
+from space_envs.errors import (
+    ConfigurationError,
+    UnknownIdError,
+    positive,
+    shown,
+    unknown_id,
+    unknown_keyword,
+    unknown_name,
+)
+from space_envs.strangers import described
 from space_envs.tasks.base import CaptureTask
 from space_envs.tasks.common import LARGEST_TOLERANCE
-from space_envs.tasks.dual_arm_planar import DualArmPlanarTask
-from space_envs.tasks.dual_arm_spatial import DualArmSpatialTask
-from space_envs.tasks.single_arm import SingleArmTask
-from space_envs.tasks.single_arm_cluttered import SingleArmClutteredTask
 
-
-@dataclass(frozen=True)
-class Entry:
-    """One id: its task class and a line that says what it asks."""
-
-    task: type[CaptureTask]
-    summary: str
-
-
-ENTRIES: dict[str, Entry] = {
-    "SpaceCapture/SingleArm-v0": Entry(
-        SingleArmTask, "a 7-DoF arm on a free-floating 200 kg satellite takes a static grapple pose"
-    ),
-    "SpaceCapture/SingleArmCluttered-v0": Entry(
-        SingleArmClutteredTask, "the same arm takes a static grapple pose, clear of spheres in its way"
-    ),
-    "SpaceCapture/DualArmPlanar-v0": Entry(
-        DualArmPlanarTask, "two planar arms on a 500 kg satellite take a tumbling object, attitude kept"
-    ),
-    "SpaceCapture/DualArmSpatial-v0": Entry(
-        DualArmSpatialTask, "two 7-DoF arms on a 500 kg satellite take a tumbling satellite, attitude kept"
-    ),
-}
+PACKAGE = __name__.partition(".")[0]
+_ID = re.compile(r"[A-Za-z0-9_-]+/[A-Za-z0-9_.-]+-v\d+")
 
 # Keywords of gym.make that set the capture envelope, and the field of CaptureEnvelope each one sets.
 ENVELOPE_KEYWORDS = {
@@ -51,30 +38,175 @@ ENVELOPE_KEYWORDS = {
 }
 
 
-def make_task(env_id: str, keywords: Mapping[str, Any]) -> CaptureTask:
-    """Build the task of an id from the keywords of `gym.make`.
+@dataclass(frozen=True)
+class Entry:
+    """A registered id.
+
+    Attributes:
+        id: as `gym.make` takes it once it is registered.
+        source: class of the task, or its name as "module:Class", imported when it is first needed.
+        module: that registers the id when it is imported.
+        defaults: keywords of the task that differ from those of its class.
+    """
+
+    id: str
+    source: type[CaptureTask] | str
+    module: str
+    defaults: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """The id as every process can make it: `module:id`, or the id alone if this package registers it."""
+        here = self.module.partition(".")[0] in (PACKAGE, "__main__")
+        return self.id if here else f"{self.module}:{self.id}"
+
+    @cached_property
+    def task(self) -> type[CaptureTask]:
+        """Class of the task.
+
+        Raises:
+            ConfigurationError: if it cannot be imported, or is no task.
+        """
+        return _imported(self.source, self.id) if isinstance(self.source, str) else self.source
+
+    @property
+    def summary(self) -> str:
+        """The first paragraph of the task's docstring, as one line without a full stop."""
+        return " ".join(inspect.getdoc(self.task).partition("\n\n")[0].split()).rstrip(".")  # type: ignore[union-attr]
+
+    def make(self, keywords: Mapping[str, Any]) -> CaptureTask:
+        """The task with keywords of `gym.make`; errors as in `make_task`."""
+        keywords = {**self.defaults, **keywords}
+        task = self.task()
+        names = [f.name for f in fields(task) if f.name != "envelope"]
+        within = {f.name for f in fields(task.envelope)}
+        tolerances = [keyword for keyword, name in ENVELOPE_KEYWORDS.items() if name in within]
+        own = {"control_mode", "render_mode", "width", "height", "camera", "threads", "max_episode_steps"}
+        for name in keywords:
+            if name not in names and name not in tolerances:
+                raise unknown_keyword(name, [*names, *tolerances, *sorted(own)])
+        asked = {
+            ENVELOPE_KEYWORDS[name]: positive(name, keywords[name], LARGEST_TOLERANCE)
+            for name in tolerances
+            if name in keywords
+        }
+        usual = {name: value for name, value in keywords.items() if name in names}
+        return self.task(**usual, envelope=replace(task.envelope, **asked))
+
+
+ENTRIES: dict[str, Entry] = {}
+
+
+def register(id: str, task: type[CaptureTask] | str, **defaults: Any) -> None:
+    """Register a task under an id for `gym.make`, `gym.make_vec` and every command.
+
+    Call it in a module that can be imported: other processes import it to find the task, and users name the
+    id as `module:id`. The same registration again changes nothing.
+
+    Args:
+        id: of the form Namespace/Name-v0.
+        task: subclass of `CaptureTask`, or its name as "module:Class", which is imported when it is needed.
+        **defaults: keywords of the task that differ from the defaults of its class.
+
+    Raises:
+        ConfigurationError: for another form of the id, an id that another task has, something that is no
+            task, or a default that is not valid.
+        UnknownKeywordError: for a default that the task does not have.
+    """
+    if not isinstance(id, str) or not _ID.fullmatch(id):
+        raise ConfigurationError(f"an environment id has the form 'Namespace/Name-v0', got {shown(id)}")
+    if not isinstance(task, str):
+        _check_class(task, id)
+    frame = inspect.currentframe()
+    module = frame.f_back.f_globals.get("__name__", "__main__") if frame and frame.f_back else "__main__"
+    entry = Entry(id, task, module, defaults)
+    if (known := ENTRIES.get(id)) is not None and _words(known) != _words(entry):
+        raise ConfigurationError(
+            f"environment id {id!r} is registered already, by {known.module} for {_words(known)[0]}; "
+            f"got {_words(entry)[0]} from {module}"
+        )
+    if not isinstance(task, str):
+        entry.make({})
+    ENTRIES[id] = entry
+    gym.registry.pop(id, None)  # Gymnasium warns of an id that it knows
+    gym.register(
+        id=id,
+        entry_point=f"{PACKAGE}.envs:CaptureEnv",
+        vector_entry_point=f"{PACKAGE}.envs:CaptureVectorEnv",
+        kwargs={"env_id": entry.name},
+    )
+
+
+def unregister(id: str) -> None:
+    """Forget an id.
+
+    Raises:
+        UnknownIdError: if it is not registered.
+    """
+    del ENTRIES[find(id).id], gym.registry[id]
+
+
+def find(name: str) -> Entry:
+    """The entry of an id; of `module:id` after its module was imported, which runs that module's code.
+
+    Raises:
+        UnknownIdError: if there is no such id, or the module cannot be imported.
+    """
+    if not isinstance(name, str):
+        raise unknown_id(name, ENTRIES)
+    module, _, env_id = name.rpartition(":")
+    if module:
+        try:
+            import_module(module)
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # whatever a user's module does when it is imported
+            raise UnknownIdError(
+                f"module {module!r} of environment id {name!r} cannot be imported: {described(error)}"
+            ) from None
+    if env_id not in ENTRIES:
+        raise unknown_id(env_id, ENTRIES)
+    return ENTRIES[env_id]
+
+
+def make_task(name: str, keywords: Mapping[str, Any]) -> CaptureTask:
+    """Build the task of an id, or of `module:id`, from the keywords of `gym.make`.
 
     Raises:
         UnknownIdError: for an unknown id. UnknownKeywordError: for an unknown keyword.
         ConfigurationError: for a value that is not valid.
     """
-    if not isinstance(env_id, str) or env_id not in ENTRIES:
-        raise unknown_id(env_id, ENTRIES)
-    task = ENTRIES[env_id].task
-    names = [f.name for f in fields(task) if f.name != "envelope"]
-    asked = {f.name for f in fields(task().envelope)}
-    tolerances = [keyword for keyword, name in ENVELOPE_KEYWORDS.items() if name in asked]
-    own = {"control_mode", "render_mode", "width", "height", "camera", "threads", "max_episode_steps"}
-    for name in keywords:
-        if name not in names and name not in tolerances:
-            raise unknown_keyword(name, [*names, *tolerances, *sorted(own)])
-    for keyword in tolerances:
-        if keyword in keywords:
-            positive(keyword, keywords[keyword], LARGEST_TOLERANCE)
-    envelope = replace(
-        task().envelope, **{ENVELOPE_KEYWORDS[k]: v for k, v in keywords.items() if k in tolerances}
-    )
-    return task(**{k: v for k, v in keywords.items() if k in names}, envelope=envelope)
+    return find(name).make(keywords)
+
+
+def _imported(source: str, env_id: str) -> type[CaptureTask]:
+    module_name, _, class_name = source.partition(":")
+    if not all(part.isidentifier() for part in [*module_name.split("."), class_name]):
+        raise ConfigurationError(f"task of {env_id} must be a class or 'module:Class', got {source!r}")
+    try:
+        module = import_module(module_name)
+    except ImportError as error:
+        raise ConfigurationError(f"task {source!r} of {env_id} cannot be imported: {error}") from None
+    if not hasattr(module, class_name):
+        names = [name for name, value in vars(module).items() if isinstance(value, type)]
+        raise unknown_name(f"class of module {module_name!r}", class_name, names)
+    return _check_class(getattr(module, class_name), env_id)
+
+
+def _check_class(task: Any, env_id: str) -> type[CaptureTask]:
+    if not isinstance(task, type) or not issubclass(task, CaptureTask):
+        raise ConfigurationError(
+            f"task of {env_id} must be a subclass of {CaptureTask.__module__}.CaptureTask or its name as "
+            f"'module:Class', got {shown(task)}"
+        )
+    return task
+
+
+def _words(entry: Entry) -> tuple[str, dict[str, Any]]:
+    """Name of an entry's class as "module:Class", and its defaults."""
+    kind = entry.source
+    name = kind if isinstance(kind, str) else f"{kind.__module__}:{kind.__qualname__}"
+    return name, dict(entry.defaults)
 
 
 def asked_of_make(env: gym.Env) -> Any:
@@ -93,14 +225,3 @@ def asked_of_make(env: gym.Env) -> Any:
         return None
     asked, spec = (frame.f_locals.get(name) for name in ("max_episode_steps", "env_spec"))
     return getattr(spec, "max_episode_steps", None) if asked is None else asked
-
-
-def register_all() -> None:
-    """Make every id known to Gymnasium."""
-    for env_id in ENTRIES:
-        gym.register(
-            id=env_id,
-            entry_point="space_envs.envs:CaptureEnv",
-            vector_entry_point="space_envs.envs:CaptureVectorEnv",
-            kwargs={"env_id": env_id},
-        )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from distance_oracle import Oracle
 
-from agents.policies.registry import POLICIES, make_policy, policies_for
+from agents.policies.registry import control_mode, make_policy, policies_for
 from space_envs.evaluation.play.rollout import Rollout, roll_out
 from space_envs.registration import ENTRIES
 
@@ -22,7 +22,7 @@ def played(env_id: str, name: str, difficulty: str, goals: int) -> Rollout:
     environment = {
         "env_id": env_id,
         "difficulty": difficulty,
-        "control_mode": POLICIES[name].control_mode,
+        "control_mode": control_mode(name),
     }
     return roll_out(partial(make_policy, name, seed=0), environment, "validation", np.arange(goals), 0)
 

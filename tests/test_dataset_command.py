@@ -184,7 +184,7 @@ def test_experts_are_all_that_plan():
         (["--split", "ood"], "never those of split 'ood'"),
         (["--split", "trian"], "Did you mean 'train'"),
         (["--policy", "gmj"], "Did you mean 'gjm'"),
-        (["--policy", "reactionless"], "is made for SpaceCapture/DualArmPlanar-v0"),
+        (["--policy", "reactionless"], "does not fit SpaceCapture/SingleArm-v0: it needs 2 arms"),
         (["--policy", "gjm", "gjm"], "policy given twice: gjm"),
         (["--env", "SpaceCapture/SingleArm"], "Did you mean 'SpaceCapture/SingleArm-v0'"),
         (["--format", "npy"], "Did you mean 'npz'"),

@@ -11,7 +11,6 @@ from dataclasses import fields, is_dataclass, replace
 from functools import cache
 from pathlib import Path
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from offenders import assert_none
@@ -31,7 +30,7 @@ from space_envs.envs import CaptureEnv
 from space_envs.errors import ConfigurationError
 from space_envs.evaluation.records.record import read_records
 from space_envs.evaluation.statistics.columns import COLUMNS, RULES
-from space_envs.registration import ENTRIES
+from space_envs.registration import ENTRIES, unregister
 from space_envs.rendering import missing_gl
 from space_envs.system.provenance import package_version
 from space_envs.tasks.base import CaptureTask
@@ -130,7 +129,7 @@ def test_examples_run(name, monkeypatch, tmp_path):
                 exec(compile("\n" * line + code, name, "exec"), namespace)
     finally:
         for added in set(ENTRIES) - known:
-            del ENTRIES[added], gym.registry[added]
+            unregister(added)
 
 
 def test_the_ten_lines_of_the_readme_do_what_they_say(monkeypatch, capsys):

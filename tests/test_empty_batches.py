@@ -30,7 +30,7 @@ from agents.planners.single_arm.weights.inequalities import Spheres
 from agents.planners.single_arm.weights.promp_optimal import predicted_costs
 from agents.planners.single_arm.weights.task_space import PoseTarget
 from agents.planners.single_arm.weights.weight_space import WeightSpace
-from agents.policies.registry import POLICIES, make_policy, policies_for
+from agents.policies.registry import control_mode, make_policy, policies_for
 from promp import GaussianBasis, ProMP
 from promp.nonlinear import NonlinearTarget, condition_nonlinear
 from space_envs.dynamics import (
@@ -251,8 +251,7 @@ def test_no_rows_give_what_some_rows_give(name: str) -> None:
     ("env_id", "name"), [(env_id, name) for env_id in ENTRIES for name in policies_for(env_id)]
 )
 def test_policies_act_on_no_observations(env_id: str, name: str) -> None:
-    entry = POLICIES[name]
-    env = CaptureVectorEnv(env_id, 1, entry.control_mode)
+    env = CaptureVectorEnv(env_id, 1, control_mode(name))
     observation, _ = env.reset(seed=0)
     policy = make_policy(name, PolicyContext.from_env(env), 0)
     action, state = policy.predict(observation[:0])

@@ -586,7 +586,9 @@ def test_an_unknown_shipped_policy() -> None:
 
 @pytest.mark.parametrize("env_id", ENTRIES)
 def test_policies_that_are_offered_are_those_that_ship(env_id: str) -> None:
-    offered = {name for name in policies_for(env_id) if POLICIES[name].policy.startswith("agents.learned")}
+    offered = {
+        name for name in policies_for(env_id) if POLICIES[name].policy.startswith("agents.policies.learned")
+    }
     assert offered == set(shipped_policies(env_id))
 
 

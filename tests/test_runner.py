@@ -47,7 +47,7 @@ def evaluation(
     limits: TimeLimits | None = None,
 ) -> Evaluation:
     players = tuple((task, resolve_policy(name)) for name in names)
-    return Evaluation(players, episodes, seeds, limits=limits, paths=tuple(sys.path))
+    return Evaluation(players, episodes, seeds, limits=limits)
 
 
 def records_of(

@@ -1,27 +1,37 @@
-"""Which policies a command means, and whether they fit the environments they are to play in."""
+"""The ids and policies that a command's names stand for, and whether they fit together."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from agents.policies.registry import POLICIES, check_task, policies_for
+from agents.policies.registry import POLICIES, missing, policies_for
 from agents.policies.resolve import ResolvedPolicy, resolve_policy
+from space_envs.control import CONTROL_MODES
 from space_envs.envs import CaptureVectorEnv
-from space_envs.errors import ConfigurationError
+from space_envs.errors import ConfigurationError, PolicyError, unknown_name
 from space_envs.evaluation.play.policy_process import PolicyProcess
 from space_envs.policy import PolicyContext
-
-# Modules of policies that do not plan.
-NO_EXPERTS = ("agents.policies.baselines", "agents.policies.learned.learned_policy")
+from space_envs.registration import ENTRIES, find
 
 
-def experts_for(env_id: str) -> list[str]:
-    """Names of the registered policies that plan, of those made for an id."""
-    return [name for name in policies_for(env_id) if name in expert_names()]
+def experts_for(env_id: str, mode: str | None = None) -> list[str]:
+    """Names of the registered policies that plan, of those that fit a task in a control mode."""
+    return [name for name in policies_for(env_id, mode) if POLICIES[name].expert]
 
 
 def expert_names() -> tuple[str, ...]:
     """Names of all registered policies that plan."""
-    return tuple(name for name, entry in POLICIES.items() if entry.policy.split(":")[0] not in NO_EXPERTS)
+    return tuple(name for name, entry in POLICIES.items() if entry.expert)
+
+
+def choose_ids(names: Sequence[str]) -> list[str]:
+    """Ids that names stand for: `all` alone is every registered one; the module of a `module:id` is imported.
+
+    Raises:
+        ConfigurationError: for a name of nothing, or one that comes twice.
+    """
+    env_ids = list(ENTRIES) if list(names) == ["all"] else [find(name).id for name in names]
+    distinct("environment id", env_ids)
+    return env_ids
 
 
 def choose_policies(
@@ -30,25 +40,33 @@ def choose_policies(
     """The policies that names stand for on one of several ids.
 
     Args:
-        names: registered names, `package.module:Class` or paths; `all` is every policy made for the id,
-            `experts` every planner. A registered one is left out where it is made for another of the ids.
-        control_mode: that they act in; None is what each was made for.
+        names: registered names, `package.module:Class` or paths; `all` is every registered policy that fits
+            the id, `experts` every planner. One that fits another of the ids, but not this one, is left out.
+        control_mode: that they act in; None is the own one of each.
 
     Raises:
-        ConfigurationError: for a name of nothing, one that comes twice, or one made for none of the ids.
-        PolicyError: if a policy cannot be loaded.
+        ConfigurationError: for an unknown control mode, a name of nothing, or one that comes twice.
+        PolicyError: if a policy cannot be loaded, or fits none of the ids.
     """
+    if control_mode is not None and control_mode not in CONTROL_MODES:
+        raise unknown_name("control mode", control_mode, CONTROL_MODES)
     meant: list[str] = []
     for name in names:
-        meant += {"all": policies_for, "experts": experts_for}.get(name, lambda _, name=name: [name])(env_id)
-    chosen = []
-    for name in meant:
-        if name in POLICIES and not any(name in policies_for(other) for other in env_ids):
-            check_task(name, env_id)
-        if name not in POLICIES or name in policies_for(env_id):
-            chosen.append(resolve_policy(name, control_mode))
+        several = {"all": policies_for, "experts": experts_for}.get(name)
+        meant += [name] if several is None else several(env_id, control_mode)
+    chosen = [resolve_policy(name, control_mode) for name in meant]
     distinct("policy", [policy.name for policy in chosen])
-    return chosen
+    return [policy for policy in chosen if _fits(policy, env_id, env_ids)]
+
+
+def _fits(policy: ResolvedPolicy, env_id: str, env_ids: Sequence[str]) -> bool:
+    """Whether a policy fits an id; PolicyError if it fits none of several."""
+    if not isinstance(policy.source, str):
+        return True  # its file says so where it is built
+    reasons = {other: missing(policy.source, other, policy.control_mode) for other in env_ids}
+    if all(reasons.values()):
+        raise PolicyError(f"policy {policy.name!r} does not fit {env_id}: {'; '.join(reasons[env_id])}")
+    return not reasons[env_id]
 
 
 def check_fit(policy: ResolvedPolicy, env_id: str, keywords: Mapping[str, Any]) -> None:
@@ -60,7 +78,7 @@ def check_fit(policy: ResolvedPolicy, env_id: str, keywords: Mapping[str, Any]) 
     Raises:
         ConfigurationError, PolicyError: as the policy says.
     """
-    environment = {"env_id": env_id, "control_mode": policy.control_mode, **keywords}
+    environment = {"env_id": find(env_id).name, "control_mode": policy.control_mode, **keywords}
     env = CaptureVectorEnv(num_envs=1, **environment)
     if not policy.foreign:
         policy.build(PolicyContext.from_env(env), 0)

@@ -12,7 +12,8 @@ from space_envs.evaluation.records.folders import read_folder
 from space_envs.evaluation.records.merging import Source, merge
 from space_envs.evaluation.records.record import RECORDS
 from space_envs.evaluation.report.report import write_report
-from space_envs.system.command_line import Parser, exit_status, output_path
+from space_envs.registration import ENTRIES, find
+from space_envs.system.command_line import AppendValues, Parser, exit_status, output_path
 from space_envs.system.output import check_free, held
 from space_envs.system.provenance import versions
 
@@ -47,6 +48,8 @@ def parser() -> argparse.ArgumentParser:
     add("--overwrite", action="store_true", help="replace the comparison that the folder holds")
     what = "append NAME to the names of a folder's policies; can be given several times"
     add("--name", action="append", default=[], metavar="RESULTS=NAME", help=what)
+    what = "ids of other packages, as module:id, whose module is imported to know their tasks"
+    add("--env", action=AppendValues, nargs="+", default=[], metavar="ID", help=what)
     what = "accept folders that share no version, difficulty or split, as tables of their own"
     add("--separate", action="store_true", help=what)
     return out
@@ -59,6 +62,8 @@ def main(arguments: list[str]) -> int:
 
 def _run(options: argparse.Namespace, arguments: list[str]) -> None:
     folders = _distinct(options.results)
+    for name in options.env:
+        find(name)
     names = _names(options.name, folders)
     if options.output.resolve() in [folder.resolve() for folder in folders]:
         raise ConfigurationError(f"--output {options.output} is one of the folders that are merged")
@@ -68,6 +73,11 @@ def _run(options: argparse.Namespace, arguments: list[str]) -> None:
             f"{options.output} holds a comparison already; --overwrite replaces it, or name another folder"
         )
     sources = [Source(read_folder(path), names.get(path.resolve(), "")) for path in folders]
+    for env_id in dict.fromkeys(record.env_id for source in sources for record in source.folder.records):
+        if env_id not in ENTRIES:
+            raise ConfigurationError(
+                f"{env_id} is of another package: name the module that registers it, --env module:{env_id}"
+            )
     about = {
         "command": shlex.join(["evaluate.py", "compare", *arguments]),
         "seeds": sorted({record.seed for source in sources for record in source.folder.records}),

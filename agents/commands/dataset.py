@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from agents.commands.choice import check_fit, choose_policies, distinct
+from agents.commands.choice import check_fit, choose_ids, choose_policies, distinct
 from agents.commands.dataset_making import Places, Request, complete, make
 from space_envs.control import CONTROL_MODES
 from space_envs.errors import ConfigurationError, unknown_name
@@ -23,7 +23,7 @@ from space_envs.evaluation.play.chunks import task_keywords
 from space_envs.evaluation.records.names import display_name
 from space_envs.evaluation.records.record import Task
 from space_envs.evaluation.report.tables import print_at, width_of
-from space_envs.registration import ENTRIES
+from space_envs.registration import ENTRIES, make_task
 from space_envs.robots.parameters import VARIANTS
 from space_envs.system.command_line import AppendValues, Parser, exit_status, output_path
 from space_envs.system.output import check_free, held
@@ -61,7 +61,7 @@ def parser() -> argparse.ArgumentParser:
     )
     add = out.add_argument
     default = next(iter(ENTRIES))
-    what = f"environment ids, or 'all' (default {default})"
+    what = f"environment ids, of another package as module:id, or 'all' (default {default})"
     add("--env", action=AppendValues, nargs="+", default=[default], metavar="ID", help=what)
     add(
         "--policy",
@@ -74,7 +74,8 @@ def parser() -> argparse.ArgumentParser:
     )
     what = f"{' or '.join(LEARNED_FROM)} (default train); goals that policies are tested on are refused"
     add("--split", default="train", metavar="NAME", help=what)
-    add("--difficulty", default="medium", metavar="NAME", help=f"{', '.join(DIFFICULTIES)} (default medium)")
+    what = f"{', '.join(DIFFICULTIES)}, or the task's own (default: the task's, usually medium)"
+    add("--difficulty", metavar="NAME", help=what)
     what = f"{', '.join(CONTROL_MODES)}; by default what each policy was made for"
     add("--control-mode", metavar="MODE", help=what)
     add("--variant", help=f"inertias of the single arm's model: {', '.join(VARIANTS)} (default paper)")
@@ -119,19 +120,13 @@ def _requests(options: argparse.Namespace) -> list[Request]:
     Raises:
         SpaceEnvsError: for anything that is not valid.
     """
-    env_ids = list(ENTRIES) if options.env == ["all"] else options.env
-    for title, names, known in (
-        ("environment id", env_ids, list(ENTRIES)),
-        ("split", [options.split], SPLITS),
-        ("difficulty", [options.difficulty], DIFFICULTIES),
-        ("format", options.format, FORMATS),
-    ):
-        distinct(title, names)
-        for name in names:
-            if name not in known:
-                raise unknown_name(title, name, known)
-    if options.control_mode is not None and options.control_mode not in CONTROL_MODES:
-        raise unknown_name("control mode", options.control_mode, CONTROL_MODES)
+    env_ids = choose_ids(options.env)
+    distinct("format", options.format)
+    for name in options.format:
+        if name not in FORMATS:
+            raise unknown_name("format", name, FORMATS)
+    if options.split not in SPLITS:
+        raise unknown_name("split", options.split, LEARNED_FROM)
     if options.split not in LEARNED_FROM:
         raise ConfigurationError(
             f"datasets are to learn from: they have goals of {' or '.join(LEARNED_FROM)}, never those of "
@@ -147,7 +142,7 @@ def _requests(options: argparse.Namespace) -> list[Request]:
     formats = tuple(name for name in FORMATS if name in options.format)
     requests = [
         Request(
-            Task(env_id, options.difficulty, options.split),
+            Task(env_id, options.difficulty or make_task(env_id, {}).difficulty, options.split),
             policy,
             options.episodes,
             options.seed,
@@ -162,7 +157,7 @@ def _requests(options: argparse.Namespace) -> list[Request]:
     distinct("name of a dataset", [request.id for request in requests])
     for request in requests:
         check_fit(request.policy, request.task.env_id, task_keywords(request.task, request.variant))
-        request.units(())  # says what is wrong with the number of episodes
+        request.units()  # says what is wrong with the number of episodes
     return requests
 
 

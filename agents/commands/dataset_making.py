@@ -3,7 +3,6 @@
 import os
 import re
 import shlex
-import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
@@ -24,6 +23,7 @@ from space_envs.evaluation.datasets.storage import Dataset
 from space_envs.evaluation.play.chunks import CHUNK, Unit, task_keywords
 from space_envs.evaluation.play.rollout import split_indices
 from space_envs.evaluation.records.record import Task
+from space_envs.registration import find
 from space_envs.system.parallel import ProcessDiedError, backend
 from space_envs.system.provenance import provenance
 
@@ -63,7 +63,7 @@ class Request:
         """The environment, for one episode."""
         return CaptureVectorEnv(self.task.env_id, 1, **self.keywords)
 
-    def units(self, paths: tuple[str, ...]) -> list[Unit]:
+    def units(self) -> list[Unit]:
         """All episodes.
 
         Raises:
@@ -79,8 +79,6 @@ class Request:
                 self.seed,
                 first,
                 tuple(indices[first : first + CHUNK]),
-                None,
-                paths,
             )
             for first in range(0, self.episodes, CHUNK)
         ]
@@ -190,8 +188,7 @@ def make(requests: Sequence[Request], places: Places, jobs: int) -> Iterator[tup
     Raises:
         PolicyError: if a process died with its policy; what is complete is kept.
     """
-    paths = tuple(path or os.getcwd() for path in sys.path)
-    units = [(number, unit) for number, request in enumerate(requests) for unit in request.units(paths)]
+    units = [(number, unit) for number, request in enumerate(requests) for unit in request.units()]
     if not units:
         return
     left = [sum(number == of for of, _ in units) for number in range(len(requests))]
@@ -235,7 +232,7 @@ def _written(request: Request, parts: Sequence[Recorded], places: Places) -> dic
         dataset.save(folder / EPISODES)
         card["files"] = {EPISODES: checksum(folder / EPISODES)}
     if "minari" in request.formats:
-        keywords = {"id": request.task.env_id, **request.keywords}
+        keywords = {"id": find(request.task.env_id).name, **request.keywords}
         about = f"Made by: {request.command()}"
         write_minari(dataset, request.id, places.minari, about, keywords)
         card["minari"] = {"dataset_id": request.id}

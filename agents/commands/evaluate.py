@@ -8,18 +8,18 @@ from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
-from agents.commands.choice import check_fit, choose_policies, distinct
+from agents.commands.choice import check_fit, choose_ids, choose_policies, distinct
 from agents.commands.evaluation import Options, dry_run, run
 from agents.learning.seeds import parse_seeds
 from agents.policies.registry import POLICIES
 from agents.policies.resolve import ResolvedPolicy
 from space_envs.control import CONTROL_MODES
-from space_envs.errors import ConfigurationError, positive, unknown_name
+from space_envs.errors import ConfigurationError, positive
 from space_envs.evaluation.play.chunks import task_keywords
 from space_envs.evaluation.play.policy_process import TimeLimits
 from space_envs.evaluation.play.runner import EVALUATION, Evaluation
 from space_envs.evaluation.records.record import Task
-from space_envs.registration import ENTRIES
+from space_envs.registration import ENTRIES, make_task
 from space_envs.robots.parameters import VARIANTS
 from space_envs.system.command_line import AppendValues, Parser, exit_status, output_path
 from space_envs.system.output import check_free
@@ -53,7 +53,7 @@ def parser() -> argparse.ArgumentParser:
         prog="evaluate.py", description=DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     add = out.add_argument
-    what = f"environment ids, or 'all' (default {DEFAULT_ENV})"
+    what = f"environment ids, of another package as module:id, or 'all' (default {DEFAULT_ENV})"
     add("--env", action=AppendValues, nargs="+", default=[DEFAULT_ENV], metavar="ID", help=what)
     add(
         "--policy",
@@ -72,8 +72,8 @@ def parser() -> argparse.ArgumentParser:
         metavar="NAME",
         help=f"{', '.join(SPLITS)} (default test)",
     )
-    what = f"{', '.join(DIFFICULTIES)} (default medium)"
-    add("--difficulty", action=AppendValues, nargs="+", default=["medium"], metavar="NAME", help=what)
+    what = f"{', '.join(DIFFICULTIES)}, or the task's own (default: the task's, usually medium)"
+    add("--difficulty", action=AppendValues, nargs="+", default=[], metavar="NAME", help=what)
     add("--variant", help=f"inertias of the single arm's model: {', '.join(VARIANTS)} (default paper)")
     what = f"{', '.join(CONTROL_MODES)}; by default what each policy was made for"
     add("--control-mode", help=what, metavar="MODE")
@@ -135,38 +135,25 @@ def _checked(options: argparse.Namespace, arguments: list[str]) -> tuple[Evaluat
     Raises:
         SpaceEnvsError: for anything that is not valid.
     """
-    env_ids = list(ENTRIES) if options.env == ["all"] else options.env
-    for title, names, known in (
-        ("environment id", env_ids, ENTRIES),
-        ("split", options.split, SPLITS),
-        ("difficulty", options.difficulty, DIFFICULTIES),
-    ):
-        distinct(title, names)
-        for name in names:
-            if name not in known:
-                raise unknown_name(title, name, known)
-    if options.control_mode is not None and options.control_mode not in CONTROL_MODES:
-        raise unknown_name("control mode", options.control_mode, CONTROL_MODES)
+    env_ids = choose_ids(options.env)
+    distinct("split", options.split)
+    distinct("difficulty", options.difficulty)
     check_backend(options.jobs, options.backend, options.address)
     limits = _limits(options)
     check_free(options.output, EVALUATION)
     entrants: list[tuple[Task, ResolvedPolicy]] = []
     for env_id in env_ids:
-        for policy in choose_policies(options.policy, env_id, env_ids, options.control_mode):
-            keywords = task_keywords(Task(env_id, options.difficulty[0], options.split[0]), options.variant)
-            check_fit(policy, env_id, keywords)
-            for difficulty in options.difficulty:
-                for split in options.split:
-                    entrants.append((Task(env_id, difficulty, split), policy))
-    # One task after the other, its policies in the order in which they were named.
-    entrants.sort(key=lambda pair: _order(pair[0], env_ids, options))
+        tasks = _tasks(env_id, options)
+        policies = choose_policies(options.policy, env_id, env_ids, options.control_mode)
+        for policy in policies:
+            check_fit(policy, env_id, task_keywords(tasks[0], options.variant))
+        entrants += [(task, policy) for task in tasks for policy in policies]
     evaluation = Evaluation(
         tuple(entrants),
         options.episodes,
         parse_seeds(options.seeds),
         options.variant,
         limits,
-        tuple(path or os.getcwd() for path in sys.path),
     )
     evaluation.units()  # says what is wrong with the number of episodes
     chosen = Options(
@@ -183,12 +170,13 @@ def _checked(options: argparse.Namespace, arguments: list[str]) -> tuple[Evaluat
     return evaluation, chosen
 
 
-def _order(task: Task, env_ids: list[str], options: argparse.Namespace) -> tuple[int, int, int]:
-    return (
-        env_ids.index(task.env_id),
-        options.difficulty.index(task.difficulty),
-        options.split.index(task.split),
-    )
+def _tasks(env_id: str, options: argparse.Namespace) -> list[Task]:
+    """An id's tasks, by difficulty and then by split; errors as in `make_task`."""
+    difficulties = options.difficulty or [make_task(env_id, {}).difficulty]
+    tasks = [Task(env_id, difficulty, split) for difficulty in difficulties for split in options.split]
+    for task in tasks:
+        make_task(env_id, task_keywords(task, options.variant))
+    return tasks
 
 
 def _limits(options: argparse.Namespace) -> TimeLimits | None:

@@ -13,6 +13,7 @@ from space_envs.evaluation.records.record import EpisodeRecord
 from space_envs.evaluation.replay.exports import write_video
 from space_envs.evaluation.replay.frames import model_states
 from space_envs.evaluation.replay.replay import Replay, replay_of
+from space_envs.registration import find
 from space_envs.rendering import Renderer
 from space_envs.system.command_line import Parser, check_replaceable, exit_status, output_path
 from space_envs.system.opengl import has_screen
@@ -22,7 +23,8 @@ REST = 1.5  # s, at the end, before the motion begins again
 SMOOTH = 3  # states shown for each recorded step
 DESCRIPTION = """\
 Look at a recorded episode in MuJoCo's viewer, in real time and again until the window is closed, or write a
-video of it. Policy, seed, id and the rest need to be given only where the results hold several.
+video of it. Policy, seed, id and the rest need to be given only where the results hold several; an id that
+another package registers is always given, as module:id.
 
   evaluate.py replay results/mine --policy promp --episode 3
   evaluate.py replay results/mine --policy promp --episode 3 --video capture.mp4
@@ -70,6 +72,8 @@ def _run(options: argparse.Namespace) -> None:
             raise unknown_name("kind of video", options.video.suffix, SUFFIXES)
         check_replaceable(options.video, options.overwrite)
     folder = read_folder(options.results)
+    if options.env is not None and ":" in options.env:
+        options.env = find(options.env).id
     asked = {field: getattr(options, option.replace("-", "_")) for option, (field, _, _) in _CHOICES.items()}
     record = choose(folder.records, asked)
     replay = recorded(folder, record)

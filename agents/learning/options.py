@@ -7,7 +7,7 @@ from typing import Any, get_args, get_type_hints
 
 from agents.learning.hyperparameters import ALGORITHMS, BC, PPO, TABLES, AnyHyperparameters, hyperparameters
 from agents.learning.runs import Settings
-from agents.policies.registry import check_task, control_modes, policy_class
+from agents.policies.registry import control_modes, missing
 from space_envs.control import CONTROL_MODES
 from space_envs.errors import ConfigurationError, unknown_name
 from space_envs.tasks.common import DIFFICULTIES
@@ -160,14 +160,16 @@ def _check(settings: Settings, parameters: AnyHyperparameters) -> None:
         raise ConfigurationError(f"seed must lie in 0..2^32 - 1, got {settings.seed}")
     check_device(settings.device)
     if isinstance(parameters, PPO | BC) and parameters.expert is not None:
-        policy_class(parameters.expert)
-        check_task(parameters.expert, settings.env_id)
         modes = control_modes(parameters.expert)
         if settings.control_mode not in modes:
             raise ConfigurationError(
                 f"expert {parameters.expert!r} acts in control mode {' or '.join(map(repr, modes))}, not "
                 f"{settings.control_mode!r}; "
                 "name another --expert, or for ppo --init none"
+            )
+        if reasons := missing(parameters.expert, settings.env_id, settings.control_mode):
+            raise ConfigurationError(
+                f"expert {parameters.expert!r} does not fit {settings.env_id}: {'; '.join(reasons)}"
             )
     if isinstance(parameters, PPO) and settings.init is not None:
         from agents.learning.training import starting_policy  # torch takes seconds to import

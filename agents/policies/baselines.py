@@ -12,8 +12,6 @@ from space_envs.policy import PolicyContext
 class Random:
     """Uniform actions from the seed, in any control mode."""
 
-    control_mode = "joint_velocity"
-
     def __init__(self, context: PolicyContext, seed: int = 0) -> None:
         self._context = context
         self._rng = np.random.default_rng(seed)
@@ -32,8 +30,6 @@ class Random:
 
 class Hold:
     """Zero actions: in the velocity modes the arm rests."""
-
-    control_mode = "joint_velocity"
 
     def __init__(self, context: PolicyContext, seed: int = 0) -> None:
         self._context = context

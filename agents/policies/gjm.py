@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array, conjugate, rotate
-from space_envs.policy import PolicyContext
+from space_envs.policy import Needs, PolicyContext
 
 GAIN = 0.6  # 1/s, of the end-effector's error
 LINEAR_SPEED = 0.15  # m/s, the most the end-effector is asked for
@@ -47,10 +47,13 @@ def resolved_rate(
 class GeneralizedJacobian:
     """Moves the end-effector straight towards the goal, whatever that does to the base."""
 
-    control_mode = "joint_velocity"
+    needs = Needs(
+        fields=("joint_position", "joint_velocity", "base_quaternion", "position_error", "rotation_error"),
+        control_modes=("joint_velocity",),
+        arms=1,
+    )
 
     def __init__(self, context: PolicyContext, seed: int = 0) -> None:
-        context.require_mode(self.control_mode)
         self.context = context
 
     def predict(

@@ -1,153 +1,146 @@
-"""The one table of policies."""
+"""The table of policies that commands know by name, and which of them fit a task."""
 
 import traceback
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 from space_envs.control import CONTROL_MODES
-from space_envs.errors import ConfigurationError, PolicyError, SpaceEnvsError, unknown_name
-from space_envs.policy import DEFAULT_CONTROL_MODE, Policy, PolicyContext, load_policy_class
+from space_envs.envs import CaptureVectorEnv
+from space_envs.errors import PolicyError, SpaceEnvsError, shown, unknown_name
+from space_envs.policy import DEFAULT_CONTROL_MODE, Needs, Policy, PolicyContext, load_policy_class
+from space_envs.registration import find
 from space_envs.strangers import described
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One policy: its class as `package.module:Class`, imported when it is asked for, and what it is."""
+    """One policy: its class as `package.module:Class`, imported when it is needed, and what it does.
+
+    `expert` is whether it is a planner or controller: neither learned nor a baseline.
+    """
 
     policy: str
     summary: str
-    control_mode: str = DEFAULT_CONTROL_MODE
-    tasks: tuple[str, ...] | None = None  # ids it is made for; None is all
+    expert: bool = True
 
-
-SINGLE_ARM = ("SpaceCapture/SingleArm-v0", "SpaceCapture/SingleArmCluttered-v0")
-DUAL_ARM = ("SpaceCapture/DualArmPlanar-v0", "SpaceCapture/DualArmSpatial-v0")
-PLANAR = DUAL_ARM[:1]
-LEARNED = (SINGLE_ARM[0], *DUAL_ARM)  # ids with clones that are shipped
 
 POLICIES: dict[str, Entry] = {
-    "random": Entry("agents.policies.baselines:Random", "uniform actions"),
-    "hold": Entry("agents.policies.baselines:Hold", "no motion at all"),
+    "random": Entry("agents.policies.baselines:Random", "uniform actions", expert=False),
+    "hold": Entry("agents.policies.baselines:Hold", "no motion at all", expert=False),
     "minimum_jerk": Entry(
         "agents.policies.single_arm.minimum_jerk:MinimumJerk",
         "quintic joint motion to a goal from inverse kinematics",
-        tasks=SINGLE_ARM,
     ),
     "gjm": Entry(
         "agents.policies.gjm:GeneralizedJacobian",
         "resolved rate with the damped generalised Jacobian",
-        tasks=SINGLE_ARM,
     ),
     "mpc": Entry(
         "agents.policies.single_arm.mpc:ModelPredictive",
         "linear-quadratic receding horizon on the joints, as in shyam2020",
-        tasks=SINGLE_ARM,
     ),
     "promp": Entry(
         "agents.policies.single_arm.promp:ProMPPolicy",
         "best of 100 samples of a ProMP by eq. 20, as in shyam2020",
-        tasks=SINGLE_ARM,
     ),
     "promp_mean": Entry(
         "agents.policies.single_arm.promp:ConditionalMean",
         "the conditional mean of the same ProMP",
-        tasks=SINGLE_ARM,
     ),
     "promp_feedback": Entry(
         "agents.policies.single_arm.promp_feedback:PrompFeedback",
         "feedback to that mean with gains from the same ProMP's covariance",
-        tasks=SINGLE_ARM[:1],
     ),
     "ocp": Entry(
         "agents.policies.single_arm.optimal:OptimalControl",
         "least eq. 20 by collocation, all limits, attitude free",
-        tasks=SINGLE_ARM,
     ),
     "promp_optimal": Entry(
         "agents.policies.single_arm.optimal:PrompOptimal",
         "least eq. 20 in the weights of a ProMP, all limits, attitude free",
-        tasks=SINGLE_ARM,
     ),
     "promp_optimal_kept": Entry(
         "agents.policies.single_arm.optimal:PrompOptimalKept",
         "the same with the attitude kept at the end",
-        tasks=SINGLE_ARM,
     ),
     "promp_demonstrated": Entry(
         "agents.policies.single_arm.promp_demonstrated:PrompDemonstrated",
         "best of 100 samples of ProMPs of optimal demonstrations, conditioned in task space",
-        tasks=SINGLE_ARM[:1],
     ),
     "promp_avoiding": Entry(
         "agents.policies.single_arm.promp_avoiding:PrompAvoiding",
         "samples of a ProMP that keep out of spheres, the best refined",
-        tasks=SINGLE_ARM[1:],
     ),
     "nmpc": Entry(
         "agents.policies.single_arm.nmpc:NMPC",
         "receding horizon in weights, attitude kept at its end, the observed state fed back",
-        tasks=SINGLE_ARM[:1],
     ),
     "reactionless": Entry(
         "agents.policies.dual_arm.reactionless:ZetaZero",
         "polynomial end-effector paths with zeta = 0, as in shah2013",
-        tasks=DUAL_ARM,
     ),
     "reactionless_local": Entry(
         "agents.policies.dual_arm.reactionless:Local",
         "the same paths with the least kinetic energy at each instant, as in shah2013",
-        tasks=DUAL_ARM,
     ),
     "reactionless_ocp": Entry(
         "agents.policies.dual_arm.reactionless:OptimalControl",
         "the same paths with the least energy over the motion, as in shah2013",
-        tasks=PLANAR,
     ),
     "reactionless_free": Entry(
         "agents.policies.dual_arm.reactionless:FreePaths",
         "paths free between their ends, least energy, all limits",
-        tasks=DUAL_ARM,
     ),
     "reactionless_rate": Entry(
         "agents.policies.dual_arm.reactionless_rate:ReactionlessRate",
         "resolved rate of both arms with the reactionless constraint, damped",
-        tasks=DUAL_ARM,
     ),
     "bc": Entry(
         "agents.policies.learned.learned_policy:BehaviourCloning",
         "cloned from an expert (DAgger), shipped",
-        tasks=LEARNED,
+        expert=False,
     ),
     "ppo": Entry(
         "agents.policies.learned.learned_policy:ProximalPolicyOptimization",
         "the clone, improved by PPO, shipped",
-        tasks=SINGLE_ARM[:1],
+        expert=False,
     ),
     "bc_reactionless": Entry(
-        "agents.policies.learned.learned_policy:BehaviourCloning",
+        "agents.policies.learned.learned_policy:ReactionlessCloning",
         "cloned in control mode reactionless, shipped",
-        "reactionless",
-        tasks=DUAL_ARM,
+        expert=False,
     ),
 }
 
 
-def policies_for(env_id: str) -> list[str]:
-    """Names of the policies that are made for an id."""
-    return [name for name, entry in POLICIES.items() if entry.tasks is None or env_id in entry.tasks]
+def policies_for(env_id: str, mode: str | None = None) -> list[str]:
+    """Names of the policies that fit a task in a control mode; None is each policy's own."""
+    return [name for name in POLICIES if not missing(name, env_id, mode)]
 
 
-def check_task(name: str, env_id: str) -> None:
-    """Refuse a registered policy on an id that it is not made for.
+def missing(name: str, env_id: str, mode: str | None = None) -> list[str]:
+    """Reasons why a policy does not fit a task in a control mode, empty where it fits; None is its own mode.
 
     Raises:
-        ConfigurationError: naming both, and the policies that there are for the id.
+        ConfigurationError, PolicyError: as `policy_class`.
     """
-    if name in POLICIES and name not in (names := policies_for(env_id)):
-        raise ConfigurationError(
-            f"policy {name!r} is made for {', '.join(POLICIES[name].tasks or ())}, not for {env_id}; "
-            f"there are {', '.join(names)}"
-        )
+    return needs(name).missing(_context(find(env_id).name, mode or control_mode(name)))
+
+
+def check_needs(name: str, context: PolicyContext) -> None:
+    """Refuse a policy that does not fit a context.
+
+    Raises:
+        PolicyError: naming what the task lacks. ConfigurationError, PolicyError: as `policy_class`.
+    """
+    if reasons := needs(name).missing(context):
+        raise PolicyError(f"policy {name!r} does not fit {context.env_id}: {'; '.join(reasons)}")
+
+
+@lru_cache(maxsize=64)
+def _context(env: str, mode: str) -> PolicyContext:
+    return PolicyContext.from_env(CaptureVectorEnv(env, control_mode=mode))
 
 
 def policy_class(name: str) -> type[Policy]:
@@ -163,29 +156,36 @@ def policy_class(name: str) -> type[Policy]:
     return load_policy_class(POLICIES[name].policy)
 
 
+def needs(name: str) -> Needs:
+    """The needs that a policy's class declares; errors as in `policy_class`."""
+    declared = getattr(policy_class(name), "needs", Needs())
+    if not isinstance(declared, Needs):
+        raise PolicyError(f"policy {name!r}: needs must be a space_envs.policy.Needs, got {shown(declared)}")
+    return declared
+
+
 def control_mode(name: str) -> str:
-    """The control mode that a policy acts in if nothing is said; errors as in `policy_class`."""
-    if name in POLICIES:
-        return POLICIES[name].control_mode
+    """The control mode that a policy acts in unless another is asked for; errors as in `policy_class`."""
     mode = getattr(policy_class(name), "control_mode", DEFAULT_CONTROL_MODE)
     if type(mode) is not str or mode not in CONTROL_MODES:
-        shown = mode if type(mode) is str else type(mode)
-        raise PolicyError(f"policy {name!r}: {unknown_name('control mode', shown, CONTROL_MODES)}")
+        got = mode if type(mode) is str else type(mode)
+        raise PolicyError(f"policy {name!r}: {unknown_name('control mode', got, CONTROL_MODES)}")
     return mode
 
 
 def control_modes(name: str) -> tuple[str, ...]:
-    """The control modes that a policy can act in; errors as in `policy_class`."""
-    return getattr(policy_class(name), "control_modes", (control_mode(name),))
+    """The control modes that a policy was made for; errors as in `policy_class`."""
+    return needs(name).control_modes or (control_mode(name),)
 
 
 def make_policy(name: str, context: PolicyContext, seed: int) -> Policy:
     """Build a policy by its name.
 
     Raises:
-        ConfigurationError, PolicyError: as `policy_class` says, if the context's control mode is not the
-            policy's, or if one that is not built in raises.
+        ConfigurationError, PolicyError: as `policy_class`, if the policy does not fit the context, or if one
+            that is not built in raises.
     """
+    check_needs(name, context)
     build: Any = policy_class(name)
     if name in POLICIES:
         return build(context, seed)
@@ -198,5 +198,5 @@ def make_policy(name: str, context: PolicyContext, seed: int) -> Policy:
         if isinstance(error, SpaceEnvsError):
             raise PolicyError(message.partition(": ")[2] or message) from None
         last = traceback.extract_tb(error.__traceback__)[-1]
-        told = f"{message} (line {last.lineno} of {last.filename})"
-        raise PolicyError(f"policy {name!r} could not be built with (context, seed): {told}") from None
+        message = f"{message} (line {last.lineno} of {last.filename})"
+        raise PolicyError(f"policy {name!r} could not be built with (context, seed): {message}") from None

@@ -12,6 +12,7 @@ from agents.planners.common.inverse_kinematics import JointMotion
 from agents.planners.common.plans import Failure, JointPath
 from agents.policies.clearance import KeepOut
 from agents.policies.gjm import resolved_rate
+from agents.policies.needs import POSE
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import PolicyError
 from space_envs.evaluation.records.causes import PlanState
@@ -168,10 +169,9 @@ class TrajectoryPolicy:
     times; if they all would, the arm rests.
     """
 
-    control_mode = "joint_velocity"
+    needs = POSE
 
     def __init__(self, context: PolicyContext, seed: int = 0) -> None:
-        context.require_mode(self.control_mode)
         self.context = context
         random = np.random.default_rng(0)
         self._others = random.uniform(-OTHER_RADIUS, OTHER_RADIUS, (OTHERS, context.arm.n_joints))

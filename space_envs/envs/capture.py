@@ -22,7 +22,7 @@ from space_envs.errors import (
     shown,
     unknown_name,
 )
-from space_envs.registration import asked_of_make, make_task
+from space_envs.registration import asked_of_make, find
 from space_envs.simulation import Simulation
 from space_envs.tasks.common import Goals
 
@@ -62,7 +62,7 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
     """N episodes of a capture task in one batch of simulations.
 
     Args:
-        env_id: registered id whose task is simulated.
+        env_id: registered id whose task is simulated, or `module:id` of one that a module registers.
         num_envs: N, the number of episodes.
         control_mode: joint_velocity, joint_torque, end_effector_velocity or reactionless.
         autoreset_mode: next_step, same_step or disabled (Gymnasium's `AutoresetMode`).
@@ -102,8 +102,9 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         max_episode_steps: int | None = None,
         **keywords: Any,
     ) -> None:
+        entry = find(env_id)
         self._arguments = {
-            "env_id": env_id,
+            "env_id": entry.name,
             "num_envs": num_envs,
             "control_mode": control_mode,
             "autoreset_mode": autoreset_mode,
@@ -131,14 +132,14 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
             positive_integer(name, side, largest=4096)
             for name, side in (("width", width), ("height", height))
         )
-        self.task = make_task(env_id, _with_horizon(keywords, max_episode_steps))
+        self.task = entry.make(_with_horizon(keywords, max_episode_steps))
         if not isinstance(camera, str) or camera != _CAMERA:  # which every model has
             model = self.task.render_model
             cameras = [model.cam(index).name for index in range(model.ncam)]
             if not isinstance(camera, str) or camera not in cameras:
                 raise unknown_name("camera", camera, cameras)
         check_memory(num_envs, self.task)
-        self.env_id = env_id
+        self.env_id = entry.id
         self.control_mode = control_mode
         self.num_envs = num_envs
         self.render_mode = render_mode

@@ -20,7 +20,6 @@ from space_envs.tasks.common import (
     DIFFICULTIES,
     REWARDS,
     SPARSE,
-    SPLITS,
     CaptureEnvelope,
     GoalOption,
     Goals,
@@ -76,6 +75,7 @@ class CaptureTask:
     version: ClassVar[int] = 2  # of the task in records, raised with every change that moves a score
     layout: ClassVar[ObservationLayout]
     parameters: ClassVar[DriveLimits]
+    difficulties: ClassVar[tuple[str, ...]] = DIFFICULTIES  # sizes of the goal region
     split_sizes: ClassVar[Mapping[str, int]]
     goal_options: ClassVar[Mapping[str, GoalOption]]  # of `reset`, all that make up a goal
     collides: ClassVar[bool] = False  # whether there is something to touch
@@ -83,8 +83,8 @@ class CaptureTask:
 
     def __post_init__(self) -> None:
         for kind, value, valid in (
-            ("difficulty", self.difficulty, DIFFICULTIES),
-            ("split", self.split, SPLITS),
+            ("difficulty", self.difficulty, self.difficulties),
+            ("split", self.split, self.split_sizes),
             ("reward", self.reward, REWARDS),
         ):
             if not isinstance(value, str) or value not in valid:
@@ -247,8 +247,8 @@ class CaptureTask:
         Raises:
             ConfigurationError: for an unknown split.
         """
-        if not isinstance(split, str) or split not in SPLITS:
-            raise unknown_name("split", split, SPLITS)
+        if not isinstance(split, str) or split not in self.split_sizes:
+            raise unknown_name("split", split, self.split_sizes)
         return self.split_sizes[split]
 
     def goals(self, split: str, indices: NDArray[np.int64]) -> Any:

@@ -61,7 +61,7 @@ _SLICES = LAYOUT.slices
 
 @dataclass(frozen=True)
 class DualArmPlanarTask(DualArmTask):
-    """The planar task.
+    """Two planar arms on a 500 kg satellite take a tumbling object, attitude kept.
 
     Attributes:
         mounts: of the arms in the satellite's frame, m; None is (0.5, 0) and (-0.5, 0).

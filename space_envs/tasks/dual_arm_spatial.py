@@ -84,7 +84,7 @@ class ApproachEnvelope(CaptureEnvelope):
 
 @dataclass(frozen=True)
 class DualArmSpatialTask(DualArmTask):
-    """The spatial task."""
+    """Two 7-DoF arms on a 500 kg satellite take a tumbling satellite, attitude kept."""
 
     horizon: int = 300
     envelope: CaptureEnvelope = field(default_factory=ApproachEnvelope)

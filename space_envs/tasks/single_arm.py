@@ -114,7 +114,7 @@ class PoseGoals(Goals):
 
 @dataclass(frozen=True)
 class SingleArmTask(CaptureTask):
-    """The task of the single arm.
+    """A 7-DoF arm on a free-floating 200 kg satellite takes a static grapple pose.
 
     Attributes:
         variant: inertias of the model, paper or physical.

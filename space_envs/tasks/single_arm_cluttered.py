@@ -44,7 +44,7 @@ _FILE = "single_arm_cluttered_draws.npz"
 
 @dataclass(frozen=True)
 class SingleArmClutteredTask(SingleArmTask):
-    """The task of the single arm among keep-out spheres."""
+    """The same arm takes a static grapple pose, clear of spheres in its way."""
 
     layout = CLUTTERED_LAYOUT
     split_sizes = CLUTTERED_SPLIT_SIZE

@@ -24,14 +24,9 @@ class Grapples:
 
 
 class Reader:
-    """Reads observations (N, size) of one of the dual-arm tasks; vectors have three components in both.
-
-    Raises:
-        PolicyError: if the context is that of another task.
-    """
+    """Reads observations (N, size) of one of the dual-arm tasks; vectors have three components in both."""
 
     def __init__(self, context: PolicyContext) -> None:
-        context.require_fields("target_position", "goal_linear_velocity")
         self.context = context
         self.kind = KINDS[0] if "base_angle" in context.layout.slices else KINDS[1]
         parameters = DUAL_ARM_PLANAR if self.kind == "planar" else DUAL_ARM_SPATIAL

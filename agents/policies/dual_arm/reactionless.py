@@ -16,6 +16,7 @@ from agents.planners.dual_arm.problem import Capture, CapturePlan
 from agents.policies.clearance import MARGIN
 from agents.policies.dual_arm.observed import Reader
 from agents.policies.dual_arm.reactionless_rate import limited, track_rates
+from agents.policies.needs import RENDEZVOUS
 from agents.policies.tracking import Following, continued, following
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.reactionless import keep_attitude
@@ -86,11 +87,9 @@ class ReactionlessPlanner:
     grapple points; from then on the resolved rate of `reactionless_rate` stays with them.
     """
 
-    control_mode = "joint_velocity"
-    control_modes = ("joint_velocity", "reactionless")
+    needs = RENDEZVOUS
 
     def __init__(self, context: PolicyContext, seed: int = 0) -> None:
-        context.require_mode(*self.control_modes)
         self.context = context
         self.reader = Reader(context)
         self._samples = round(MEETING / context.control_period)
@@ -187,6 +186,8 @@ class Local(ReactionlessPlanner):
 
 class OptimalControl(ReactionlessPlanner):
     """Polynomial end-effector paths with the least energy over the motion, from rest."""
+
+    needs = replace(RENDEZVOUS, planar=True)
 
     @staticmethod
     def plan(task: Task) -> CapturePlan | Failure:

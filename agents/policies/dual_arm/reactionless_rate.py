@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from agents.policies.dual_arm.keep_clear import clear_rates
 from agents.policies.dual_arm.observed import Reader
+from agents.policies.needs import RENDEZVOUS
 from space_envs.control import BRAKING
 from space_envs.dynamics.reactionless import axis_turn, keep_attitude, reactionless_rates, tips
 from space_envs.dynamics.rotations import Array, conjugate, logarithm, rotate
@@ -82,11 +83,9 @@ class ReactionlessRate:
     """Moves both end-effectors towards their grapple points and along with them, clear of what may not be
     touched, the attitude kept."""
 
-    control_mode = "joint_velocity"
-    control_modes = ("joint_velocity", "reactionless")
+    needs = RENDEZVOUS
 
     def __init__(self, context: PolicyContext, seed: int = 0) -> None:
-        context.require_mode(*self.control_modes)
         self.context = context
         self.reader = Reader(context)
 

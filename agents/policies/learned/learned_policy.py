@@ -1,5 +1,7 @@
 """Policies that were learned: from a run's folder, a policy file, or those that ship with the project."""
 
+from dataclasses import replace
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -9,7 +11,7 @@ from numpy.typing import NDArray
 
 from agents.policies.learned.policy_file import PolicyFile, load_policy_file
 from space_envs.errors import PolicyError, unknown_name
-from space_envs.policy import DEFAULT_CONTROL_MODE, PolicyContext
+from space_envs.policy import DEFAULT_CONTROL_MODE, Needs, PolicyContext
 
 POLICY_FILE = "policy.npz"  # in a run's folder: the best policy on the validation split so far
 _SHIPPED = files("agents") / "data" / "policies"
@@ -88,7 +90,7 @@ def shipped_name(algorithm: str, control_mode: str) -> str:
 
 def shipped_path(env_id: str, name: str) -> Path:
     """Where the shipped policy `name` for an id is, or would be."""
-    return Path(str(_SHIPPED)) / env_id.split("/")[-1] / f"{name}.npz"
+    return Path(str(_SHIPPED)) / env_id.removeprefix("SpaceCapture/") / f"{name}.npz"
 
 
 def shipped_policies(env_id: str) -> tuple[str, ...]:
@@ -108,10 +110,21 @@ def load_shipped(env_id: str, name: str) -> PolicyFile:
     return load_policy_file(shipped_path(env_id, name))
 
 
+def _not_shipped(algorithm: str, context: PolicyContext) -> str | None:
+    name, names = shipped_name(algorithm, context.control_mode), shipped_policies(context.env_id)
+    shipped = f"those that ship are {', '.join(names)}" if names else "none ship for the task"
+    return None if name in names else f"it needs weights {name!r}, {shipped}"
+
+
 class ShippedPolicy(LearnedPolicy):
     """A policy that ships with the project; a subclass says which."""
 
     name: ClassVar[str]
+    needs: ClassVar[Needs]
+
+    def __init_subclass__(cls) -> None:
+        if "needs" not in vars(cls):
+            cls.needs = Needs(other=partial(_not_shipped, cls.name))
 
     def __init__(self, context: PolicyContext, seed: int = 0) -> None:
         name = shipped_name(self.name, context.control_mode)
@@ -122,6 +135,13 @@ class BehaviourCloning(ShippedPolicy):
     """Cloned from an expert: `train.py --algo bc`."""
 
     name = "bc"
+
+
+class ReactionlessCloning(BehaviourCloning):
+    """The same in control mode reactionless."""
+
+    control_mode = "reactionless"
+    needs = replace(BehaviourCloning.needs, control_modes=("reactionless",))
 
 
 class ProximalPolicyOptimization(ShippedPolicy):

@@ -1,7 +1,7 @@
 """Nonlinear model predictive control of the single arm as a policy."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from agents.planners.single_arm.library import shipped_library
 from agents.planners.single_arm.nmpc.controller import Controller
 from agents.planners.single_arm.nmpc.problem import ArmState, Horizon, Target, Weights, coasting
 from agents.policies.clearance import KeepOut
+from agents.policies.needs import POSE
 from agents.policies.single_arm.optimal import drive_limits
 from agents.policies.tracking import rows_to_plan
 from space_envs.dynamics.rotations import Array
@@ -43,12 +44,10 @@ class NMPC:
     clear, and otherwise the arm brakes, which it can within that time; the next step tries again.
     """
 
-    control_mode = "joint_velocity"
+    needs = replace(POSE, joints=7, goals=None, obstacles=False)
     weights = Weights()
 
     def __init__(self, context: PolicyContext, seed: int = 0) -> None:
-        context.require_mode(self.control_mode)
-        context.require_fields("base_quaternion", "goal_quaternion")
         self.context = context
         limits, library = drive_limits(context), shipped_library(True, limited=False)
         self.controller = Controller(context.arm, limits, context.c, library, self.weights)

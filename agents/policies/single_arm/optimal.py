@@ -1,5 +1,6 @@
 """Policies that plan an optimal motion where an episode begins, follow it, and then stay with the goal."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.weights.promp_optimal import Planner
 from agents.policies.clearance import ASKED, KeepOut, spheres_seen
 from agents.policies.gjm import resolved_rate
+from agents.policies.needs import POSE
 from agents.policies.tracking import (
     DURATION,
     HOLD_ANGULAR_SPEED,
@@ -75,11 +77,10 @@ def reaches(context: PolicyContext, observation: Array, keep_attitude: bool) -> 
 class OptimalPolicy:
     """Follows what a subclass plans, with feedback of the joint angles. Without a plan the arm rests."""
 
-    control_mode = "joint_velocity"
+    needs = POSE
     keep_attitude = False
 
     def __init__(self, context: PolicyContext, seed: int = 0) -> None:
-        context.require_mode(self.control_mode)
         self.context, self.limits = context, drive_limits(context)
 
     def plan(self, asked: list[Reach]) -> list[ReachPlan | Failure]:
@@ -140,6 +141,8 @@ class OptimalControl(OptimalPolicy):
 
 class PrompOptimal(OptimalPolicy):
     """Least eq. 20 in the weights of a ProMP, from stored optimal motions; the attitude is free."""
+
+    needs = replace(POSE, joints=7)
 
     def __init__(self, context: PolicyContext, seed: int = 0) -> None:
         super().__init__(context, seed)

@@ -1,5 +1,6 @@
 """The algorithm of shyam2020, sec. V-D: condition a ProMP, sample, and take the least cost by eq. 20."""
 
+from dataclasses import replace
 from functools import lru_cache
 from importlib.resources import as_file, files
 
@@ -8,6 +9,7 @@ import numpy as np
 from agents.planners.common.damped_search import JointGoals, Rows
 from agents.planners.common.inverse_kinematics import JointMotion, MotionModel, floating_inverse_kinematics
 from agents.policies.clearance import KeepOut
+from agents.policies.needs import POSE
 from agents.policies.tracking import TrajectoryPolicy, motion_times
 from promp import ProMP, ViaPoint
 from space_envs.dynamics import trajectory_cost
@@ -90,6 +92,8 @@ class ProMPPolicy(TrajectoryPolicy):
     Raises:
         PolicyError: if the prior is for another number of joints.
     """
+
+    needs = replace(POSE, joints=7)
 
     def __init__(
         self, context: PolicyContext, seed: int = 0, prior: ProMP | None = None, samples: int = SAMPLES

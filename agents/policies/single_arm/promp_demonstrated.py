@@ -1,9 +1,12 @@
 """The paper's ProMP with optimal demonstrations, conditioned on the goal in task space, as policies."""
 
+from dataclasses import replace
+
 from agents.planners.common.plans import Failure
 from agents.planners.single_arm.library import shipped_library
 from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.weights.demonstrated import DemonstratedPlanner
+from agents.policies.needs import POSE
 from agents.policies.single_arm.optimal import OptimalPolicy
 from space_envs.policy import PolicyContext
 
@@ -14,6 +17,8 @@ class PrompDemonstrated(OptimalPolicy):
     Args:
         context, seed: as of every policy. All episodes share the samples' draws, which the seed fixes.
     """
+
+    needs = replace(POSE, joints=7, obstacles=False)
 
     def __init__(self, context: PolicyContext, seed: int = 0) -> None:
         super().__init__(context, seed)

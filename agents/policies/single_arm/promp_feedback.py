@@ -1,5 +1,6 @@
 """Control from the learned distribution (shyam2020, sec. VII): the ProMP's own covariance gives the gains."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 from agents.planners.common.damped_search import JointGoals
 from agents.planners.common.inverse_kinematics import JointMotion
 from agents.planners.single_arm.stochastic_feedback import StochasticFeedback
+from agents.policies.needs import POSE
 from agents.policies.single_arm.promp import ConditionalMean
 from agents.policies.tracking import Plan, Steps
 from space_envs.dynamics.rotations import Array
@@ -26,6 +28,8 @@ class PrompFeedback(ConditionalMean):
     acceleration leads back to the mean; while it widens, a deviation may grow as those of the demonstrations
     do. Where its spread is below that with which the state is taken to be measured, it hardly corrects.
     """
+
+    needs = replace(POSE, joints=7, obstacles=False)
 
     def __init__(self, context: PolicyContext, seed: int) -> None:
         super().__init__(context, seed)

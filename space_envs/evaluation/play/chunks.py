@@ -6,9 +6,8 @@ sums over a batch may differ in their last digit from those over another.
 
 import contextlib
 import json
-import sys
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
@@ -24,7 +23,7 @@ from space_envs.evaluation.play.rollout import PolicyTime, Rollout, roll_out, ti
 from space_envs.evaluation.records.metrics import episode_records
 from space_envs.evaluation.records.record import UNTIMED, Entrant, EpisodeRecord, Task
 from space_envs.policy import Policy, PolicyContext
-from space_envs.registration import make_task
+from space_envs.registration import find, make_task
 from space_envs.system.files import atomic_write
 from space_envs.system.reading import parse_json, read_arrays
 from space_envs.system.threads import on_one_thread
@@ -65,7 +64,7 @@ class Unit:
         player: the policy. task: what is asked. variant: of the model, or None for the usual one.
         seed: of goals, the policy and the environment. first: number of its first episode within the seed.
         indices: goals of the split. limits: of the policy's calls, if there are any.
-        paths: where modules are found.
+        env: name of the environment that every process can make, with the module that registers it.
     """
 
     player: Player
@@ -75,7 +74,10 @@ class Unit:
     first: int
     indices: tuple[int, ...]
     limits: TimeLimits | None = None
-    paths: tuple[str, ...] = ()
+    env: str = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "env", find(self.task.env_id).name)
 
     @property
     def entrant(self) -> Entrant:
@@ -95,7 +97,7 @@ class Unit:
     @property
     def environment(self) -> dict[str, Any]:
         """Keywords of `CaptureVectorEnv`."""
-        return {"env_id": self.task.env_id, "control_mode": self.player.control_mode, **self.keywords}
+        return {"env_id": self.env, "control_mode": self.player.control_mode, **self.keywords}
 
     def description(self) -> dict[str, Any]:
         """What decides the records, as plain JSON values."""
@@ -196,8 +198,8 @@ def time_unit(unit: Unit) -> PolicyTime:
 
 @contextlib.contextmanager
 def prepared(unit: Unit) -> Iterator[None]:
-    """Find a unit's modules, and compute on one thread."""
-    sys.path += [path for path in unit.paths if path not in sys.path]
+    """Import the module that registers a unit's id, and compute on one thread."""
+    find(unit.env)
     with threadpool_limits(1):
         yield
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import mujoco
 import numpy as np
 
-from space_envs.errors import RenderingError
+from space_envs.errors import ConfigurationError, RenderingError
 from space_envs.evaluation.play.rollout import Rollout
 from space_envs.evaluation.records.record import Entrant
 from space_envs.evaluation.report.stills import Still
@@ -40,6 +40,6 @@ def capture_pictures(
                 stills.append(Still(float(step * task.control_period), renderer.render(state)))
             pictures[name] = stills
         renderer.close()
-    except RenderingError as error:
+    except (RenderingError, ConfigurationError) as error:  # or the model has no such camera
         return {}, f"There are no pictures: {error}"
     return pictures, "" if pictures else "There are no pictures, since no policy captured anything."

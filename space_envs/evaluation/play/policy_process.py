@@ -79,7 +79,7 @@ class PolicyProcess:
         environment: dict[str, Any],
         limits: TimeLimits | None = None,
     ) -> None:
-        self._start = cloudpickle.dumps((list(sys.path), cloudpickle.dumps((build, environment))))
+        self._start = cloudpickle.dumps((build, environment))
         self._limits = limits
         self._process: subprocess.Popen[bytes] | None = None
         self._anew = False
@@ -107,7 +107,8 @@ class PolicyProcess:
             self._asked(_packed({"build": True}), limit, late, 0)
         else:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "space_envs.evaluation.play.policy_process", str(os.getpid())],
+                # -P: modules are found where this process finds them, and not in the working directory first.
+                [sys.executable, "-P", "-m", "space_envs.evaluation.play.policy_process", str(os.getpid())],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 bufsize=0,
@@ -295,8 +296,7 @@ def _answer(pipe: int, make: Callable[[], tuple[Any, bytes]], otherwise: Any) ->
 def _built(start: bytes) -> tuple[tuple[Policy, int], bytes]:
     from space_envs.envs import CaptureVectorEnv
 
-    sys.path[:], packed = pickle.loads(start)
-    make, environment = pickle.loads(packed)  # once modules are found where the harness finds them
+    make, environment = pickle.loads(start)
     context = PolicyContext.from_env(CaptureVectorEnv(**{**environment, "num_envs": 1}))
     return (make(context), len(context.action_scale)), _packed({})
 

@@ -50,7 +50,6 @@ class Evaluation:
         entrants: pairs of a task and a policy, in the order of the records.
         episodes: different goals of each split. seeds: of goals, policies and environments; each is a
             stratum of the intervals. variant: of the models, or None. limits: of the policies' calls, if any.
-        paths: where modules are found.
     """
 
     entrants: tuple[tuple[Task, Player], ...]
@@ -58,7 +57,6 @@ class Evaluation:
     seeds: tuple[int, ...]
     variant: str | None = None
     limits: TimeLimits | None = None
-    paths: tuple[str, ...] = ()
 
     def units(self) -> list[Unit]:
         """All units, in the order of the records.
@@ -80,7 +78,6 @@ class Evaluation:
                 first,
                 tuple(goals[task, seed][first : first + CHUNK]),
                 self.limits,
-                self.paths,
             )
             for task, player in self.entrants
             for seed in self.seeds
