@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from offenders import assert_none
+from package_of_the_docs import installed
 from PIL import Image
 from result_folders import write_folder
 from synthetic_results import make_record, make_result
 
 from agents.commands.evaluate import COMMANDS
-from agents.commands.evaluate import main as evaluate
 from docs import generate, pictures
 from docs.blocks import BLOCKS
 from docs.goals import goals
@@ -28,9 +28,7 @@ from docs.leaderboard import with_leaderboards
 from docs.reading import attributes, comments, described, field_comments, number, section, split_unit
 from space_envs.envs import CaptureEnv
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.records.record import read_records
 from space_envs.evaluation.statistics.columns import COLUMNS, RULES
-from space_envs.registration import ENTRIES, unregister
 from space_envs.rendering import missing_gl
 from space_envs.system.provenance import package_version
 from space_envs.tasks.base import CaptureTask
@@ -121,15 +119,11 @@ def test_the_readme_has_the_tables_of_both_ids():
 @pytest.mark.parametrize("name", [name for name in NAMES if any(blocks(ROOT / name, "python"))])
 def test_examples_run(name, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-    known = set(ENTRIES)
     namespace: dict[str, object] = {}
-    try:
+    with installed(tmp_path):
         for mark, code, line in blocks(ROOT / name, "python"):
-            if mark != "no-run":
+            if mark is None:
                 exec(compile("\n" * line + code, name, "exec"), namespace)
-    finally:
-        for added in set(ENTRIES) - known:
-            unregister(added)
 
 
 def test_the_ten_lines_of_the_readme_do_what_they_say(monkeypatch, capsys):
@@ -147,23 +141,6 @@ def test_the_ten_lines_of_the_readme_do_what_they_say(monkeypatch, capsys):
 
 def test_few_examples_are_not_run():
     assert sum(mark == "no-run" for path in PAGES for mark, *_ in blocks(path, "python")) <= 2
-
-
-def test_policy_of_ones_own_enters_the_leaderboard(monkeypatch, tmp_path, capsys):
-    ((_, code, _),) = [
-        b for b in blocks(ROOT / "docs/extending.md", "python") if b[0] == "file: my_policy.py"
-    ]
-    (tmp_path / "my_policy.py").write_text(code)
-    monkeypatch.syspath_prepend(tmp_path)
-    try:
-        output = ["--no-pictures", "--output", str(tmp_path / "out")]
-        status = evaluate(["--policy", "my_policy:StraightToGoal", "--episodes", "4", *output])
-    finally:
-        sys.modules.pop("my_policy", None)
-    assert status == 0
-    records = read_records(tmp_path / "out" / "records.jsonl")
-    assert [record.captured for record in records] == [True] * 4
-    assert "StraightToGoal" in capsys.readouterr().out
 
 
 def output_of(target: str, words: list[str], capsys, monkeypatch) -> str:
