@@ -49,8 +49,9 @@ def play(name: str, scale: float, goals: NDArray[np.int64], split: str) -> dict[
         outcome = np.where(running, info["outcome"], outcome)
         running &= outcome == "running"
         if step == over:
-            norms = task.norms(observation)
-            made |= {"position": norms[:, 0], "rotation": np.rad2deg(norms[:, 1]), "attitude": attitude}
+            errors = task.errors(observation)
+            made |= {"position": errors.position, "rotation": np.rad2deg(errors.orientation)}
+            made |= {"attitude": attitude}
         if step >= over and not running.any():
             break
     planned = np.array([failure is None for failure in state.failures])

@@ -18,7 +18,7 @@ from space_envs.evaluation.statistics.comparison import FRONT
 from space_envs.policy import Needs
 from space_envs.registration import ENTRIES
 from space_envs.tasks.base import CaptureTask, DriveLimits
-from space_envs.tasks.common import ObservationLayout, RewardWeights
+from space_envs.tasks.common import ObservationLayout
 
 
 def environments() -> str:
@@ -85,7 +85,6 @@ def task_states() -> str:
         "layout": summary(ObservationLayout),
         "parameters": summary(DriveLimits),
         "split_sizes": "Number of goals of each split.",
-        "rewarded": f"Terms of its dense reward, of those in `{RewardWeights.__name__}`; default all.",
     }
     rows = []
     for name, kind in inspect.get_annotations(CaptureTask).items():

@@ -2,14 +2,13 @@
 
 import inspect
 import sys
-from dataclasses import fields, replace
+from dataclasses import fields
 
 import numpy as np
 
 from docs.goals import SPLIT_TEXT, goals
 from docs.reading import (
     attributes,
-    comments,
     described,
     field_comments,
     flowed,
@@ -23,29 +22,16 @@ from docs.robots import parameters
 from space_envs.control import CONTROL_MODES, MODES, STOP_MARGIN
 from space_envs.dynamics.rotations import Array
 from space_envs.envs import CaptureVectorEnv
-from space_envs.envs.capture import OUTCOMES
-from space_envs.envs.reset_options import COMMON_OPTIONS
+from space_envs.envs.keywords import EnvOptions
+from space_envs.envs.starts import COMMON_OPTIONS
 from space_envs.registration import ENTRIES, ENVELOPE_KEYWORDS
 from space_envs.robots.parameters import LEAST_TIMESTEP
 from space_envs.robots.single_arm import ModelOptions
 from space_envs.tasks.base import CaptureTask
 from space_envs.tasks.common import REWARDS, SPLITS, CaptureEnvelope
 from space_envs.tasks.dual_arm import DualArmTask
+from space_envs.tasks.outcome import ENV_OUTCOMES, Outcome
 
-OUTCOME_TEXT = {
-    "running": ("", "The episode goes on."),
-    "captured": ("`terminated`", "The capture conditions have held for the hold time."),
-    "timeout": ("`truncated`", "The horizon was reached."),
-    "attitude_lost": (
-        "`terminated`",
-        "The satellite has turned by more than `attitude_limit` from its attitude at the start.",
-    ),
-    "diverged": (
-        "`terminated`",
-        "The simulation left the finite numbers; the observation is the last sound one.",
-    ),
-    "collision": ("`terminated`", "A link touched what it must not; `info` says which link and what."),
-}
 INFO_TEXT = {
     "split": "`reset`: the split that the goal is from, or `given` where the options set the goal",
     "index": "`reset`: the goal's number in its split, or -1",
@@ -75,6 +61,7 @@ OPTION_TEXT = {
     "target_angular_velocity": "of the target, inertial axes, rad/s",
     "target_half_width": "distance of the grapple points from the target's centre, m",
 }
+COUNTED_TEXT = {"second": "per s", "once": "once"}
 ONLY_VECTOR = ("num_envs", "autoreset_mode")
 
 
@@ -82,7 +69,7 @@ def environment_page(env_id: str) -> str:
     """The whole page as Markdown.
 
     Raises:
-        RuntimeError: if the code knows an outcome, a split, an info key or a reset option that is not
+        RuntimeError: if the code knows a split, an info key or a reset option that is not
             described.
     """
     env = CaptureVectorEnv(env_id=env_id)
@@ -91,7 +78,6 @@ def environment_page(env_id: str) -> str:
     keys = {key for key in {**begun, **info} if not key.startswith("_")}
     options = {*OPTION_TEXT} & {*COMMON_OPTIONS, *env.task.goal_options}
     for ours, theirs in (
-        (OUTCOME_TEXT, OUTCOMES),
         (SPLIT_TEXT, SPLITS),
         (INFO_TEXT, keys),
         (options, (*COMMON_OPTIONS, *env.task.goal_options)),
@@ -241,14 +227,14 @@ def _observations(env: CaptureVectorEnv) -> str:
 
 
 def _rewards(env: CaptureVectorEnv) -> str:
-    tasks = [replace(env.task, reward=reward) for reward in REWARDS]
-    kind = type(env.task.weights)
-    said = comments(kind)
+    task = env.task
+    tables = [{term.name: term for term in terms} for terms in (task.dense_reward, task.sparse_reward)]
     rows = []
-    for name in env.task.rewarded:
-        weights = [number(getattr(t.weights, name)) if name in t.reward_names else "" for t in tasks]
-        rows.append((f"`{name}`", *weights, said[name]))
-    header = ["term", *[f"`{reward}`" for reward in REWARDS], "what is weighted"]
+    for name in dict.fromkeys(name for terms in tables for name in terms):
+        term = next(terms[name] for terms in tables if name in terms)
+        weights = [number(terms[name].weight) if name in terms else "" for terms in tables]
+        rows.append((f"`{name}`", *weights, COUNTED_TEXT[term.per], summary(term.function)))
+    header = ["term", *[f"`{reward}`" for reward in REWARDS], "", "what is weighted"]
     goal = (
         "`space_envs.wrappers.GoalConditioned` wraps the single environment for hindsight experience replay."
     )
@@ -256,7 +242,8 @@ def _rewards(env: CaptureVectorEnv) -> str:
         [
             "## Reward",
             "The reward is the sum of named terms, with weights by keyword `reward`.",
-            flowed(section(kind.__doc__, "").partition("\n\n")[2]),
+            "The sum of `attitude` over an episode is minus the base disturbance (eq. 20 of shyam2020) times "
+            "dt. Terms per second are multiplied by the control period.",
             *(
                 ["Errors are those of the arm that is farther off."]
                 if len(env.task.robot.tip_link) > 1
@@ -278,7 +265,9 @@ def _capture(env: CaptureVectorEnv) -> str:
     ]
     both = "Each end-effector has to be at its own grapple point, both at the same time; the limits hold for "
     ends = [
-        (f"`{name}`", *OUTCOME_TEXT[name]) for name in OUTCOMES if name != "collision" or env.task.collides
+        (f"`{outcome}`", outcome.flag and f"`{outcome.flag}`", outcome.meaning)
+        for outcome in ENV_OUTCOMES
+        if outcome is not Outcome.COLLISION or env.task.collides
     ]
     return "\n\n".join(
         [
@@ -328,7 +317,8 @@ def _contacts(env: CaptureVectorEnv) -> str:
 
 def _keywords(env: CaptureVectorEnv) -> str:
     signature = inspect.signature(CaptureVectorEnv)
-    own = {n: p.default for n, p in signature.parameters.items() if n not in ("env_id", "keywords")}
+    names = ("num_envs", "control_mode", "autoreset_mode", *(field.name for field in fields(EnvOptions)))
+    own = {name: signature.parameters[name].default for name in names}
     about = described(section(CaptureVectorEnv.__doc__, "Args"), [*signature.parameters, "**keywords"])
     about |= attributes(type(env.task))
     units = field_comments(type(env.task.envelope))

@@ -74,10 +74,10 @@ class GoalConditioned(gym.Wrapper[Any, NDArray, Any, NDArray], RecordConstructor
         achieved, desired = (
             self._each(goal[..., : self._positions]) for goal in (achieved_goal, desired_goal)
         )
-        inside = np.linalg.norm(achieved - desired, axis=-1) <= limits[0]
+        inside = np.linalg.norm(achieved - desired, axis=-1) <= limits.position
         if len(self._achieved) > 1:
             turns = (self._each(goal[..., self._positions :]) for goal in (achieved_goal, desired_goal))
-            inside &= _angle(*turns) <= limits[1]
+            inside &= _angle(*turns) <= limits.orientation
         return np.where(inside.all(axis=-1), 0.0, -1.0)
 
     def _each(self, values: Array) -> Array:

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from space_envs.envs import CaptureVectorEnv
-from space_envs.envs.capture import MOST_ENVS
+from space_envs.envs.limits import MAX_ENVS
 from space_envs.errors import ActionError, SpaceEnvsError
 from space_envs.registration import ENTRIES, ENVELOPE_KEYWORDS
 
@@ -53,7 +53,7 @@ KEYWORDS = (
 @settings(max_examples=30)
 def test_any_keywords_are_taken_or_refused(env_id, keywords):
     if isinstance(keywords.get("num_envs"), int | np.integer):
-        keywords["num_envs"] = keywords["num_envs"] if not 50 < keywords["num_envs"] <= MOST_ENVS else 50
+        keywords["num_envs"] = keywords["num_envs"] if not 50 < keywords["num_envs"] <= MAX_ENVS else 50
     with soon():
         try:
             env = CaptureVectorEnv(env_id, **keywords)

@@ -67,7 +67,7 @@ def test_sensors_see_spheres_and_links_where_they_are():
     for _ in range(12):
         observation, *_ = env.step(rng.uniform(-1, 1, (4, 7)))
     read = env.task.layout.read
-    goals = [goal for goal in env._goal if goal is not None]
+    goals = [goal for goal in env.episodes.goals if goal is not None]
     position = np.concatenate([goal.obstacle_position for goal in goals])
     radius = np.concatenate([goal.obstacle_radius for goal in goals])
     np.testing.assert_array_equal(read(observation, "obstacle_position"), position.reshape(4, 9))
@@ -130,7 +130,7 @@ def test_the_straight_way_ends_in_a_collision_which_is_reported():
     _, rates, _ = minimum_jerk(scenes.start, scenes.end, 10.0, 101)
     ends = np.zeros(16)
     for step in range(1, 101):
-        before = env._outcome.copy()
+        before = env.episodes.outcome.copy()
         state = env.simulation.qpos.copy()
         observation, reward, terminated, truncated, info = env.step(rates[:, step] / SINGLE_ARM.rate_limit)
         new = terminated & (before == 0)
@@ -139,7 +139,7 @@ def test_the_straight_way_ends_in_a_collision_which_is_reported():
             assert (info["outcome"][new] == "collision").all()
             assert all(" and obstacle " in told for told in info["collision"][new])
             assert not info["is_success"][new].any() and not truncated[new].any()
-            np.testing.assert_array_equal(info["reward_terms"]["failure"][new], -env.task.weights.failure)
+            np.testing.assert_array_equal(info["reward_terms"]["failure"][new], -20.0)
         frozen = before != 0
         np.testing.assert_array_equal(env.simulation.qpos[frozen], state[frozen])
         assert (reward[frozen] == 0).all()
@@ -303,7 +303,7 @@ def test_drawn_spheres_have_the_size_and_place_of_the_goal():
     model = copy.copy(task.render_model)
     data = mujoco.MjData(model)
     for row in range(2):
-        task.dress(model, data, goals, row)
+        task.update_visuals(model, data, goals, row)
         mujoco.mj_forward(model, data)
         for sphere in range(3):
             cage = geoms(model, f"obstacle{sphere + 1}", "keep_out")
@@ -357,7 +357,7 @@ def test_tasks_differ_by_their_spheres_only_where_they_should():
         "obstacle_position",
         "obstacle_radius",
     ]
-    assert ours.reward_names == plain.reward_names and ours.envelope == plain.envelope
+    assert ours.reward_terms == plain.reward_terms and ours.envelope == plain.envelope
     context = PolicyContext.from_env(make(1))
     assert context.layout is ours.layout
     assert replace(ours, difficulty="easy").goals("test", np.arange(2)).spheres.shape == (2, 3, 4)

@@ -303,7 +303,7 @@ def test_joint_velocity_servo_tracks_a_minimum_jerk_motion(name):
 def test_joint_torque_is_applied_as_commanded_within_the_limits(name, share):
     env = endless(name, control_mode="joint_torque")
     env.reset(seed=0)
-    action = np.random.default_rng(0).uniform(-share, share, (20, *env._action_shape))
+    action = np.random.default_rng(0).uniform(-share, share, (20, *env.action_space.shape))
     *_, torques = recorded(env, action)
     limit = env.task.parameters.torque_limit
     np.testing.assert_allclose(torques, action.swapaxes(0, 1) * limit, atol=1e-12)

@@ -175,7 +175,7 @@ def test_a_row_keeps_its_target_when_others_get_new_ones(env_id):
     after, *_ = env.step(filled(env, 0.0))
     goal = vectors(env.task.layout.read(after, "goal_position"), 2 if env.simulation.planar else 3)
     widths = 0.5 * np.linalg.norm(goal[:, 0] - goal[:, 1], axis=-1)
-    np.testing.assert_allclose(widths[~mask], env.task.goals("train", env._index).half_width[~mask])
+    np.testing.assert_allclose(widths[~mask], env.task.goals("train", env.episodes.index).half_width[~mask])
     assert len(set(widths.round(9))) == 3
 
 
@@ -183,11 +183,11 @@ def test_a_row_keeps_its_target_when_others_get_new_ones(env_id):
 
 
 def ends(env_id, steps=12, keywords=None, **changes):
-    """Whether the episode ended in a capture after each step of rest, and the norms at its start."""
+    """Whether the episode ended in a capture after each step of rest, and the capture errors at its start."""
     env = gym.make(env_id, **(keywords or {}))
     task = env.unwrapped.task
     observation, _ = env.reset(options=docked(task, **changes))
-    norms = task.norms(observation[None])[0]
+    errors = task.errors(observation[None])
     over = []
     for _ in range(steps):
         *_, terminated, _, info = env.step(filled(env, 0.0))
@@ -196,14 +196,14 @@ def ends(env_id, steps=12, keywords=None, **changes):
         if terminated:
             assert info["reward_terms"]["capture"] == 10.0
             break
-    return over, norms
+    return over, errors
 
 
 @every_id
 def test_both_at_their_grapple_points_for_the_hold_time_is_a_capture(env_id):
-    over, norms = ends(env_id)
-    np.testing.assert_allclose(norms[:3], 0.0, atol=1e-6 if "Planar" in env_id else 0.2)
-    assert norms[0] < 1e-9
+    over, errors = ends(env_id)
+    np.testing.assert_allclose(errors[:3], 0.0, atol=1e-6 if "Planar" in env_id else 0.2)
+    assert errors.position < 1e-9
     assert over == [False] * 9 + [True]
     assert ends(env_id, 5, {"hold_time": 0.3})[0] == [False, False, True]
     assert ends(env_id, 25, {"hold_time": 2.0})[0] == [False] * 19 + [True]
@@ -218,8 +218,8 @@ def test_one_end_effector_off_is_no_capture(env_id):
         for sign in (1.0, -1.0):
             # One grapple point moves by twice as much, the other stays where its end-effector is.
             moved = {"target_position": sign * off * direction, "target_half_width": [off]}
-            over, norms = ends(env_id, 12, through, **moved)
-            assert norms[0] == pytest.approx(2 * off, abs=1e-9)
+            over, errors = ends(env_id, 12, through, **moved)
+            assert errors.position == pytest.approx(2 * off, abs=1e-9)
             assert any(over) == captured
             assert any(ends(env_id, 12, {"position_tolerance": 0.03}, target_position=off * direction)[0])
     tight, wide = ({"position_tolerance": at, **through} for at in (0.03, 0.07))
@@ -235,15 +235,15 @@ def test_a_grapple_point_that_moves_away_too_fast_is_no_capture(env_id):
     for speed, tolerance, captured in ((0.009, 0.01, True), (0.011, 0.01, False), (0.011, 0.05, True)):
         spin = [speed / width] if planar else [0.0, 0.0, speed / width]
         keywords = {"linear_velocity_tolerance": tolerance}
-        over, norms = ends(env_id, 12, keywords, target_angular_velocity=spin)
+        over, errors = ends(env_id, 12, keywords, target_angular_velocity=spin)
         # Across the line between the points, or in space nearly so.
-        assert norms[2] == pytest.approx(speed, rel=1e-9 if planar else 0.1)
+        assert errors.linear_velocity == pytest.approx(speed, rel=1e-9 if planar else 0.1)
         assert any(over) == captured
 
 
 def test_in_space_the_approach_axis_counts_too():
     env_id = IDS[1]
-    aligned = ends(env_id)[1][1]
+    aligned = ends(env_id)[1].orientation
     assert aligned < np.deg2rad(0.3)  # what the roll-out behind the posture leaves
     for degrees, tolerance, captured in (
         (4.0, 5.0, True),
@@ -252,14 +252,14 @@ def test_in_space_the_approach_axis_counts_too():
         (2, 1.0, False),
     ):
         keywords = {"approach_tolerance": tolerance, "position_tolerance": 0.2}
-        over, norms = ends(env_id, 12, keywords, target_turn=np.deg2rad(degrees))
-        assert np.rad2deg(norms[1]) == pytest.approx(degrees, abs=0.5)
+        over, errors = ends(env_id, 12, keywords, target_turn=np.deg2rad(degrees))
+        assert np.rad2deg(errors.orientation) == pytest.approx(degrees, abs=0.5)
         assert any(over) == captured
 
 
 def test_in_the_plane_no_angle_counts():
-    _, norms = ends(IDS[0], target_turn=np.deg2rad(6.0))
-    assert norms[1] == 0.0
+    _, errors = ends(IDS[0], target_turn=np.deg2rad(6.0))
+    assert errors.orientation == 0.0
     assert any(ends(IDS[0], target_turn=np.deg2rad(6.0))[0])
 
 
@@ -362,7 +362,7 @@ def test_axis_errors_turn_the_approach_axes_onto_the_ways_in():
     np.testing.assert_allclose(rotate(exponential(error), axis), way, atol=1e-12)
     np.testing.assert_allclose((error * axis).sum(axis=-1), 0.0, atol=1e-12)  # the short way, no roll
     worst = np.linalg.norm(error, axis=-1).max(axis=-1)
-    np.testing.assert_allclose(env.task.norms(observation)[:, 1], worst, atol=1e-12)
+    np.testing.assert_allclose(env.task.errors(observation).orientation, worst, atol=1e-12)
 
 
 @every_id
@@ -377,8 +377,12 @@ def test_reward_terms_are_of_the_worst_end_effector(env_id):
     position, speed = (
         np.linalg.norm(field(name), axis=-1).max() for name in ("position_error", "velocity_error")
     )
-    norms = task.norms(observation[None])[0]
-    np.testing.assert_allclose(norms[[0, 2, 3]], [position, speed, 0.0], atol=1e-12)
+    errors = task.errors(observation[None])
+    np.testing.assert_allclose(
+        [errors.position, errors.linear_velocity, errors.angular_velocity],
+        [[position], [speed], [0.0]],
+        atol=1e-12,
+    )
     assert terms["position"] == pytest.approx(-0.1 * position)
     assert terms["effort"] == pytest.approx(-0.1 * 0.02 * 0.09)
     ratio = position / 0.04

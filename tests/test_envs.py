@@ -455,7 +455,7 @@ def test_capture_by_the_single_arm_needs_the_whole_envelope_held_for_its_time():
         observation, _, done, *_ = env.step(
             np.array([0, -0.05, 0, 0, 0, 0, 0.0]) if not any(inside) else np.zeros(7)
         )
-        inside.append(bool(task.in_envelope(task.norms(observation[None]))[0]))
+        inside.append(bool(task.errors(observation[None]).within(task.limits)[0]))
         if done:
             break
     assert done

@@ -239,9 +239,9 @@ def run(env: Any, policy: Any, steps: int) -> tuple[Array, Any]:
 def test_planned_motions_end_at_the_goal(name: str, position: float, angle: float) -> None:
     env = make(24, hold_time=50.0)
     observations, _ = run(env, make_policy(name, PolicyContext.from_env(env), 0), 100)
-    norms = env.task.norms(observations[-1])  # type: ignore[attr-defined]
-    assert norms[:, 0].max() < position
-    assert np.rad2deg(norms[:, 1]).max() < angle
+    errors = env.task.errors(observations[-1])  # type: ignore[attr-defined]
+    assert errors.position.max() < position
+    assert np.rad2deg(errors.orientation).max() < angle
 
 
 @pytest.mark.parametrize("name", EXPERTS)
@@ -273,13 +273,13 @@ def test_an_unreachable_goal_is_reported_and_the_arm_comes_to_rest() -> None:
     for name in PLANNERS:
         policy, state = PLANNERS[name](context), None
         observation = env.reset(seed=0, options=far)[0]
-        before = env.task.norms(observation)[0, 0]  # type: ignore[attr-defined]
+        before = env.task.errors(observation).position[0]  # type: ignore[attr-defined]
         for _ in range(140):
             action, state = policy.predict(observation, state)
             observation = env.step(action)[0]
         assert state is not None
         assert not state.goals.converged[0] and state.goals.position_residual[0] > 0.05
-        assert env.task.norms(observation)[0, 0] < before  # type: ignore[attr-defined]
+        assert env.task.errors(observation).position[0] < before  # type: ignore[attr-defined]
         assert np.abs(context.layout.read(observation, "joint_velocity")).max() < 1e-2
 
 

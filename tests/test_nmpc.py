@@ -57,14 +57,14 @@ def play(mass: float, goals: tuple[int, ...] = GOALS) -> dict[str, Any]:
     simulation.refresh(rows)
     env.unwrapped.drive.reset(rows)
     policy, state, layout = NMPC(PolicyContext.from_env(env.unwrapped)), None, TASK.layout
-    rates, attitude, norms = [], [], []
+    rates, attitude, position = [], [], []
     info: dict[str, Any] = {}
     for _ in range(TASK.horizon):
         action, state = policy.predict(observation, state)
         observation, _, terminated, truncated, info = env.step(action)
         rates.append(layout.read(observation, "joint_velocity"))
         attitude.append(np.rad2deg(TASK.attitude(observation)))
-        norms.append(TASK.norms(observation))
+        position.append(TASK.errors(observation).position)
         if (terminated | truncated).all():
             break
     env.close()
@@ -72,7 +72,7 @@ def play(mass: float, goals: tuple[int, ...] = GOALS) -> dict[str, Any]:
         "outcome": list(info["outcome"]),
         "rates": np.array(rates),
         "attitude": np.array(attitude),
-        "norms": np.array(norms),
+        "position": np.array(position),
         "state": state,
     }
 
@@ -189,7 +189,7 @@ def test_closes_the_loop_on_wrong_masses(case: str, request: pytest.FixtureReque
     played = request.getfixturevalue(case)
     assert played["outcome"] == ["captured"] * len(GOALS)
     assert played["attitude"][-1].max() < 0.1
-    assert played["norms"][-1, :, 0].max() < 0.02
+    assert played["position"][-1].max() < 0.02
 
 
 def test_limits_are_kept(heavy: dict[str, Any], light: dict[str, Any]) -> None:

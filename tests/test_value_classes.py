@@ -36,7 +36,7 @@ from space_envs.errors import ConfigurationError
 from space_envs.registration import make_task
 from space_envs.robots.dual_arm import DualArmOptions
 from space_envs.robots.single_arm import ModelOptions, single_arm_model
-from space_envs.tasks.common import RewardWeights
+from space_envs.tasks.rewards import RewardTerm
 from space_envs.tasks.single_arm import PoseEnvelope
 
 ARM = make_task("SpaceCapture/SingleArm-v0", {}).robot
@@ -106,6 +106,10 @@ def recipe(**values: Any) -> Recipe:
     return Recipe(**{"keep_attitude": True, "limited": True, **values})
 
 
+def reward_term(**values: Any) -> RewardTerm:
+    return RewardTerm(**{"name": "speed", "function": np.abs, **values})
+
+
 def promp(**values: Any) -> ProMP:
     return ProMP(**{"mean": np.zeros((2, 10)), "covariance": np.eye(20), **values})
 
@@ -172,7 +176,7 @@ CASES = [
     *each(DualArmOptions, "timestep", NOT_POSITIVE),
     *each(DualArmOptions, "visual", NO_FLAG),
     *each(PoseEnvelope, "position linear_velocity hold orientation angular_velocity", NOT_POSITIVE),
-    *each(RewardWeights, "attitude position capture failure", NO_NUMBER),
+    *each(reward_term, "weight", NO_NUMBER),
     *each(GaussianBasis, "bandwidth", NOT_POSITIVE),
     *each(GaussianBasis, "centres", NO_TABLE),
     *each(promp, "mean covariance basis", NO_ARRAY),

@@ -16,9 +16,9 @@ from agents.learning.seeds import parse_seeds
 from agents.learning.sweep import (
     ERROR,
     SUMMARY,
-    Outcome,
     Plan,
     Run,
+    RunResult,
     make_runs,
     prepare,
     read_plan,
@@ -143,7 +143,7 @@ def _default_output(file: str | None, given: Mapping[str, Any]) -> Path:
     return Path("runs") / f"{given.get('algo', DEFAULT_ALGORITHM)}-{env_id}"
 
 
-def _line(outcome: Outcome, width: int) -> str:
+def _line(outcome: RunResult, width: int) -> str:
     if outcome.summary is None:
         return f"{outcome.name:{width}}  {outcome.status}  {outcome.error or ''}".rstrip()
     summary = outcome.summary
@@ -155,7 +155,7 @@ def _line(outcome: Outcome, width: int) -> str:
     )
 
 
-def _report(runs: Sequence[Run], outcomes: Mapping[str, Outcome], output: Path) -> None:
+def _report(runs: Sequence[Run], outcomes: Mapping[str, RunResult], output: Path) -> None:
     """All runs, and the mean over seeds of every combination that has several."""
     width = max(map(len, outcomes))
     print()

@@ -40,7 +40,7 @@ class Run:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class RunResult:
     """How a run ended; `error` has the exception's type and message, `summary` what the run ended with."""
 
     name: str
@@ -130,7 +130,7 @@ def make_runs(plan: Plan, given: Mapping[str, Any]) -> list[Run]:
     return list(runs.values())
 
 
-def prepare(runs: Sequence[Run], output: Path, command: list[str]) -> list[Outcome]:
+def prepare(runs: Sequence[Run], output: Path, command: list[str]) -> list[RunResult]:
     """Make the folders of all runs, or find them as an earlier sitting left them; how each stands now.
 
     Raises:
@@ -146,18 +146,18 @@ def prepare(runs: Sequence[Run], output: Path, command: list[str]) -> list[Outco
     for run, folder in folders:
         summary = folder.summary() if folder.exists() else None
         if summary is not None:
-            found.append(Outcome(run.name, "finished", summary))
+            found.append(RunResult(run.name, "finished", summary))
             continue
         if not folder.exists():
             folder.begin(run.settings, run.parameters)
         folder.note_command(command)
-        found.append(Outcome(run.name, "unfinished"))
+        found.append(RunResult(run.name, "unfinished"))
     return found
 
 
 def spread(
     folders: Sequence[Path], episodes: int, jobs: int, name: str = "loky", address: str | None = None
-) -> Iterator[Outcome]:
+) -> Iterator[RunResult]:
     """Carry out the runs of these folders, `jobs` at a time; outcomes come in the order in which runs end.
 
     A process that dies takes the others of its pool along. What had begun then goes on one by one, so that
@@ -192,7 +192,9 @@ def spread(
                 yield _alone(path, episodes, name, address)
 
 
-def write_summary(output: Path, command: list[str], runs: Sequence[Run], outcomes: Sequence[Outcome]) -> None:
+def write_summary(
+    output: Path, command: list[str], runs: Sequence[Run], outcomes: Sequence[RunResult]
+) -> None:
     """Write sweep.json, whole or not at all."""
     rows = [
         {"run": run.name, "values": run.values, **{k: v for k, v in asdict(outcome).items() if k != "name"}}
@@ -203,7 +205,7 @@ def write_summary(output: Path, command: list[str], runs: Sequence[Run], outcome
     )
 
 
-def _carry_out(path: Path, episodes: int) -> Outcome:
+def _carry_out(path: Path, episodes: int) -> RunResult:
     """One run, from where it stands to its end; in whatever process this is called."""
     mark = path / _UNDER_WAY
     folder = RunFolder(path)
@@ -219,10 +221,10 @@ def _carry_out(path: Path, episodes: int) -> Outcome:
         return _failed(path, error)
     finally:
         mark.unlink(missing_ok=True)
-    return Outcome(path.name, "finished", summary)
+    return RunResult(path.name, "finished", summary)
 
 
-def _alone(path: Path, episodes: int, name: str, address: str | None) -> Outcome:
+def _alone(path: Path, episodes: int, name: str, address: str | None) -> RunResult:
     try:
         with backend(2, name, address) as parallel:  # joblib would do the work of one job in this process
             (outcome,) = parallel([delayed(_carry_out)(path, episodes)])
@@ -231,19 +233,19 @@ def _alone(path: Path, episodes: int, name: str, address: str | None) -> Outcome
     return outcome
 
 
-def _lost(path: Path, error: Exception) -> Outcome:
+def _lost(path: Path, error: Exception) -> RunResult:
     (path / _UNDER_WAY).unlink(missing_ok=True)
     return _failed(path, error, "its process died, or could not be started: ")
 
 
-def _failed(path: Path, error: Exception, cause: str = "") -> Outcome:
+def _failed(path: Path, error: Exception, cause: str = "") -> RunResult:
     text = cause + "".join(traceback.format_exception(error))
     try:
         atomic_write_text(path / ERROR, text)
     except OSError:  # a full disk may be why it failed
         pass
     first = (str(error).strip().splitlines() or [""])[0]
-    return Outcome(path.name, "failed", error=f"{cause}{type(error).__name__}: {first}".rstrip(": "))
+    return RunResult(path.name, "failed", error=f"{cause}{type(error).__name__}: {first}".rstrip(": "))
 
 
 def _check_same(run: Run, folder: RunFolder) -> None:

@@ -12,7 +12,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from agents.policies.learned.features import FeatureView
 from space_envs.envs import CaptureVectorEnv
-from space_envs.envs.reset_options import Seeds
+from space_envs.envs.seeds import Seeds
 from space_envs.errors import ConfigurationError
 
 Indices = None | int | Iterable[int]

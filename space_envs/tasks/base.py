@@ -19,14 +19,15 @@ from space_envs.simulation import Simulation
 from space_envs.tasks.common import (
     DIFFICULTIES,
     REWARDS,
-    SPARSE,
     CaptureEnvelope,
+    CaptureErrors,
+    CaptureLimits,
     GoalOption,
     Goals,
     ObservationLayout,
-    RewardWeights,
 )
 from space_envs.tasks.contacts import Contacts
+from space_envs.tasks.rewards import DENSE, SPARSE, RewardTerm, StepQuantities
 
 # Of keywords: deg, beyond which an attitude that counts turns would leave its bound, and m/rad.
 LARGEST = {"attitude_limit": 3600.0, "c": 1e6}
@@ -79,7 +80,8 @@ class CaptureTask:
     split_sizes: ClassVar[Mapping[str, int]]
     goal_options: ClassVar[Mapping[str, GoalOption]]  # of `reset`, all that make up a goal
     collides: ClassVar[bool] = False  # whether there is something to touch
-    rewarded: ClassVar[tuple[str, ...]] = tuple(f.name for f in fields(RewardWeights))  # terms that it has
+    dense_reward: ClassVar[tuple[RewardTerm, ...]] = DENSE  # terms of reward `dense`
+    sparse_reward: ClassVar[tuple[RewardTerm, ...]] = SPARSE  # terms of reward `sparse`
 
     def __post_init__(self) -> None:
         for kind, value, valid in (
@@ -105,6 +107,9 @@ class CaptureTask:
             )
         object.__setattr__(self, "horizon", positive_integer("horizon", self.horizon, MOST_STEPS))
         flag("collisions", self.collisions)
+        names = [term.name for term in self.reward_terms]
+        if len(set(names)) < len(names):
+            raise ConfigurationError(f"names of reward terms must differ, got {names}")
         substeps = self.control_period / self.step_size
         if not substeps > 0.5 or abs(substeps - round(substeps)) > 1e-9 * substeps:
             raise ConfigurationError(
@@ -170,17 +175,18 @@ class CaptureTask:
         """Put the goals (k) into rows (k,) of a simulation that was reset."""
         raise NotImplementedError
 
-    def dress(self, model: mujoco.MjModel, data: mujoco.MjData | None, goals: Goals, row: int) -> None:
-        """Put into a drawn model and its data what a row's goal changes about them besides qpos."""
+    def update_visuals(
+        self, model: mujoco.MjModel, data: mujoco.MjData | None, goals: Goals, row: int
+    ) -> None:
+        """Update a drawn model and its data to the goal of a row, in all that qpos does not hold."""
         raise NotImplementedError
 
     def observe(self, sensors: Array, time: Array) -> Array:
         """Observations (N, size) from the model's sensors (N, s) and the time (N,) in s."""
         raise NotImplementedError
 
-    def norms(self, observation: Array) -> Array:
-        """(N, 5): position error m, angle rad, relative |v| m/s and |w| rad/s of the worst end-effector, zero
-        where the task does not ask; the root of the integrand of eq. 20, sqrt(c^2 w.w + v.v), m/s."""
+    def errors(self, observation: Array) -> CaptureErrors:
+        """Capture errors (N,) from observations (N, size)."""
         raise NotImplementedError
 
     def attitude(self, observation: Array) -> Array:
@@ -216,10 +222,10 @@ class CaptureTask:
 
     # What follows from it --------------------------------------------------------------------------------
 
-    @cached_property
-    def weights(self) -> RewardWeights:
-        """Weights of the reward terms."""
-        return RewardWeights() if self.reward == "dense" else SPARSE
+    @property
+    def reward_terms(self) -> tuple[RewardTerm, ...]:
+        """Terms of the reward that the keyword asks for."""
+        return self.dense_reward if self.reward == "dense" else self.sparse_reward
 
     @property
     def step_size(self) -> float:
@@ -277,57 +283,19 @@ class CaptureTask:
         )
 
     @cached_property
-    def _limits(self) -> Array:
+    def limits(self) -> CaptureLimits:
+        """Largest errors of a capture."""
         return self.envelope.limits
-
-    def in_envelope(self, norms: Array) -> NDArray[np.bool_]:
-        """Whether the capture conditions hold now, (N,) bool, from `norms`."""
-        return np.all(norms[:, :4] <= self._limits, axis=1)
-
-    @cached_property
-    def reward_names(self) -> tuple[str, ...]:
-        """Names of the reward terms, in the order of `reward_terms`."""
-        return self.rewarded if self.reward == "dense" else ("attitude", "capture", "failure")
 
     @cached_property
     def _rates(self) -> Array:
-        """What a unit of each quantity in `reward_terms` pays in a step."""
-        weight, dt = self.weights, self.control_period
-        paid = {
-            "attitude": -dt * weight.attitude,
-            "attitude_angle": -dt * weight.attitude_angle,
-            "position": -dt * weight.position,
-            "orientation": -dt * weight.orientation,
-            "precision": dt * weight.precision,
-            "effort": -dt * weight.effort,
-            "capture": weight.capture,
-            "failure": -weight.failure,
-        }
-        return np.array([paid[name] for name in self.reward_names])
+        return np.array([term.rate(self.control_period) for term in self.reward_terms])
 
-    def reward_terms(
-        self,
-        norms: Array,
-        attitude: Array,
-        action: Array,
-        captured: NDArray[np.bool_],
-        failed: NDArray[np.bool_],
-    ) -> Array:
-        """Reward terms (N, k), named by `reward_names`; the reward is their sum.
-
-        Args:
-            norms: (N, 5). attitude: (N,) rad. action: (N, m) in [-1, 1].
-            captured, failed: (N,) bool, true on the step where the episode ends so.
-        """
-        terms = np.empty((len(norms), len(self.reward_names)))
-        terms[:, 0] = norms[:, 4] * norms[:, 4]
-        if self.reward == "dense":
-            errors = len(self.reward_names) - 6  # position, and orientation where it is asked for
-            terms[:, 1] = attitude
-            terms[:, 2 : 2 + errors] = norms[:, :errors]
-            terms[:, -4] = np.exp(-(norms[:, :2] / self._limits[:2]).max(axis=1))
-            terms[:, -3] = (action * action).sum(axis=1) / action.shape[1]
-        terms[:, -2] = captured
-        terms[:, -1] = failed
-        terms *= self._rates
-        return terms
+    def weighted_terms(self, step: StepQuantities) -> Array:
+        """Weighted reward terms (N, k) of a control period, in the order of `reward_terms`; the reward is
+        their sum."""
+        values = np.empty((len(step.attitude), len(self._rates)))
+        for column, term in enumerate(self.reward_terms):
+            values[:, column] = term.function(step)
+        values *= self._rates
+        return values

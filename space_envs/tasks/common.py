@@ -1,4 +1,4 @@
-"""What all capture tasks share: named observations, the capture envelope, reward weights, splits."""
+"""Parts of every capture task: named observations, the capture envelope and its errors, goals, splits."""
 
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -7,7 +7,6 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from space_envs.checks import number
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import positive, unknown_name
 
@@ -70,6 +69,39 @@ class ObservationLayout:
         return matrix
 
 
+class CaptureLimits(NamedTuple):
+    """Limits of a capture: position m, orientation rad, linear velocity m/s, angular velocity rad/s."""
+
+    position: float
+    orientation: float
+    linear_velocity: float
+    angular_velocity: float
+
+
+class CaptureErrors(NamedTuple):
+    """Errors (N,) of the end-effector that is farther from a capture, zero where the task does not ask.
+
+    Attributes:
+        position: distance to the grapple, m. orientation: angle to what the grapple asks for, rad.
+        linear_velocity, angular_velocity: relative speeds, m/s and rad/s.
+        base_speed: root of the integrand of eq. 20 of shyam2020, sqrt(c^2 w.w + v.v) of the satellite, m/s.
+    """
+
+    position: Array
+    orientation: Array
+    linear_velocity: Array
+    angular_velocity: Array
+    base_speed: Array
+
+    def within(self, limits: CaptureLimits) -> NDArray[np.bool_]:
+        """Whether all errors of the end-effector are within the limits, (N,) bool."""
+        inside = self.position <= limits.position
+        inside &= self.orientation <= limits.orientation
+        inside &= self.linear_velocity <= limits.linear_velocity
+        inside &= self.angular_velocity <= limits.angular_velocity
+        return inside
+
+
 @dataclass(frozen=True)
 class CaptureEnvelope:
     """How close, aligned and slow an end-effector must be to its grapple, and for how long.
@@ -87,9 +119,9 @@ class CaptureEnvelope:
             object.__setattr__(self, name, number)
 
     @property
-    def limits(self) -> Array:
-        """(4,) position m, angle rad, linear velocity m/s, angular velocity rad/s; infinite where free."""
-        return np.array([self.position, np.inf, self.linear_velocity, np.inf])
+    def limits(self) -> CaptureLimits:
+        """Largest errors of a capture; infinite where the task does not ask."""
+        return CaptureLimits(self.position, np.inf, self.linear_velocity, np.inf)
 
 
 @dataclass(frozen=True)
@@ -123,28 +155,3 @@ class GoalOption:
     default: tuple[float, ...] | None = None
     largest: float = 10.0
     parts: str = ""
-
-
-@dataclass(frozen=True)
-class RewardWeights:
-    """Weights of the reward terms; field names are the names in `info["reward_terms"]`.
-
-    With weight 1 the sum of `attitude` over an episode is minus the cost of eq. 20 of shyam2020 times dt.
-    Terms per second are multiplied by the control period.
-    """
-
-    attitude: float = 1.0  # -(c^2 w.w + v.v), per s
-    attitude_angle: float = 1.0  # -angle of the satellite from its initial attitude in rad, per s
-    position: float = 1.0  # -distance to the grapple in m, per s
-    orientation: float = 0.5  # -angle to the grapple in rad, per s
-    precision: float = 1.0  # exp(-worst ratio of error to envelope), per s
-    effort: float = 0.02  # -mean squared action, per s
-    capture: float = 10.0  # once, on capture
-    failure: float = 20.0  # minus, once, on a failure: attitude lost, collision, simulation diverged
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            number(f"reward weight: {name}", value)
-
-
-SPARSE = RewardWeights(1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0)

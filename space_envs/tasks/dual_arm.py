@@ -26,7 +26,7 @@ from space_envs.robots.parameters import LARGEST_CONTROL_PERIOD, LARGEST_TIMESTE
 from space_envs.scenery.dual_arm import scale_target
 from space_envs.simulation import Simulation
 from space_envs.tasks.base import BLOCK, CaptureTask
-from space_envs.tasks.common import DIFFICULTIES, ObservationLayout
+from space_envs.tasks.common import DIFFICULTIES, CaptureErrors
 from space_envs.tasks.contacts import Contacts
 from space_envs.tasks.targets import Draws, TargetGoals
 
@@ -198,17 +198,32 @@ class DualArmTask(CaptureTask):
             spin = rotate(conjugate(goals.quaternion), goals.angular_velocity)
             simulation.qvel[rows, 9 + n : 12 + n] = spin
 
-    def dress(self, model: mujoco.MjModel, data: mujoco.MjData | None, goals: TargetGoals, row: int) -> None:
+    def update_visuals(
+        self, model: mujoco.MjModel, data: mujoco.MjData | None, goals: TargetGoals, row: int
+    ) -> None:
         """Give the drawn target the goal's size."""
         scale_target(model, float(goals.half_width[row]))
 
-    def arms(self, squares: Array) -> Array:
-        """`norms` (N, 5) from squares (N, 7): position, angle, velocity of arm 1, of arm 2; eq. 20."""
-        each = np.sqrt(squares)
-        out = np.zeros((len(each), 5))
-        np.maximum(each[:, :3], each[:, 3:6], out=out[:, :3])
-        out[:, 4] = each[:, 6]
-        return out
+    def errors(self, observation: Array) -> CaptureErrors:
+        """Capture errors (N,) of the worse arm from observations (N, size)."""
+        each = np.sqrt(((observation * observation)[:, None, :] @ self._squares)[:, 0])
+        position, angle, velocity = np.maximum(each[:, :3], each[:, 3:6]).T
+        return CaptureErrors(position, angle, velocity, np.zeros(len(each)), each[:, -1])
+
+    @cached_property
+    def _squares(self) -> Array:
+        """(size, 7) from squared observations to squared position, angle and velocity errors of arm 1, those
+        of arm 2, and the integrand of eq. 20."""
+        matrix = np.zeros((self.layout.size, 7))
+        for column, name in enumerate(("position_error", "axis_error", "velocity_error")):
+            if name in self.layout.slices:
+                part = self.layout.slices[name]
+                half = (part.start + part.stop) // 2
+                matrix[part.start : half, column] = 1.0
+                matrix[half : part.stop, 3 + column] = 1.0
+        matrix[self.layout.slices["base_linear_velocity"], -1] = 1.0
+        matrix[self.layout.slices["base_angular_velocity"], -1] = self.c**2
+        return matrix
 
 
 def sensor_columns(model: mujoco.MjModel, measured: tuple[tuple[str, slice], ...]) -> NDArray[np.int64]:
@@ -219,24 +234,6 @@ def sensor_columns(model: mujoco.MjModel, measured: tuple[tuple[str, slice], ...
         start, size = int(sensor.adr[0]), int(sensor.dim[0])
         columns += list(range(start, start + size))[part]
     return np.array(columns)
-
-
-def squares_matrix(layout: ObservationLayout, rows: Mapping[str, int], c: float) -> Array:
-    """(size, 7) from squared observations to the squares that `DualArmTask.arms` takes.
-
-    Args:
-        rows: first of the three columns of arm 1 that a field of two vectors, one an arm, belongs to.
-        c: m/rad of eq. 20.
-    """
-    matrix = np.zeros((layout.size, 7))
-    for name, column in rows.items():
-        part = layout.slices[name]
-        half = (part.stop - part.start) // 2
-        matrix[part.start : part.start + half, column] = 1.0
-        matrix[part.start + half : part.stop, 3 + column] = 1.0
-    matrix[layout.slices["base_linear_velocity"], 6] = 1.0
-    matrix[layout.slices["base_angular_velocity"], 6] = c**2
-    return matrix
 
 
 @lru_cache(maxsize=16)

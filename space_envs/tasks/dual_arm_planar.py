@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +10,8 @@ from space_envs.dynamics.rotations import Array
 from space_envs.robots.dual_arm import DualArmOptions, dual_arm_model
 from space_envs.robots.parameters import DUAL_ARM_PLANAR
 from space_envs.tasks.common import Field, GoalOption, ObservationLayout
-from space_envs.tasks.dual_arm import FASTEST_SPIN, DualArmTask, sensor_columns, squares_matrix
+from space_envs.tasks.dual_arm import FASTEST_SPIN, DualArmTask, sensor_columns
+from space_envs.tasks.rewards import DENSE
 from space_envs.tasks.targets import Draws, TargetGoals
 
 LAYOUT = ObservationLayout(
@@ -72,7 +72,7 @@ class DualArmPlanarTask(DualArmTask):
 
     layout = LAYOUT
     parameters = DUAL_ARM_PLANAR
-    rewarded = ("attitude", "attitude_angle", "position", "precision", "effort", "capture", "failure")
+    dense_reward = tuple(term for term in DENSE if term.name != "orientation")
     goal_options = {
         "target_position": GoalOption(2),
         "target_angle": GoalOption(1, (0.0,), 1e4),
@@ -134,14 +134,6 @@ class DualArmPlanarTask(DualArmTask):
         np.subtract(goal, hand, out=observation[:, errors])
         observation[:, -1] = time
         return observation
-
-    @cached_property
-    def _squares(self) -> Array:
-        return squares_matrix(LAYOUT, {"position_error": 0, "velocity_error": 2}, self.c)
-
-    def norms(self, observation: Array) -> Array:
-        """(N, 5): position error m, 0, relative |v| m/s, 0, and sqrt(c^2 w.w + v.v) of the satellite, m/s."""
-        return self.arms(((observation * observation)[:, None, :] @ self._squares)[:, 0])
 
     def attitude(self, observation: NDArray) -> Array:
         """Angle (N,) of the satellite from its initial attitude, rad."""

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +10,8 @@ from space_envs.dynamics.reactionless import axis_turn
 from space_envs.dynamics.rotations import Array, exponential
 from space_envs.robots.dual_arm import DualArmOptions, dual_arm_model
 from space_envs.robots.parameters import DUAL_ARM_SPATIAL
-from space_envs.tasks.common import UNIT, CaptureEnvelope, Field, GoalOption, ObservationLayout
-from space_envs.tasks.dual_arm import FASTEST_SPIN, DualArmTask, sensor_columns, squares_matrix
+from space_envs.tasks.common import UNIT, CaptureEnvelope, CaptureLimits, Field, GoalOption, ObservationLayout
+from space_envs.tasks.dual_arm import FASTEST_SPIN, DualArmTask, sensor_columns
 from space_envs.tasks.targets import Draws, TargetGoals
 
 LAYOUT = ObservationLayout(
@@ -77,9 +76,9 @@ class ApproachEnvelope(CaptureEnvelope):
     approach: float = 5.0  # deg
 
     @property
-    def limits(self) -> Array:
-        """(4,) position m, angle rad, linear velocity m/s, angular velocity rad/s; infinite where free."""
-        return np.array([self.position, np.deg2rad(self.approach), self.linear_velocity, np.inf])
+    def limits(self) -> CaptureLimits:
+        """Largest errors of a capture; infinite where the task does not ask."""
+        return CaptureLimits(self.position, float(np.deg2rad(self.approach)), self.linear_velocity, np.inf)
 
 
 @dataclass(frozen=True)
@@ -145,15 +144,6 @@ class DualArmSpatialTask(DualArmTask):
         observation[:, _SLICES["axis_error"]] = axis_turn(axes, ways).reshape(n, 6)
         observation[:, -1] = time
         return observation
-
-    @cached_property
-    def _squares(self) -> Array:
-        return squares_matrix(LAYOUT, {"position_error": 0, "axis_error": 1, "velocity_error": 2}, self.c)
-
-    def norms(self, observation: Array) -> Array:
-        """(N, 5): position error m, angle between the axes rad, relative |v| m/s, 0, and the root of the
-        integrand of eq. 20 of shyam2020, sqrt(c^2 w.w + v.v) of the satellite, m/s."""
-        return self.arms(((observation * observation)[:, None, :] @ self._squares)[:, 0])
 
     def attitude(self, observation: NDArray) -> Array:
         """Angle (N,) of the satellite from its initial attitude, rad."""

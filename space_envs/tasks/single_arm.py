@@ -30,6 +30,8 @@ from space_envs.tasks.common import (
     DIFFICULTIES,
     UNIT,
     CaptureEnvelope,
+    CaptureErrors,
+    CaptureLimits,
     Field,
     GoalOption,
     Goals,
@@ -94,10 +96,10 @@ class PoseEnvelope(CaptureEnvelope):
     angular_velocity: float = 5.0  # deg/s
 
     @property
-    def limits(self) -> Array:
-        """(4,) position m, orientation rad, linear velocity m/s, angular velocity rad/s."""
+    def limits(self) -> CaptureLimits:
+        """Largest errors of a capture."""
         angle, rate = np.deg2rad(self.orientation), np.deg2rad(self.angular_velocity)
-        return np.array([self.position, angle, self.linear_velocity, rate])
+        return CaptureLimits(self.position, float(angle), self.linear_velocity, float(rate))
 
 
 @dataclass(frozen=True)
@@ -200,7 +202,9 @@ class SingleArmTask(CaptureTask):
         simulation.mocap_pos[rows, 0] = goals.position
         simulation.mocap_quat[rows, 0] = goals.quaternion
 
-    def dress(self, model: mujoco.MjModel, data: mujoco.MjData | None, goals: PoseGoals, row: int) -> None:
+    def update_visuals(
+        self, model: mujoco.MjModel, data: mujoco.MjData | None, goals: PoseGoals, row: int
+    ) -> None:
         """Put the grapple where the goal says."""
         if data is not None:
             data.mocap_pos[0], data.mocap_quat[0] = goals.position[row], goals.quaternion[row]
@@ -240,7 +244,7 @@ class SingleArmTask(CaptureTask):
 
     @cached_property
     def _squares(self) -> Array:
-        """(size, 5) from squared observations to the squares of what `norms` gives."""
+        """(size, 5) from squared observations to the squares of the capture errors, in their order."""
         squares = self.layout.sum_of_squares(
             "position_error",
             "rotation_error",
@@ -248,7 +252,7 @@ class SingleArmTask(CaptureTask):
             "end_effector_angular_velocity",
             "base_linear_velocity",
         )
-        squares[self.layout.slices["base_angular_velocity"], 4] = self.c**2
+        squares[self.layout.slices["base_angular_velocity"], -1] = self.c**2
         return squares
 
     def observe(self, sensors: Array, time: Array) -> Array:
@@ -269,10 +273,9 @@ class SingleArmTask(CaptureTask):
         observation[:, _TIME] = time[:, None]
         return observation
 
-    def norms(self, observation: Array) -> Array:
-        """(N, 5): position error m, orientation error rad, end-effector's |v| m/s and |w| rad/s, and the root
-        of the integrand of eq. 20, sqrt(c^2 w.w + v.v) of the satellite, m/s."""
-        return np.sqrt(((observation * observation)[:, None, :] @ self._squares)[:, 0])
+    def errors(self, observation: Array) -> CaptureErrors:
+        """Capture errors (N,) from observations (N, size); the grapple is at rest."""
+        return CaptureErrors(*np.sqrt(((observation * observation)[:, None, :] @ self._squares)[:, 0]).T)
 
     def attitude(self, observation: Array) -> Array:
         """Angle (N,) of the satellite from its initial attitude, rad."""

@@ -110,11 +110,11 @@ class SingleArmClutteredTask(SingleArmTask):
         surface[..., 0] = goals.obstacle_radius
         simulation.place_sites(rows, _SURFACES, surface)
 
-    def dress(
+    def update_visuals(
         self, model: mujoco.MjModel, data: mujoco.MjData | None, goals: ClutteredGoals, row: int
     ) -> None:
         """Give the drawn spheres their sizes, and put them and the grapple where the goal says."""
-        super().dress(model, data, goals, row)
+        super().update_visuals(model, data, goals, row)
         resize_keep_out(model, goals.obstacle_radius[row].tolist())
         if data is not None:
             data.mocap_pos[1 : 1 + COUNT] = goals.obstacle_position[row]

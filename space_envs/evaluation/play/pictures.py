@@ -35,7 +35,7 @@ def capture_pictures(
             stills = []
             for step in np.linspace(0, rollout.length[row], FRAMES).round().astype(int):
                 data.qpos[:] = rollout.scene[row, step]
-                task.dress(renderer.model, data, rollout.goals, row)
+                task.update_visuals(renderer.model, data, rollout.goals, row)
                 mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
                 stills.append(Still(float(step * task.control_period), renderer.render(state)))
             pictures[name] = stills

@@ -209,7 +209,7 @@ def _played(
         if plan is not None and cause[row] == plan.cause:
             reason[row] = plan.reason
     flat = seen.reshape(-1, seen.shape[-1])
-    norms = task.norms(flat).reshape(n, horizon + 1, -1)
+    errors = task.errors(flat)
     return Rollout(
         index=indices,
         length=length,
@@ -218,8 +218,8 @@ def _played(
         scene=scene,
         torque=torque,
         goals=goals,
-        position_error=norms[..., 0],
-        orientation_error=np.rad2deg(norms[..., 1]),
+        position_error=errors.position.reshape(n, -1),
+        orientation_error=np.rad2deg(errors.orientation).reshape(n, -1),
         attitude=np.rad2deg(task.attitude(flat)).reshape(n, -1),
         outcome=list(outcome),
         cause=cause,

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from space_envs.evaluation.records.record import NO_PLAN_CAUSES, OWN_CAUSES
+from space_envs.tasks.outcome import Outcome
 
 _OTHER = NO_PLAN_CAUSES[-1]
 _LONGEST = 1000  # letters of a reason that are kept
@@ -83,6 +84,6 @@ def unpacked_plans(values: Iterable[dict[str, str] | None]) -> list[MissingPlan 
 
 def cause_of(outcome: str, plan: MissingPlan | None) -> str | None:
     """One of CAUSES, None for a capture: where there was no plan that is why, however the episode ended."""
-    if outcome == "captured":
+    if outcome == Outcome.CAPTURED:
         return None
     return outcome if plan is None or outcome in OWN_CAUSES else plan.cause

@@ -15,6 +15,7 @@ from space_envs.evaluation.play.rollout import Rollout
 from space_envs.evaluation.records.record import SCHEMA_VERSION, UNTIMED, Entrant, EpisodeRecord, Timing
 from space_envs.evaluation.replay.traces import Traces
 from space_envs.tasks.base import CaptureTask
+from space_envs.tasks.outcome import Outcome
 
 TRACED = 30  # episodes of a policy whose course in time is kept
 
@@ -61,7 +62,7 @@ def episode_records(
     config = config_hash(entrant.task.env_id, entrant.control_mode, task)
     records = []
     for row in range(len(rollout.index)):
-        captured = rollout.outcome[row] == "captured"
+        captured = rollout.outcome[row] == Outcome.CAPTURED
         values: dict[str, Any] = {name: float(value[row]) for name, value in metrics.items()}
         steps = int(rollout.length[row])
         entered = steps - task.hold_steps

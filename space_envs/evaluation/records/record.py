@@ -23,10 +23,11 @@ from space_envs.evaluation.replay.traces import Traces
 from space_envs.evaluation.report.stills import Still
 from space_envs.system.files import atomic_write_text
 from space_envs.system.reading import read_bytes
+from space_envs.tasks.outcome import ENDED, Outcome
 
 SCHEMA_VERSION = 3
 RECORDS, SUMMARY, REPORT = "records.jsonl", "summary.json", "report.html"  # in a result folder
-OUTCOMES = ("captured", "timeout", "attitude_lost", "diverged", "collision", "policy_error")
+OUTCOMES = tuple(outcome.value for outcome in ENDED)
 # Why a policy has no plan; the last is for policies that give no cause, or another one.
 NO_PLAN_CAUSES = (
     "infeasible",
@@ -42,7 +43,8 @@ CAUSES = (
     *NO_PLAN_CAUSES,
     *OUTCOMES[1:],
 )  # of a failed episode: without a plan that is why, else how it ended
-OWN_CAUSES = ("diverged", "policy_error")  # outcomes that a missing plan does not explain
+# Outcomes that a missing plan does not explain.
+OWN_CAUSES = (Outcome.DIVERGED.value, Outcome.POLICY_ERROR.value)
 
 
 class Timing(TypedDict):
@@ -134,7 +136,7 @@ class EpisodeRecord:
             raise _other_schema(self.schema)
         if self.outcome not in OUTCOMES:
             raise unknown_name("outcome", self.outcome, OUTCOMES)
-        if self.captured != (self.outcome == "captured"):
+        if self.captured != (self.outcome == Outcome.CAPTURED):
             raise ConfigurationError(f"captured is {self.captured} but outcome is {self.outcome!r}")
         _check_cause(self.outcome, self.cause)
         for name in TIMES:
@@ -290,7 +292,7 @@ def causes_of(outcome: str) -> tuple[str, ...]:
 
 
 def _check_cause(outcome: str, cause: str | None) -> None:
-    if outcome == "captured":
+    if outcome == Outcome.CAPTURED:
         if cause is not None:
             raise ConfigurationError(f"cause is {cause!r} but the episode captured; a capture has none")
     elif cause not in causes_of(outcome):

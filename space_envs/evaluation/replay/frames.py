@@ -19,7 +19,7 @@ def model_states(replay: Replay, model: mujoco.MjModel, between: int = 1) -> Ite
         between: states for each recorded step; those between two recorded ones turn and move evenly.
     """
     data = mujoco.MjData(model)
-    replay.task.dress(model, data, replay.goals, 0)
+    replay.task.update_visuals(model, data, replay.goals, 0)
     state = np.empty(mujoco.mj_stateSize(model, _STATE))
     turned = np.empty(model.nv)
     scene = np.asarray(replay.scene, dtype=np.float64)

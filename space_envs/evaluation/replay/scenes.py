@@ -101,7 +101,7 @@ def make_motion(replay: Replay, scene: Scene) -> Motion:
     shared = replay.task.render_model
     model = copy.copy(shared)  # dressing may change it
     data = mujoco.MjData(model)
-    replay.task.dress(model, data, replay.goals, 0)
+    replay.task.update_visuals(model, data, replay.goals, 0)
     bodies = list(scene.bodies)
     position = np.empty((len(replay.scene), len(bodies), 3))
     quaternion = np.empty((len(replay.scene), len(bodies), 4))

@@ -24,6 +24,7 @@ from space_envs.evaluation.statistics.columns import column_named
 from space_envs.evaluation.statistics.intervals import Estimate
 from space_envs.evaluation.statistics.leaderboard import HEADLINE, Row
 from space_envs.evaluation.statistics.normalised import SCORES, Scores
+from space_envs.tasks.outcome import Outcome
 
 # Okabe and Ito without yellow, which white pages swallow, and without black, which dark ones do.
 BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY = "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"
@@ -172,14 +173,14 @@ def _interval_panel(
 def outcomes_plot(rows: Sequence[Row]) -> Plot:
     """How the episodes of each policy ended, as stacked bars."""
     shades = {
-        "captured": GREEN,
-        "timeout": SKY,
-        "attitude_lost": ORANGE,
-        "diverged": PURPLE,
-        "collision": VERMILION,
-        "policy_error": INK,
+        Outcome.CAPTURED: GREEN,
+        Outcome.TIMEOUT: SKY,
+        Outcome.ATTITUDE_LOST: ORANGE,
+        Outcome.DIVERGED: PURPLE,
+        Outcome.COLLISION: VERMILION,
+        Outcome.POLICY_ERROR: INK,
     }
-    hatches = {"timeout": "", "attitude_lost": "//", "diverged": "xx", "collision": "..", "policy_error": ""}
+    hatches = {Outcome.ATTITUDE_LOST: "//", Outcome.DIVERGED: "xx", Outcome.COLLISION: ".."}
     names = [row_name(row, rows) for row in rows]
     seen = [outcome for outcome in shades if any(row.outcomes[outcome] for row in rows)]
 
@@ -197,7 +198,7 @@ def outcomes_plot(rows: Sequence[Row]) -> Plot:
                 hatch=hatches.get(outcome, ""),
                 edgecolor=INK if hatches.get(outcome) else shades[outcome],
                 linewidth=0,
-                label=outcome.replace("_", " "),
+                label=outcome.label,
             )
             left += share
         axes.set_yticks(range(len(rows)), [figure_name(name) for name in names])

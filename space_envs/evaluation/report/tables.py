@@ -18,6 +18,7 @@ from space_envs.evaluation.records.names import csv_name, display_name, latex_na
 from space_envs.evaluation.records.record import CAUSES, OUTCOMES, Task
 from space_envs.evaluation.statistics.columns import COLUMNS, NOTE, RULES, Column, column_named, leaders
 from space_envs.evaluation.statistics.leaderboard import DRIFTS, FIGURES, HEADLINE, TIMINGS, Row
+from space_envs.tasks.outcome import Outcome
 
 _TERMINAL_NAME, _NARROW_NAME = 40, 24  # letters of a policy's name that a terminal shows
 _NARROW = 100  # columns below which a terminal is narrow
@@ -34,10 +35,7 @@ _IN_PAPERS = (
     "captures",
 )
 _WITH_INTERVALS = (HEADLINE, "success")  # where there is no room for all
-# Words for causes in a count, of one and of several.
-_CALLED = {"timeout": ("timeout", "timeouts"), "collision": ("collision", "collisions")} | {
-    "policy_error": ("policy error", "policy errors")
-}
+_CALLED = {outcome.value: (outcome.label, outcome.plural) for outcome in Outcome}
 
 
 def by_task(rows: Sequence[Row]) -> list[tuple[Task, list[Row]]]:

@@ -2,12 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from numbers import Integral
 from typing import Any
 
 import numpy as np
-from gymnasium.utils import seeding
 from numpy.typing import NDArray
 
 from space_envs.checks import array, numbers
@@ -34,76 +31,6 @@ class Start:
     split: NDArray[np.object_]
     index: NDArray[np.int64]
     joint_velocity: Array | None
-
-
-@dataclass(frozen=True, eq=False)
-class Seeds:
-    """Random generators of n rows, and the seeds that they come from.
-
-    Before anything was seeded, row i has a random seed plus i.
-
-    Attributes:
-        n: rows.
-        given: (generator, seed) of each row; seed -1 of a generator from elsewhere.
-    """
-
-    n: int
-    given: tuple[tuple[np.random.Generator, int], ...] = ()
-
-    @cached_property
-    def _all(self) -> tuple[tuple[np.random.Generator, int], ...]:
-        first = 0 if self.given else int(seeding.np_random()[1])
-        return self.given or tuple(_from_seed(first + row) for row in range(self.n))
-
-    @property
-    def generators(self) -> list[np.random.Generator]:
-        """(n,)"""
-        return [generator for generator, _ in self._all]
-
-    @property
-    def numbers(self) -> list[int]:
-        """(n,) seeds."""
-        return [number for _, number in self._all]
-
-    def renewed(self, seed: Any, rows: NDArray[np.int64]) -> "Seeds":
-        """The same, with rows (k,) seeded anew: row i with seed + i, or with the i-th of n seeds.
-
-        Raises:
-            ConfigurationError: if the seed is neither None, nor a number, nor n of them.
-        """
-        if seed is None:
-            return self
-        if isinstance(seed, np.ndarray) and seed.ndim == 1:
-            seed = seed.tolist()
-        if _whole(seed):
-            seeds: list[Any] = [int(seed) + row for row in range(self.n)]
-        elif isinstance(seed, list | tuple) and len(seed) == self.n:
-            seeds = list(seed)
-        else:
-            raise ConfigurationError(
-                f"seed must be an integer, a list of {self.n}, or None; got {shown(seed)}"
-            )
-        for number in seeds:
-            if number is not None and (not _whole(number) or number < 0):
-                raise ConfigurationError(f"a seed must be an integer of at least 0, got {shown(number)}")
-        every = list(self._all)
-        for row in rows:
-            if seeds[row] is not None:
-                every[row] = _from_seed(int(seeds[row]))
-        return Seeds(self.n, tuple(every))
-
-    def derived(self, generator: np.random.Generator) -> "Seeds":
-        """As many rows: the first with this generator, the others with seeds drawn from it."""
-        others = generator.integers(2**63, size=self.n - 1).tolist() if self.n > 1 else []
-        return Seeds(self.n, ((generator, -1), *(_from_seed(number) for number in others)))
-
-
-def _whole(value: object) -> bool:
-    return isinstance(value, Integral) and not isinstance(value, bool)
-
-
-def _from_seed(seed: int) -> tuple[np.random.Generator, int]:
-    return seeding.np_random(seed)[0], seed
 
 
 def rows_to_reset(task: CaptureTask, options: Mapping[str, Any], n: int) -> NDArray[np.int64]:

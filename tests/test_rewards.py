@@ -1,0 +1,73 @@
+"""Reward terms: one function and one row each, ours and those that a task of one's own adds."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from space_envs.errors import ConfigurationError
+from space_envs.tasks.rewards import RewardTerm, StepQuantities
+from space_envs.tasks.single_arm import SingleArmTask
+
+
+def joint_speed(step: StepQuantities) -> np.ndarray:
+    """Sum of squared joint rates, rad^2/s^2."""
+    return (step.read("joint_velocity") ** 2).sum(axis=1)
+
+
+def reached(step: StepQuantities) -> np.ndarray:
+    """1 where the end-effector is within 10 m of its grapple."""
+    return (step.errors.position < 10.0).astype(float)
+
+
+@dataclass(frozen=True)
+class SmoothTask(SingleArmTask):
+    """The single arm with two terms more."""
+
+    dense_reward = (
+        *SingleArmTask.dense_reward,
+        RewardTerm("joint_speed", joint_speed, -0.5),
+        RewardTerm("reached", reached, 3.0, "once"),
+    )
+
+
+def quantities(task: SingleArmTask, n: int = 3) -> StepQuantities:
+    """Quantities of a made-up control period."""
+    rng = np.random.default_rng(0)
+    observation, action = rng.normal(size=(n, task.layout.size)), rng.uniform(-1, 1, (n, 7))
+    ended = np.arange(n) == 1
+    errors, attitude = task.errors(observation), task.attitude(observation)
+    return StepQuantities(
+        observation, observation, action, errors, attitude, ended, ~ended, task.layout, task.limits
+    )
+
+
+def test_a_task_adds_a_term_in_its_own_file():
+    task = SmoothTask()
+    step = quantities(task)
+    values = dict(zip([term.name for term in task.reward_terms], task.weighted_terms(step).T, strict=True))
+    speed = np.sum(step.observation[:, 7:14] ** 2, axis=1)
+    np.testing.assert_array_equal(values["joint_speed"], speed * (0.1 * -0.5))  # per second
+    np.testing.assert_array_equal(values["reached"], [3.0] * 3)  # once
+    np.testing.assert_array_equal(values["capture"], [0.0, 10.0, 0.0])
+    np.testing.assert_array_equal(values["failure"], [-20.0, 0.0, -20.0])
+    half = replace(task, control_period=0.05).weighted_terms(step)
+    np.testing.assert_allclose(half[:, -2], values["joint_speed"] / 2)
+    assert [term.name for term in replace(task, reward="sparse").reward_terms] == [
+        "attitude",
+        "capture",
+        "failure",
+    ]
+
+
+def test_a_term_is_refused_with_what_is_wrong():
+    with pytest.raises(ConfigurationError, match="Did you mean 'second'"):
+        RewardTerm("speed", joint_speed, 1.0, "seconds")
+    with pytest.raises(ConfigurationError, match="must have a function, got 3"):
+        RewardTerm("speed", 3, 1.0)  # type: ignore[arg-type]
+
+    class Twice(SingleArmTask):
+        dense_reward = (*SingleArmTask.dense_reward, RewardTerm("effort", joint_speed, 1.0))
+
+    with pytest.raises(ConfigurationError, match="names of reward terms must differ"):
+        Twice()
