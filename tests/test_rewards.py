@@ -51,8 +51,8 @@ def test_a_task_adds_a_term_in_its_own_file():
     np.testing.assert_array_equal(values["reached"], [3.0] * 3)  # once
     np.testing.assert_array_equal(values["capture"], [0.0, 10.0, 0.0])
     np.testing.assert_array_equal(values["failure"], [-20.0, 0.0, -20.0])
-    half = replace(task, control_period=0.05).weighted_terms(step)
-    np.testing.assert_allclose(half[:, -2], values["joint_speed"] / 2)
+    longer = replace(task, control_period=0.2).weighted_terms(step)
+    np.testing.assert_allclose(longer[:, -2], 2.0 * values["joint_speed"])
     assert [term.name for term in replace(task, reward="sparse").reward_terms] == [
         "attitude",
         "capture",

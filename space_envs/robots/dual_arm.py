@@ -81,11 +81,11 @@ def dual_arm_spec(options: DualArmOptions = DualArmOptions()) -> mujoco.MjSpec:
         mounts = options.mounts or DUAL_ARM_PLANAR.mounts
         _build_planar(spec, DUAL_ARM_PLANAR, mounts)
         if options.visual:
-            draw_planar(spec, DUAL_ARM_PLANAR, mounts)
+            draw_planar(spec, *_look(DUAL_ARM_PLANAR))
     else:
         _build_spatial(spec, DUAL_ARM_SPATIAL)
         if options.visual:
-            draw_spatial(spec, DUAL_ARM_SPATIAL)
+            draw_spatial(spec, *_look(DUAL_ARM_SPATIAL))
     _add_sensors(spec, options.kind)
     shape = SHAPES[options.kind]
     if shape.half is not None:
@@ -166,6 +166,12 @@ def _build_spatial(spec: mujoco.MjSpec, parameters: DualArmSpatialParameters) ->
         target.add_site(name=name, pos=[sign * half, 0.0, 0.0], quat=into, size=[0.01, 0.01, 0.01], group=4)
     at = [0.0, 1.6, 0.0, 1.0, 0.0, 0.0, 0.0]
     spec.add_key(name="home", qpos=[0, 0, 0, 1, 0, 0, 0, *parameters.home, *at])
+
+
+def _look(
+    parameters: DualArmPlanarParameters | DualArmSpatialParameters,
+) -> tuple[float, float, tuple[float, ...]]:
+    return parameters.satellite_side, parameters.link_radius, parameters.target.body
 
 
 def _base(spec: mujoco.MjSpec, mass: float, inertia: tuple[float, float, float]) -> mujoco.MjsBody:

@@ -141,7 +141,7 @@ def single_arm_spec(
     add_point_sensors(spec, SINGLE_ARM_SHAPE, (1,), SATELLITE)
     spec.add_key(name="home", qpos=[0, 0, 0, 1, 0, 0, 0, *parameters.home])
     if options.visual:
-        draw_robot(spec, parameters)
+        draw_robot(spec, parameters.satellite_side, parameters.link_radius)
         draw_target(target)
         draw_keep_out(spec, OBSTACLE_RADIUS)
         draw_environment(spec)

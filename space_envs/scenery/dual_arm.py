@@ -6,7 +6,6 @@ import mujoco
 import numpy as np
 
 from space_envs.errors import ConfigurationError
-from space_envs.robots.parameters import DualArmPlanarParameters, DualArmSpatialParameters, TargetParameters
 from space_envs.scenery.materials import add_space
 from space_envs.scenery.parts import (
     add_part_meshes,
@@ -27,27 +26,25 @@ _QUARTER_X = (cos(pi / 4), -sin(pi / 4), 0.0, 0.0)  # z becomes y
 _HALF_X = (0.0, 1.0, 0.0, 0.0)  # z becomes -z
 
 
-def draw_planar(
-    spec: mujoco.MjSpec, parameters: DualArmPlanarParameters, mounts: tuple[tuple[float, float], ...]
-) -> None:
-    """Draw the planar robot and its target: the arms turn in z = 0, above the bus and above the target.
+def draw_planar(spec: mujoco.MjSpec, side: float, link_radius: float, target_half: Vector) -> None:
+    """Draw the planar robot and its target: the arms rotate in z = 0, above the bus and above the target.
 
     Args:
         spec: with bodies `satellite`, `arm{a}_link{i}` and `target`, and the sites of hands and grapples.
-        parameters: of the robot.
-        mounts: of the arms, in the satellite's frame, m.
+        side: of the satellite's cube, m. link_radius: m. target_half: (3,) half sides of the target, m.
     """
-    side = parameters.satellite_side
     bus = Brush(spec.body("satellite")).at((0.0, 0.0, _PLANAR_DECK - side / 2))
     _draw_satellite(spec, bus, side)
-    for mount in mounts:
-        _draw_tower(bus.at((0.0, 0.0, side / 2)), mount, -_PLANAR_DECK, 0.36 * side)
+    for arm in (1, 2):
+        x, y, _ = spec.body(f"arm{arm}_link1").pos.tolist()
+        _draw_tower(bus.at((0.0, 0.0, side / 2)), (x, y), -_PLANAR_DECK, 0.36 * side)
     for arm in (1, 2):  # hands come down on the fixtures
-        _draw_arm(spec, arm, parameters.link_radius, _HALF_X)
+        _draw_arm(spec, arm, link_radius, _HALF_X)
 
     target = Brush(spec.body("target"))
-    _draw_debris(target.at((0.0, 0.0, _PLANAR_TARGET)), parameters.target)
-    half, (_, wide, high) = parameters.target.half_width, parameters.target.body
+    _draw_debris(target.at((0.0, 0.0, _PLANAR_TARGET)), target_half)
+    _, wide, high = target_half
+    half = float(np.linalg.norm(spec.site("grapple1").pos))
     for sign in (-1.0, 1.0):
         foot = (0.0, sign * half, _PLANAR_TARGET + 0.5 * high)
         target.rod("titanium", (0.0, sign * wide, foot[2]), foot, 0.02, round_ends=True)
@@ -56,14 +53,12 @@ def draw_planar(
     _draw_surroundings(spec, "planar")
 
 
-def draw_spatial(spec: mujoco.MjSpec, parameters: DualArmSpatialParameters) -> None:
+def draw_spatial(spec: mujoco.MjSpec, side: float, link_radius: float, target_half: Vector) -> None:
     """Draw the spatial robot, its deck facing +y where the arms work, and its target.
 
     Args:
-        spec: with bodies `satellite`, `arm{a}_link{i}` and `target`, and the sites of hands and grapples.
-        parameters: of the robot.
+        spec, side, link_radius, target_half: as in `draw_planar`.
     """
-    side = parameters.satellite_side
     bus = Brush(spec.body("satellite"))
     _draw_satellite(spec, bus.at((0.0, 0.0, 0.0), _QUARTER_X), side)
     for arm in (1, 2):
@@ -71,10 +66,10 @@ def draw_spatial(spec: mujoco.MjSpec, parameters: DualArmSpatialParameters) -> N
         shoulder = bus.at(root.pos, root.quat)
         shoulder.rod("aluminium", (0.0, 0.0, 0.0), (0.0, 0.0, 0.035), 0.17)
         shoulder.rod("dark_metal", (0.0, 0.0, 0.0), (0.0, 0.0, 0.07), 0.11)
-        _draw_arm(spec, arm, parameters.link_radius, (1.0, 0.0, 0.0, 0.0))
+        _draw_arm(spec, arm, link_radius, (1.0, 0.0, 0.0, 0.0))
 
     target = Brush(spec.body("target"))
-    _draw_debris(target, parameters.target)
+    _draw_debris(target, target_half)
     for name in ("grapple1", "grapple2"):
         site = spec.site(name)
         _draw_fixture(target.at(site.pos, site.quat))
@@ -157,13 +152,13 @@ def _draw_fixture(grapple: Brush) -> None:
         grapple.rod("dark_metal", (u, v, 0.086), (u, v, 0.09), 0.014)
 
 
-def _draw_debris(target: Brush, parameters: TargetParameters) -> None:
+def _draw_debris(target: Brush, half_sides: Vector) -> None:
     """Draw a dead satellite around the origin, without meshes, which `scale_target` could not scale.
 
-    Its box is that of the parameters; what is left of its wings is at +y and -y, across the grapple points
+    Its box has these half sides in m; the remains of its wings are at +y and -y, across the grapple points
     if these are at +x and -x.
     """
-    half = np.array(parameters.body)
+    half = np.array(half_sides)
     x, y, z = half.tolist()
     target.box("silver_foil", (0, 0, 0), (1.94 * half).tolist())
     _draw_quilt(target, half)

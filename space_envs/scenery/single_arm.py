@@ -7,7 +7,6 @@ from math import cos, pi, sin
 
 import mujoco
 
-from space_envs.robots.parameters import SingleArmParameters
 from space_envs.scenery.materials import add_space
 from space_envs.scenery.parts import (
     add_part_meshes,
@@ -26,9 +25,12 @@ _KEEP_OUT_WIRE = 0.007  # m, radius
 _MERIDIANS = [pi * number / 3 for number in range(3)]  # rad, of a keep-out sphere's cage
 
 
-def draw_robot(spec: mujoco.MjSpec, parameters: SingleArmParameters) -> None:
-    """Draw the satellite and the arm on the bodies `satellite` and `link1` to `link7`."""
-    side = parameters.satellite_side
+def draw_robot(spec: mujoco.MjSpec, side: float, link_radius: float) -> None:
+    """Draw the satellite and the arm on the bodies `satellite`, `link1`, `link2`, ... and `end_effector`.
+
+    Args:
+        side: of the satellite's cube, m. link_radius: m.
+    """
     bus = Brush(spec.body("satellite"))
     draw_bus(bus, side)
     draw_arm_deck(bus, side)
@@ -37,17 +39,18 @@ def draw_robot(spec: mujoco.MjSpec, parameters: SingleArmParameters) -> None:
         draw_wing(bus, side, sign)
     add_crumpled_box(spec, "bus_foil", [side * 0.97] * 3, depth=0.022 * side)
 
-    for number, link in enumerate(parameters.links, start=1):
-        body = Brush(spec.body(f"link{number}"))
+    links = [body for body in spec.bodies if body.name.startswith("link")]
+    ends = [tuple(link.pos.tolist()) for link in [*links[1:], spec.site("end_effector")]]
+    for number, (link, end) in enumerate(zip(links, ends, strict=True), start=1):
+        body, last = Brush(link), number == len(links)
         if number == 1:  # from the satellite's centre to its face: only what stands out can be seen
-            body.rod("dark_metal", (0, 0, link.d - 0.02), (0, 0, link.d + 0.03), 0.19)
+            body.rod("dark_metal", (0, 0, end[2] - 0.02), (0, 0, end[2] + 0.03), 0.19)
             continue
         draw_joint(body)
-        last = number == len(parameters.links)
-        if link.length:
-            draw_boom(body, (link.a, 0.0, link.d), parameters.link_radius, shorten=0.30 if last else 0.0)
+        if any(end):
+            draw_boom(body, end, link_radius, shorten=0.30 if last else 0.0)
         if last:
-            draw_hand(body.at((0.0, 0.0, link.d)), "end_effector", fingers=2)
+            draw_hand(body.at((0.0, 0.0, end[2])), "end_effector", fingers=2)
 
 
 def draw_keep_out(spec: mujoco.MjSpec, radius: float) -> None:
