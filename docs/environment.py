@@ -234,7 +234,7 @@ def _rewards(env: CaptureVectorEnv) -> str:
         term = next(terms[name] for terms in tables if name in terms)
         weights = [number(terms[name].weight) if name in terms else "" for terms in tables]
         rows.append((f"`{name}`", *weights, COUNTED_TEXT[term.per], summary(term.function)))
-    header = ["term", *[f"`{reward}`" for reward in REWARDS], "", "what is weighted"]
+    header = ["term", *[f"`{reward}`" for reward in REWARDS], "counted", "what is weighted"]
     goal = (
         "`space_envs.wrappers.GoalConditioned` wraps the single environment for hindsight experience replay."
     )
