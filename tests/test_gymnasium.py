@@ -147,7 +147,8 @@ def test_gymnasiums_own_vectorizers_give_the_same_rows():
 
 def test_unseeded_resets_differ():
     seen = [env.reset()[0] for make in makers() for env in [make()] * 2]
-    assert len(np.unique(np.concatenate(seen), axis=0)) == 2 * len(seen)
+    # Of 4096 goals two rows may draw the same one.
+    assert len(np.unique(np.concatenate(seen), axis=0)) >= 2 * len(seen) - 2
 
 
 # Infos -------------------------------------------------------------------------------------------------
