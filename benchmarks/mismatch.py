@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from agents.policies.registry import make_policy
-from agents.policies.tracking import DURATION
+from agents.policies.single_arm.reaching import DURATION
 from benchmarks.arguments import check_goals, split, whole
 from benchmarks.machine import machine_class, markdown_table
 from space_envs.dynamics.rotations import Array

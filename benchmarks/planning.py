@@ -9,11 +9,11 @@ import numpy as np
 from agents.planners.common.plans import Failure
 from agents.planners.dual_arm.prescribed_paths.model import PathModel
 from agents.policies.dual_arm.reactionless import (
-    FreePaths,
-    Local,
-    OptimalControl,
-    ReactionlessPlanner,
-    ZetaZero,
+    ReactionlessFree,
+    ReactionlessLocal,
+    ReactionlessOCP,
+    ReactionlessPolicy,
+    ReactionlessZetaZero,
 )
 from benchmarks.arguments import check_goals, whole
 from benchmarks.machine import machine_class, markdown_table, verdict
@@ -21,20 +21,20 @@ from space_envs.envs import CaptureVectorEnv
 from space_envs.policy import PolicyContext
 from space_envs.system.command_line import Parser, exit_status
 
-METHODS: dict[str, tuple[type[ReactionlessPlanner], dict[str, float]]] = {
+METHODS: dict[str, tuple[type[ReactionlessPolicy], dict[str, float]]] = {
     # Seconds that a plan may take, by task.
-    "reactionless": (ZetaZero, {"Planar": 0.1, "Spatial": 0.1}),
-    "reactionless_local": (Local, {"Planar": 0.1, "Spatial": 0.1}),
-    "reactionless_ocp": (OptimalControl, {"Planar": 5.0}),
-    "reactionless_free": (FreePaths, {"Planar": 5.0, "Spatial": 20.0}),
+    "reactionless": (ReactionlessZetaZero, {"Planar": 0.1, "Spatial": 0.1}),
+    "reactionless_local": (ReactionlessLocal, {"Planar": 0.1, "Spatial": 0.1}),
+    "reactionless_ocp": (ReactionlessOCP, {"Planar": 5.0}),
+    "reactionless_free": (ReactionlessFree, {"Planar": 5.0, "Spatial": 20.0}),
 }
 
 
-def measured(method: type[ReactionlessPlanner], task: str, goals: int) -> tuple[list[float], Counter[str]]:
+def measured(method: type[ReactionlessPolicy], task: str, goals: int) -> tuple[list[float], Counter[str]]:
     """Seconds of each plan, after one that is not counted, and what became of them."""
     env = CaptureVectorEnv(f"SpaceCapture/DualArm{task}-v0", goals)
     observation, _ = env.reset(options={"split": "validation", "index": np.arange(goals)})
-    asked = method(PolicyContext.from_env(env)).tasks(observation)
+    asked = method(PolicyContext.from_env(env)).inputs(observation)
     method.plan(asked[0])
     times, outcomes = [], Counter[str]()
     for one in asked:

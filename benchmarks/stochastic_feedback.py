@@ -9,10 +9,10 @@ import numpy as np
 from agents.demonstrations.optimal import model_limits
 from agents.planners.single_arm.library import shipped_library
 from agents.planners.single_arm.problem import Reach
-from agents.planners.single_arm.stochastic_feedback import StochasticFeedback
 from agents.planners.single_arm.weights.demonstrated import DemonstratedPlanner
 from agents.planners.single_arm.weights.functions import ArmFunctions
 from agents.planners.single_arm.weights.shapes import INTERVALS
+from agents.policies.single_arm.stochastic_feedback import StochasticFeedback
 from benchmarks.arguments import check_goals, seed, whole
 from benchmarks.machine import machine_class, markdown_table
 from promp import ProMP

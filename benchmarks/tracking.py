@@ -6,7 +6,7 @@ import numpy as np
 
 from agents.planners.common.plans import Failure
 from agents.planners.dual_arm.tracking import FINE, Tracking, track
-from agents.policies.dual_arm.reactionless import FreePaths, OptimalControl, ReactionlessPlanner
+from agents.policies.dual_arm.reactionless import ReactionlessFree, ReactionlessOCP, ReactionlessPolicy
 from benchmarks.arguments import check_goals, whole
 from benchmarks.machine import machine_class, markdown_table
 from space_envs.envs import CaptureVectorEnv
@@ -20,10 +20,10 @@ SETTINGS = (
     Tracking(timestep=0.01, control_period=0.01),
     FINE,
 )
-CASES: tuple[tuple[str, type[ReactionlessPlanner]], ...] = (
-    ("Planar", OptimalControl),
-    ("Planar", FreePaths),
-    ("Spatial", FreePaths),
+CASES: tuple[tuple[str, type[ReactionlessPolicy]], ...] = (
+    ("Planar", ReactionlessOCP),
+    ("Planar", ReactionlessFree),
+    ("Spatial", ReactionlessFree),
 )
 
 
@@ -38,7 +38,7 @@ def main() -> None:
     for task, method in CASES:
         env = CaptureVectorEnv(f"SpaceCapture/DualArm{task}-v0", options.goals)
         observation, _ = env.reset(options={"split": "validation", "index": np.arange(options.goals)})
-        found = [method.plan(one) for one in method(PolicyContext.from_env(env)).tasks(observation)]
+        found = [method.plan(one) for one in method(PolicyContext.from_env(env)).inputs(observation)]
         plans = [plan for plan in found if not isinstance(plan, Failure)]
         for how in SETTINGS:
             done = [track(plan, DualArmOptions(task.lower()), how) for plan in plans]

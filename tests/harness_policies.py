@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 
-from agents.policies.gjm import GeneralizedJacobian
+from agents.policies.single_arm.gjm import GeneralizedJacobian
 from space_envs.errors import PlanningError
 from space_envs.policy import PolicyContext
 

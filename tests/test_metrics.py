@@ -39,7 +39,7 @@ def test_slowness_makes_a_path_cheap_by_eq_20_and_not_by_cost_times_duration(mon
     """The same minimum-jerk paths, planned for 5, 10 and 20 s."""
     costs, products = [], []
     for duration in (5.0, 10.0, 20.0):
-        monkeypatch.setattr("agents.policies.tracking.DURATION", duration)
+        monkeypatch.setattr("agents.policies.single_arm.reaching.DURATION", duration)
         rollout, task = rollout_of("minimum_jerk", episodes=4)
         records = episode_records(rollout, task, Entrant(Task(SINGLE, "medium", "test"), "mine", "any"), 0)
         assert rollout.outcome == ["captured"] * 4

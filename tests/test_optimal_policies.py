@@ -6,7 +6,8 @@ import pytest
 from agents.planners.common.plans import Cause, Failure
 from agents.planners.single_arm.library import shipped_library
 from agents.planners.single_arm.problem import Reach, ReachPlan
-from agents.policies.single_arm.optimal import OptimalPolicy, PrompOptimal, PrompOptimalKept
+from agents.policies.single_arm.optimal import OptimalPolicy
+from agents.policies.single_arm.weights import PrompOptimal, PrompOptimalKept
 from space_envs.dynamics.rotations import multiply, rotate
 from space_envs.envs import CaptureVectorEnv
 from space_envs.policy import PolicyContext

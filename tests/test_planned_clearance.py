@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from agents.planners.common.plans import Cause, Failure
-from agents.policies.dual_arm.reactionless import Task, ZetaZero
+from agents.policies.dual_arm.reactionless import PlannerInput, ReactionlessZetaZero
 from agents.policies.registry import make_policy
 from space_envs.envs import CaptureVectorEnv
 from space_envs.evaluation.play.rollout import roll_out
@@ -129,15 +129,15 @@ def test_nmpc_brakes_before_what_it_would_touch_and_goes_on_when_that_is_gone() 
 
 def test_reactionless_plans_into_something_are_refused() -> None:
     _, context, observation = begun(PLANAR, 8)
-    policy = ZetaZero(context, 0)
-    tasks = policy.tasks(observation)
+    policy = ReactionlessZetaZero(context, 0)
+    tasks = policy.inputs(observation)
     plans = [(task, policy.plan(task)) for task in tasks]
     found = [(task, plan) for task, plan in plans if not isinstance(plan, Failure)]
     kept = [(task, plan) for task, plan in found if task.checked(plan) is plan]
     assert kept
     task, plan = kept[0]
     hand = context.arm.end_effector_pose(plan.sample(np.array(10.0))[0], 0)[0]
-    moved = Task(**{**vars(task), "centre": hand})  # a target in the way at half time
+    moved = PlannerInput(**{**vars(task), "centre": hand})  # a target in the way at half time
     refused = moved.checked(plan)
     assert isinstance(refused, Failure) and refused.cause == Cause.CLEARANCE
     assert refused.reason.startswith("an arm and the target would come to -")

@@ -15,8 +15,7 @@ from agents.planners.single_arm.weights.avoiding import AvoidingPlanner
 from agents.planners.single_arm.weights.demonstrated import ADDED_DEVIATION, GROUP, DemonstratedPlanner
 from agents.planners.single_arm.weights.inequalities import Spheres
 from agents.policies.single_arm.promp import ProMPPolicy
-from agents.policies.single_arm.promp_avoiding import PrompAvoiding
-from agents.policies.single_arm.promp_demonstrated import PrompDemonstrated
+from agents.policies.single_arm.weights import PrompAvoiding, PrompDemonstrated
 from promp import ProMP, ViaPoint
 from space_envs.dynamics import FloatingRobot, roll_out_base, trajectory_cost
 from space_envs.dynamics.rotations import Array

@@ -61,14 +61,13 @@ def test_a_push_is_taken_back_as_the_distribution_narrows() -> None:
     place, speed = (at.layout.slices[name] for name in ("joint_position", "joint_velocity"))
     last, middle = plan.position.shape[1] - 1, 40
     moved = observation.copy()
-    moved[:, place], moved[:, speed] = plan.position[:, middle] + PUSH, plan.velocity[:, middle]
+    moved[:, place], moved[:, speed] = plan.position[:, middle] + PUSH, plan.rate[:, middle]
     for step in range(middle, last):
-        rate = policy.follow(moved, plan, np.array([step]))
+        moved[:, at.layout.slices["time"]] = step * at.control_period
+        rate = policy.rates(moved, plan)
         moved[:, place] += 0.5 * at.control_period * (moved[:, speed] + rate)
         moved[:, speed] = rate
     assert np.abs(moved[:, place] - plan.position[:, last]).max() < 0.15 * PUSH
     # Without feedback, what the plan's accelerations alone would do, all of it would be left.
-    coast = (
-        0.5 * at.control_period * (plan.velocity[:, middle:-1] + plan.velocity[:, middle + 1 :]).sum(axis=1)
-    )
+    coast = 0.5 * at.control_period * (plan.rate[:, middle:-1] + plan.rate[:, middle + 1 :]).sum(axis=1)
     np.testing.assert_allclose(plan.position[:, middle] + coast, plan.position[:, last], atol=1e-9)

@@ -6,8 +6,8 @@ import pytest
 from agents.demonstrations.optimal import model_limits
 from agents.planners.single_arm.library import shipped_library
 from agents.planners.single_arm.problem import Reach
-from agents.planners.single_arm.stochastic_feedback import StochasticFeedback
 from agents.planners.single_arm.weights.demonstrated import DemonstratedPlanner
+from agents.policies.single_arm.stochastic_feedback import StochasticFeedback
 from benchmarks.stochastic_feedback import DURATION, PERIOD, SETTINGS, computed_torque, play
 from promp import ProMP, ViaPoint
 from space_envs.dynamics.rotations import Array

@@ -11,7 +11,7 @@ from agents.planners.common.damped_search import JointGoals, Rows
 from agents.planners.common.inverse_kinematics import (JointMotion, floating_inverse_kinematics)
 from agents.planners.common.linear_quadratic import closed_loop, receding_gains
 from agents.policies.single_arm.mpc import CONTROL_WEIGHT, POSITION_WEIGHT
-from agents.policies.tracking import DURATION
+from agents.policies.single_arm.reaching import DURATION
 from agents.demonstrations.variations import KINDS, DemonstratorConfig, Draws, beside_the_way, draw
 from space_envs.control import STOP_MARGIN
 from space_envs.dynamics import FloatingRobot, trajectory_cost

@@ -3,44 +3,27 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from agents.policies.base import BasePolicy
 from space_envs.dynamics.rotations import Array
 from space_envs.policy import PolicyContext
 
 
-class Random:
-    """Uniform actions from the seed, in any control mode."""
+class Random(BasePolicy):
+    """Uniform actions from the seed, in any control mode, drawn again at each step."""
 
     def __init__(self, context: PolicyContext, seed: int = 0) -> None:
-        self._context = context
+        super().__init__(context, seed)
         self._rng = np.random.default_rng(seed)
 
-    def predict(
-        self,
-        observation: Array,
-        state: Any = None,
-        episode_start: NDArray[np.bool_] | None = None,
-        deterministic: bool = True,
-    ) -> tuple[Array, Any]:
-        """Actions (N, m), drawn anew whatever `deterministic` says."""
-        n = len(self._context.check_observation(observation))
-        return self._rng.uniform(-1.0, 1.0, (n, len(self._context.action_scale))), None
+    def actions(self, observation: Array, state: Any, deterministic: bool) -> Array:
+        """Actions (N, m), random whatever `deterministic` says."""
+        return self._rng.uniform(-1.0, 1.0, (len(observation), len(self.context.action_scale)))
 
 
-class Hold:
-    """Zero actions: in the velocity modes the arm rests."""
+class Hold(BasePolicy):
+    """Zero actions in any control mode: in the velocity modes the arm rests."""
 
-    def __init__(self, context: PolicyContext, seed: int = 0) -> None:
-        self._context = context
-
-    def predict(
-        self,
-        observation: Array,
-        state: Any = None,
-        episode_start: NDArray[np.bool_] | None = None,
-        deterministic: bool = True,
-    ) -> tuple[Array, Any]:
+    def actions(self, observation: Array, state: Any, deterministic: bool) -> Array:
         """Actions (N, m), all zero."""
-        n = len(self._context.check_observation(observation))
-        return np.zeros((n, len(self._context.action_scale))), None
+        return np.zeros((len(observation), len(self.context.action_scale)))

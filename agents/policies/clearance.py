@@ -1,4 +1,4 @@
-"""Whether planned joint motions touch the satellite or keep-out spheres: what policies check with.
+"""Clearance of planned joint motions of the single arm from the satellite and keep-out spheres.
 
 By the same distances by which the simulation ends an episode; a plan keeps a little farther away.
 """
@@ -19,10 +19,10 @@ from space_envs.policy import PolicyContext
 from space_envs.robots.parameters import SINGLE_ARM
 from space_envs.tasks.contacts import Contacts
 
-MARGIN = 0.002  # m, that a plan keeps beyond what the simulation asks for, for its drives' errors
-ASKED = 0.004  # m, by which optimisers take spheres to be larger, so that their plans keep the margin
-COARSE = 5  # samples, of which one is looked at where motions are only chosen by it
-TOGETHER = 10  # motions that are looked at together
+MARGIN = 0.002  # m, that a plan keeps beyond what the simulation requires, for the errors of the drives
+SPHERE_MARGIN = 0.004  # m, by which optimisers enlarge spheres, so that their plans keep `MARGIN`
+COARSE = 5  # samples, of which one is checked where a motion is only chosen by it
+CHUNK = 10  # motions that are checked at once
 
 
 def spheres_seen(context: PolicyContext, observation: Array) -> Array | None:
@@ -35,14 +35,14 @@ def spheres_seen(context: PolicyContext, observation: Array) -> Array | None:
         return None
     radius = read(observation, "obstacle_radius")[..., None]
     centre = read(observation, "obstacle_position").reshape(*radius.shape[:2], 3)
-    back = conjugate(read(observation, "base_quaternion"))
-    seen = rotate(back[:, None], centre - read(observation, "base_position")[:, None])
-    return np.concatenate([seen, radius], axis=-1)
+    to_base = conjugate(read(observation, "base_quaternion"))
+    local = rotate(to_base[:, None], centre - read(observation, "base_position")[:, None])
+    return np.concatenate([local, radius], axis=-1)
 
 
 @dataclass(frozen=True, eq=False)
 class KeepOut:
-    """What the links of a single arm may not touch in N motions.
+    """Bodies that the links of a single arm may not touch in N motions.
 
     Attributes:
         arm: the robot. contacts: of its links and the satellite.
@@ -55,21 +55,21 @@ class KeepOut:
 
     @classmethod
     def of(cls, context: PolicyContext, observation: Array) -> Self | None:
-        """Of motions that begin with observations (N, size); None where nothing ends an episode."""
+        """Bodies around motions from observations (N, size) on; None where no collision is checked."""
         contacts = context.contacts
         if contacts is None or contacts.shape.half is None:
             return None
         return cls(context.arm, contacts, spheres_seen(context, observation))
 
     def take(self, rows: NDArray[Any]) -> Self:
-        """The same for rows, by number or mask."""
+        """The bodies of rows, by number or mask."""
         return self if self.spheres is None else replace(self, spheres=self.spheres[rows])
 
     def gaps(self, path: Array, rate: Array, dt: float) -> Array:
         """Gaps (N, T, S + n K) in m: of S capsules and the satellite, then of n links and K spheres.
 
-        Those to the satellite depend on the joint angles alone; spheres rest while the satellite moves, as it
-        does with no momentum.
+        Those to the satellite depend on the joint angles alone; spheres are static while the satellite moves,
+        with zero total momentum.
 
         Args:
             path, rate: (N, T, n) rad and rad/s. dt: s, between samples.
@@ -83,18 +83,18 @@ class KeepOut:
         return np.concatenate([found, _flat(gaps)], axis=-1)
 
     def clear(self, path: Array, rate: Array, dt: float) -> NDArray[np.bool_]:
-        """Which motions (N,) keep `MARGIN` from everything; arguments as in `gaps`."""
+        """Whether each motion (N,) keeps `MARGIN` from everything; arguments as in `gaps`."""
         return self.gaps(path, rate, dt).min(axis=(1, 2)) > MARGIN
 
     def first_clear(self, paths: Array, rates: Array, dt: float, order: Sequence[int]) -> int | None:
-        """The first of motions (M, T, n), in an order, that is clear of what row 0 of N = 1 keeps out of.
+        """Number of the first of motions (M, T, n), in an order, that is clear; for N = 1. None without one.
 
-        None without one. Looked at on every `COARSE`-th sample where the satellite's motion does not matter:
-        to choose by, not to be sure.
+        Only every `COARSE`-th sample is checked where the satellite's motion does not matter: enough to
+        choose by, not to be sure.
         """
         step = COARSE if self.spheres is None else 1
-        for first in range(0, len(order), TOGETHER):
-            some = list(order[first : first + TOGETHER])
+        for first in range(0, len(order), CHUNK):
+            some = list(order[first : first + CHUNK])
             every = self.take(np.zeros(len(some), dtype=np.int64))
             clear = every.clear(paths[some, ::step], rates[some, ::step], step * dt)
             if clear.any():
@@ -102,7 +102,7 @@ class KeepOut:
         return None
 
     def refusal(self, method: str, path: Array, rate: Array, dt: float) -> Failure | None:
-        """Why a joint motion (T, n) is no plan: a link comes too near to row 0's bodies. Otherwise None."""
+        """Failure of a joint motion (T, n) that comes too near to a body; None if clear. For N = 1."""
         gaps = self.gaps(path[None], rate[None], dt)[0]
         if gaps.min() > MARGIN:
             return None
@@ -111,8 +111,8 @@ class KeepOut:
         pairs = [(link, "the satellite") for link in links]
         spheres = (gaps.shape[1] - len(links)) // self.arm.n_joints
         pairs += [(n + 1, f"obstacle {k + 1}") for n in range(self.arm.n_joints) for k in range(spheres)]
-        link, what = pairs[place]
-        reason = f"link {link} would be {gaps.min():.3f} m from {what} at t = {node * dt:.2f} s"
+        link, body = pairs[place]
+        reason = f"link {link} would be {gaps.min():.3f} m from {body} at t = {node * dt:.2f} s"
         return Failure(method, Cause.CLEARANCE, reason)
 
 

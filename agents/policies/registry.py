@@ -33,8 +33,8 @@ POLICIES: dict[str, Entry] = {
         "quintic joint motion to a goal from inverse kinematics",
     ),
     "gjm": Entry(
-        "agents.policies.gjm:GeneralizedJacobian",
-        "resolved rate with the damped generalised Jacobian",
+        "agents.policies.single_arm.gjm:GeneralizedJacobian",
+        "resolved rate with the damped generalised Jacobian, ignores bodies in its path",
     ),
     "mpc": Entry(
         "agents.policies.single_arm.mpc:ModelPredictive",
@@ -57,19 +57,19 @@ POLICIES: dict[str, Entry] = {
         "least eq. 20 by collocation, all limits, attitude free",
     ),
     "promp_optimal": Entry(
-        "agents.policies.single_arm.optimal:PrompOptimal",
+        "agents.policies.single_arm.weights:PrompOptimal",
         "least eq. 20 in the weights of a ProMP, all limits, attitude free",
     ),
     "promp_optimal_kept": Entry(
-        "agents.policies.single_arm.optimal:PrompOptimalKept",
+        "agents.policies.single_arm.weights:PrompOptimalKept",
         "the same with the attitude kept at the end",
     ),
     "promp_demonstrated": Entry(
-        "agents.policies.single_arm.promp_demonstrated:PrompDemonstrated",
+        "agents.policies.single_arm.weights:PrompDemonstrated",
         "best of 100 samples of ProMPs of optimal demonstrations, conditioned in task space",
     ),
     "promp_avoiding": Entry(
-        "agents.policies.single_arm.promp_avoiding:PrompAvoiding",
+        "agents.policies.single_arm.weights:PrompAvoiding",
         "samples of a ProMP that keep out of spheres, the best refined",
     ),
     "nmpc": Entry(
@@ -77,19 +77,19 @@ POLICIES: dict[str, Entry] = {
         "receding horizon in weights, attitude kept at its end, the observed state fed back",
     ),
     "reactionless": Entry(
-        "agents.policies.dual_arm.reactionless:ZetaZero",
+        "agents.policies.dual_arm.reactionless:ReactionlessZetaZero",
         "polynomial end-effector paths with zeta = 0, as in shah2013",
     ),
     "reactionless_local": Entry(
-        "agents.policies.dual_arm.reactionless:Local",
+        "agents.policies.dual_arm.reactionless:ReactionlessLocal",
         "the same paths with the least kinetic energy at each instant, as in shah2013",
     ),
     "reactionless_ocp": Entry(
-        "agents.policies.dual_arm.reactionless:OptimalControl",
+        "agents.policies.dual_arm.reactionless:ReactionlessOCP",
         "the same paths with the least energy over the motion, as in shah2013",
     ),
     "reactionless_free": Entry(
-        "agents.policies.dual_arm.reactionless:FreePaths",
+        "agents.policies.dual_arm.reactionless:ReactionlessFree",
         "paths free between their ends, least energy, all limits",
     ),
     "reactionless_rate": Entry(
@@ -98,17 +98,17 @@ POLICIES: dict[str, Entry] = {
     ),
     "bc": Entry(
         "agents.policies.learned.learned_policy:BehaviourCloning",
-        "cloned from an expert (DAgger), shipped",
+        "cloned from an expert (DAgger), shipped, ignores bodies in its path",
         expert=False,
     ),
     "ppo": Entry(
         "agents.policies.learned.learned_policy:ProximalPolicyOptimization",
-        "the clone, improved by PPO, shipped",
+        "the clone, improved by PPO, shipped, ignores bodies in its path",
         expert=False,
     ),
     "bc_reactionless": Entry(
         "agents.policies.learned.learned_policy:ReactionlessCloning",
-        "cloned in control mode reactionless, shipped",
+        "cloned in control mode reactionless, shipped, ignores bodies in its path",
         expert=False,
     ),
 }

@@ -10,10 +10,10 @@ from agents.planners.single_arm.collocation.ocp import STARTS, plan_ocp
 from agents.planners.single_arm.library import shipped_library
 from agents.planners.single_arm.problem import ReachPlan
 from agents.planners.single_arm.weights.promp_optimal import Planner
+from agents.policies.single_arm.joint_goals import JointGoalPolicy
 from agents.policies.single_arm.minimum_jerk import MinimumJerk
 from agents.policies.single_arm.mpc import ModelPredictive
 from agents.policies.single_arm.promp import ConditionalMean, ProMPPolicy
-from agents.policies.tracking import TrajectoryPolicy
 from reproduce.shyam2020.cases import Case, context, limits
 from space_envs.evaluation.report.figures import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
 
@@ -34,11 +34,11 @@ class Method:
 
 
 @cache
-def _policy(kind: type[TrajectoryPolicy], seed: int) -> TrajectoryPolicy:
+def _policy(kind: type[JointGoalPolicy], seed: int) -> JointGoalPolicy:
     return kind(context(), seed)
 
 
-def _planned(kind: type[TrajectoryPolicy]) -> Callable[[Case, int], Found]:
+def _planned(kind: type[JointGoalPolicy]) -> Callable[[Case, int], Found]:
     """Plan as the policy of the suite does."""
 
     def plan(case: Case, seed: int) -> Found:

@@ -16,7 +16,7 @@ from agents.planners.common.inverse_kinematics import (
 from agents.planners.common.plans import Failure
 from agents.policies.single_arm.minimum_jerk import minimum_jerk_profile
 from agents.policies.single_arm.promp import SAMPLES, ConditionedPrior, shipped_prior
-from agents.policies.tracking import motion_times
+from agents.policies.single_arm.reaching import motion_times
 from promp import ProMP, ViaPoint
 from reproduce.shyam2020.cases import Case, context
 from reproduce.shyam2020.measures import IDENTITY, Course, course

@@ -7,10 +7,10 @@ from space_envs.dynamics.reactionless import keep_attitude
 from space_envs.dynamics.rotations import Array, conjugate, exponential, multiply, rotate
 from space_envs.tasks.contacts import Contacts
 
-CLOSING = 0.5  # 1/s, speed at which a gap may close for each metre that is left of it
-MARGIN = 0.02  # m that is left of every gap but the grippers' to the target, which they have to reach
-DAMPING = 0.1  # m/rad, of the correction where the joints have little say over a gap
-NEAR = 0.6  # m; wider gaps are not looked at, nothing closes them fast enough
+CLOSING = 0.5  # 1/s, speed at which a gap may close for each metre of it
+MARGIN = 0.02  # m, least gap that is kept, but for the grippers' to the target, which they have to reach
+DAMPING = 0.1  # m/rad, of the correction where a gap hardly depends on the joints
+NEAR = 0.6  # m; wider gaps are ignored, since nothing closes them fast enough
 _SWEEPS = 4  # corrections, each for the gap that then is most in excess
 _STEP = 1e-6  # rad and s, of difference quotients
 
@@ -18,8 +18,8 @@ _STEP = 1e-6  # rad and s, of difference quotients
 def clear_rates(reader: Reader, observation: Array, q: Array, rate: Array) -> Array:
     """Joint rates (N, n) rad/s near `rate` with which no gap g closes faster than CLOSING (g - MARGIN).
 
-    Where one would, the rates are changed along its gradient, projected so that the base turns as `rate` has
-    it. Nothing is changed where nothing may be touched.
+    Where one would, the rates are changed along its gradient, projected so that the angular velocity of the
+    base stays that of `rate`. Nothing is changed where the environment checks no collisions.
 
     Args:
         observation: (N, size). q: (N, n) rad, joint angles at which the rates are asked for.
@@ -37,30 +37,36 @@ def clear_rates(reader: Reader, observation: Array, q: Array, rate: Array) -> Ar
         excess = least - (slope * rate[:, None]).sum(axis=-1)
         worst = excess.argmax(axis=1)
         along = slope[rows, worst]
-        way = keep_attitude(twist[:, 3:], along)
-        share = np.maximum(excess[rows, worst], 0.0) / ((along * way).sum(axis=1) + DAMPING**2)
-        rate = rate + share[:, None] * way
+        direction = keep_attitude(twist[:, 3:], along)
+        share = np.maximum(excess[rows, worst], 0.0) / ((along * direction).sum(axis=1) + DAMPING**2)
+        rate = rate + share[:, None] * direction
     return rate
 
 
 def _gaps(
     reader: Reader, contacts: Contacts, observation: Array, q: Array, carried: Array
 ) -> tuple[Array, Array, Array]:
-    """Gaps (N, M) m, their gradients (N, M, n) m/rad while the base keeps its attitude, and the rates (N, M)
-    m/s at which they change because the target turns.
+    """Gaps to close obstacles, and how they change.
+
+    Returns:
+        Gaps (N, M) m, their gradients (N, M, n) m/rad while the base keeps its attitude, and the rates (N, M)
+        m/s at which they change because the target rotates.
 
     Args:
-        q: (N, n) rad. carried: (N, 3, n) m/rad, motion of the base with the joints.
+        q: (N, n) rad. carried: (N, 3, n) m/rad, translation of the base with the joints.
     """
     n, joints = q.shape
     moved = np.concatenate([np.zeros((1, joints)), _STEP * np.eye(joints), np.zeros((1, joints))])
     points = contacts.points(reader.context.arm, q[:, None] + moved)  # (N, joints + 2, A, P, 3)
-    back, target = conjugate(reader.quaternion(observation, "base")), reader.quaternion(observation, "target")
+    to_base, target = (
+        conjugate(reader.quaternion(observation, "base")),
+        reader.quaternion(observation, "target"),
+    )
     middle = reader.vector(observation, "target_position")
-    centre = rotate(back, middle - reader.vector(observation, "base_position"))
+    centre = rotate(to_base, middle - reader.vector(observation, "base_position"))
     spin = np.zeros((n, joints + 2, 3))
     spin[:, -1] = _STEP * reader.vector(observation, "target_angular_velocity")
-    attitude = multiply(back[:, None], multiply(exponential(spin), target[:, None]))
+    attitude = multiply(to_base[:, None], multiply(exponential(spin), target[:, None]))
     shift = moved @ carried.swapaxes(-1, -2) - centre[:, None]
     local = rotate(conjugate(attitude)[:, :, None, None], points + shift[:, :, None, None])
     grapple = rotate(conjugate(target), reader.vectors(observation, "goal_position")[:, 0] - middle)

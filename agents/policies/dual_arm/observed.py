@@ -1,4 +1,4 @@
-"""What policies of the dual-arm tasks read from an observation, in the plane and in space alike."""
+"""Observations of the dual-arm tasks as policies read them, in the plane and in space alike."""
 
 from dataclasses import dataclass
 
@@ -13,9 +13,13 @@ from space_envs.robots.parameters import DUAL_ARM_PLANAR, DUAL_ARM_SPATIAL
 
 
 @dataclass(frozen=True)
-class Grapples:
-    """Where the grapple points are at some times: position, velocity (N, T, 2, 3) m and m/s in the inertial
-    frame; axis (N, T, 2, 3), the ways in, or None where any will do; attitude (N, T, 4) of the target."""
+class GrappleMotion:
+    """Motion of the grapple points at T times, in the inertial frame.
+
+    Attributes:
+        position, velocity: (N, T, 2, 3) m and m/s. axis: (N, T, 2, 3), approach directions, or None where any
+            will do. attitude: (N, T, 4) of the target.
+    """
 
     position: Array
     velocity: Array
@@ -24,7 +28,7 @@ class Grapples:
 
 
 class Reader:
-    """Reads observations (N, size) of one of the dual-arm tasks; vectors have three components in both."""
+    """Reads observations (N, size) of a dual-arm task; vectors have three components in both."""
 
     def __init__(self, context: PolicyContext) -> None:
         self.context = context
@@ -61,23 +65,23 @@ class Reader:
         """Attitude (N, 4) of `base` or `target`, body to inertial."""
         if self.kind == "spatial":
             return self.field(observation, f"{body}_quaternion")
-        turn = np.zeros((len(observation), 3))
-        turn[:, 2] = self.field(observation, f"{body}_angle")[:, 0]
-        return exponential(turn)
+        rotation = np.zeros((len(observation), 3))
+        rotation[:, 2] = self.field(observation, f"{body}_angle")[:, 0]
+        return exponential(rotation)
 
-    def grapples(self, observation: NDArray, times: Array) -> Grapples:
-        """The grapple points, predicted for times (T,) s from now: the target turns freely."""
+    def grapples(self, observation: NDArray, times: Array) -> GrappleMotion:
+        """The grapple points, predicted for times (T,) s from now: the target rotates freely."""
         centre = self.vector(observation, "target_position")
         attitude = self.quaternion(observation, "target")
-        back = conjugate(attitude)[:, None]
-        points = rotate(back, self.vectors(observation, "goal_position") - centre[:, None])
+        to_target = conjugate(attitude)[:, None]
+        points = rotate(to_target, self.vectors(observation, "goal_position") - centre[:, None])
         spin = self.vector(observation, "target_angular_velocity")
-        turned, spins = tumble(attitude, spin, self.inertia, times)
+        attitudes, spins = tumble(attitude, spin, self.inertia, times)
         position, velocity = point_motion(
-            centre[:, None, None], turned[:, :, None], spins[:, :, None], points[:, None]
+            centre[:, None, None], attitudes[:, :, None], spins[:, :, None], points[:, None]
         )
         axis = None
         if self.kind == "spatial":
-            ways = rotate(back, self.vectors(observation, "goal_axis"))
-            axis = rotate(turned[:, :, None], ways[:, None])
-        return Grapples(position, velocity, axis, turned)
+            local = rotate(to_target, self.vectors(observation, "goal_axis"))
+            axis = rotate(attitudes[:, :, None], local[:, None])
+        return GrappleMotion(position, velocity, axis, attitudes)

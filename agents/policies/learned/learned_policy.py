@@ -132,7 +132,7 @@ class ShippedPolicy(LearnedPolicy):
 
 
 class BehaviourCloning(ShippedPolicy):
-    """Cloned from an expert: `train.py --algo bc`."""
+    """Cloned from an expert, `train.py --algo bc`; ignores bodies in its path."""
 
     name = "bc"
 
@@ -145,6 +145,6 @@ class ReactionlessCloning(BehaviourCloning):
 
 
 class ProximalPolicyOptimization(ShippedPolicy):
-    """Cloned, then improved by reinforcement: `train.py --algo ppo`."""
+    """Cloned, then improved by reinforcement, `train.py --algo ppo`; ignores bodies in its path."""
 
     name = "ppo"

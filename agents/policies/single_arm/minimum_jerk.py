@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 from agents.planners.common.damped_search import JointGoals, Rows
 from agents.planners.common.inverse_kinematics import JointMotion, floating_inverse_kinematics
-from agents.policies.tracking import TrajectoryPolicy, motion_times
+from agents.policies.single_arm.joint_goals import JointGoalPolicy
+from agents.policies.single_arm.reaching import motion_times
 from space_envs.dynamics.rotations import Array
 from space_envs.policy import PolicyContext
 
@@ -26,9 +27,9 @@ class Profile:
 
     def motion(self, start: Array, rate: Array, goal: Array) -> JointMotion:
         """Motions (N, T, n) from `start` (N, n) rad with `rate` (N, n) rad/s to rest at `goal` (N, n)."""
-        way, rate = (start - goal)[:, None, :], rate[:, None, :]
-        position = goal[:, None, :] + self.displacement[:, None] * way + self.drift[:, None] * rate
-        return JointMotion(position, self.slope[:, None] * way + self.pace[:, None] * rate, self.dt)
+        offset, rate = (start - goal)[:, None, :], rate[:, None, :]
+        position = goal[:, None, :] + self.displacement[:, None] * offset + self.drift[:, None] * rate
+        return JointMotion(position, self.slope[:, None] * offset + self.pace[:, None] * rate, self.dt)
 
 
 def minimum_jerk_profile(times: Array) -> Profile:
@@ -73,16 +74,22 @@ def profile_goals(
     )
 
 
-class MinimumJerk(TrajectoryPolicy):
-    """Straight in joint space, as smooth as can be, then holds."""
+class ProfilePolicy(JointGoalPolicy):
+    """Follows motions of one profile, which a subclass gives, to corrected joint goals."""
+
+    profile: Profile
+
+    def plan(self, observation: Array, preferred: Array | None = None) -> tuple[JointMotion, JointGoals]:
+        """The motions of the profile to joint goals at which the inertial goal is met, and these goals."""
+        read = self.context.layout.read
+        goals = profile_goals(self.context, observation, self.profile, preferred)
+        start, rate = read(observation, "joint_position"), read(observation, "joint_velocity")
+        return self.profile.motion(start, rate, goals.position), goals
+
+
+class MinimumJerk(ProfilePolicy):
+    """Moves straight in joint space, with the least integrated squared jerk, then holds the goal."""
 
     def __init__(self, context: PolicyContext, seed: int = 0) -> None:
         super().__init__(context, seed)
-        self._profile = minimum_jerk_profile(motion_times(context))
-
-    def plan(self, observation: Array, preferred: Array | None = None) -> tuple[JointMotion, JointGoals]:
-        """The quintic motions to the corrected joint goals."""
-        read = self.context.layout.read
-        goals = profile_goals(self.context, observation, self._profile, preferred)
-        start, rate = read(observation, "joint_position"), read(observation, "joint_velocity")
-        return self._profile.motion(start, rate, goals.position), goals
+        self.profile = minimum_jerk_profile(motion_times(context))

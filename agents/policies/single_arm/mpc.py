@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from agents.planners.common.damped_search import JointGoals
-from agents.planners.common.inverse_kinematics import JointMotion
 from agents.planners.common.linear_quadratic import closed_loop, receding_gains
-from agents.policies.single_arm.minimum_jerk import Profile, profile_goals
-from agents.policies.tracking import Plan, Steps, TrajectoryPolicy, motion_times
+from agents.policies.following import Reference
+from agents.policies.single_arm.joint_goals import JointGoalPlans
+from agents.policies.single_arm.minimum_jerk import Profile, ProfilePolicy
+from agents.policies.single_arm.reaching import motion_times
 from space_envs.dynamics.rotations import Array
 from space_envs.policy import PolicyContext
 
@@ -16,7 +16,7 @@ RATE_WEIGHT = 0.0  # s^2/rad^2
 CONTROL_WEIGHT = 1.0  # s^4/rad^2
 
 
-class ModelPredictive(TrajectoryPolicy):
+class ModelPredictive(ProfilePolicy):
     """At every step the first control of the best motion over the horizon, from the joint state observed.
 
     The joint goal comes from inverse kinematics in the base frame that the controller's own motion, as it
@@ -31,21 +31,14 @@ class ModelPredictive(TrajectoryPolicy):
         dt = float(times[1])
         transition, _ = closed_loop(gains, dt)
         self._gains = gains[:, 0]  # (T, 2), of every joint
-        self._profile = Profile(
+        self.profile = Profile(
             transition[:, 0, 0], transition[:, 1, 0], transition[:, 0, 1], transition[:, 1, 1], dt
         )
 
-    def plan(self, observation: Array, preferred: Array | None = None) -> tuple[JointMotion, JointGoals]:
-        """The motions that the controller expects to make, and its joint goals."""
-        read = self.context.layout.read
-        goals = profile_goals(self.context, observation, self._profile, preferred)
-        start, rate = read(observation, "joint_position"), read(observation, "joint_velocity")
-        return self._profile.motion(start, rate, goals.position), goals
-
-    def follow(self, observation: Array, plan: Plan, step: Steps) -> Array:
+    def track(self, observation: Array, plans: JointGoalPlans, reference: Reference) -> Array:
         """Rates (N, n) after the period: those now plus the period times the optimal accelerations."""
         read = self.context.layout.read
-        gain = self._gains[np.minimum(step, len(self._gains) - 1)]
+        gain = self._gains[np.minimum(reference.step, len(self._gains) - 1)]
         rate = read(observation, "joint_velocity")
-        way = read(observation, "joint_position") - plan.goals.position
-        return rate - self.context.control_period * (gain[:, :1] * way + gain[:, 1:] * rate)
+        offset = read(observation, "joint_position") - plans.goals.position
+        return rate - self.context.control_period * (gain[:, :1] * offset + gain[:, 1:] * rate)

@@ -10,10 +10,11 @@ from agents.planners.common.plans import Failure
 from agents.planners.single_arm.library import shipped_library
 from agents.planners.single_arm.nmpc.controller import Controller
 from agents.planners.single_arm.nmpc.problem import ArmState, Horizon, Target, Weights, coasting
+from agents.policies.base import BasePolicy
 from agents.policies.clearance import KeepOut
+from agents.policies.following import rows_to_plan
 from agents.policies.needs import POSE
 from agents.policies.single_arm.optimal import drive_limits
-from agents.policies.tracking import rows_to_plan
 from space_envs.dynamics.rotations import Array
 from space_envs.evaluation.records.causes import PlanState
 from space_envs.policy import PolicyContext
@@ -22,8 +23,8 @@ LOOK_AHEAD = 4.0  # s; at the limits of rate and acceleration a joint stops in 1
 
 
 @dataclass(frozen=True, eq=False)
-class Receding(PlanState):
-    """What N episodes plan; never changed in place.
+class RecedingPlans(PlanState):
+    """Motions that N episodes follow for now; never changed in place.
 
     Attributes:
         horizons: N motions, None where the first plan failed.
@@ -36,8 +37,8 @@ class Receding(PlanState):
     failures: NDArray[np.object_]
 
 
-class NMPC:
-    """At every step the first move of the best motion over the time that is left, from the state observed.
+class NMPC(BasePolicy):
+    """At every step the first move of the best motion over the remaining time, from the state observed.
 
     What lies far ahead is planned again many times before it is reached, so that only the next `LOOK_AHEAD`
     of a motion must be clear of the satellite. Where it is not, the motion before goes on if as much of it is
@@ -48,7 +49,7 @@ class NMPC:
     weights = Weights()
 
     def __init__(self, context: PolicyContext, seed: int = 0) -> None:
-        self.context = context
+        super().__init__(context, seed)
         limits, library = drive_limits(context), shipped_library(True, limited=False)
         self.controller = Controller(context.arm, limits, context.c, library, self.weights)
 
@@ -62,54 +63,53 @@ class NMPC:
         pose = read(observation, "goal_position"), read(observation, "goal_quaternion")
         return coasting(*pose, twist, float(read(observation, "time")[0]))
 
-    def state(self, observation: Array) -> ArmState:
+    def arm_state(self, observation: Array) -> ArmState:
         """The arm's state in one observation (size,)."""
         read = self.context.layout.read
         names = ("joint_position", "joint_velocity", "base_position", "base_quaternion")
         return ArmState(float(read(observation, "time")[0]), *(read(observation, name) for name in names))
 
-    def predict(
-        self,
-        observation: Array,
-        state: Receding | None = None,
-        episode_start: NDArray[np.bool_] | None = None,
-        deterministic: bool = True,
-    ) -> tuple[Array, Receding]:
-        """Actions (N, n) and the motions they begin."""
-        context = self.context
-        observation = context.check_observation(observation)
-        n = len(observation)
+    def update(
+        self, state: RecedingPlans | None, observation: Array, episode_start: NDArray[np.bool_] | None
+    ) -> RecedingPlans:
+        """The motions from here on; an episode without a first motion stays without."""
+        n, time = len(observation), self.context.layout.read(observation, "time")[:, 0]
         begins = np.zeros(n, dtype=bool)
         begins[rows_to_plan(state, episode_start, n)] = True
-        time = context.layout.read(observation, "time")[:, 0]
         start = time.copy() if state is None else np.where(begins, time, state.start)
         failures = np.full(n, None, dtype=object) if state is None else state.failures.copy()
         horizons: list[Horizon | None] = [None] * n if state is None else list(state.horizons)
-        action = np.zeros((n, context.arm.n_joints))
         for row, seen in enumerate(observation):
-            arm, target = self.state(seen), self.target(seen)
             before = None if begins[row] else horizons[row]
-            if begins[row]:
-                found = self.controller.first_plan(arm, target)
-            elif before is None:
-                continue
-            else:
-                found = self.controller.advance(before, arm, target)
-            if isinstance(found, Failure):
-                failures[row], horizons[row] = found, None
-                continue
-            failures[row] = self._touching(found, arm, seen)
-            if failures[row] and before is not None and self._touching(before, arm, seen) is None:
-                found, failures[row] = before, None
-            horizons[row] = found
-            if failures[row] is None:
-                # The drives reach a rate at the end of the period: the motion's rate there is asked for.
-                rate = found.rates(np.array(arm.time + context.control_period))
-                action[row] = np.clip(rate / context.action_scale, -1.0, 1.0)
-        return action, Receding(tuple(horizons), start, failures)
+            if begins[row] or before is not None:
+                horizons[row], failures[row] = self._advanced(before, seen)
+        return RecedingPlans(tuple(horizons), start, failures)
+
+    def rates(self, observation: Array, state: RecedingPlans) -> Array:
+        """Joint rates (N, n), rad/s, of the motions at the end of the period; zero without one to follow."""
+        time = self.context.layout.read(observation, "time")[:, 0]
+        rate = np.zeros((len(observation), self.context.arm.n_joints))
+        for row, horizon in enumerate(state.horizons):
+            if horizon is not None and state.failures[row] is None:
+                rate[row] = horizon.rates(np.array(float(time[row]) + self.context.control_period))
+        return rate
+
+    def _advanced(self, before: Horizon | None, observation: Array) -> tuple[Horizon | None, Failure | None]:
+        """The motion from one observation (size,) on, and the failure that forbids following it."""
+        arm, target = self.arm_state(observation), self.target(observation)
+        if before is None:
+            found = self.controller.first_plan(arm, target)
+        else:
+            found = self.controller.advance(before, arm, target)
+        if isinstance(found, Failure):
+            return None, found
+        failure = self._touching(found, arm, observation)
+        if failure and before is not None and self._touching(before, arm, observation) is None:
+            return before, None
+        return found, failure
 
     def _touching(self, horizon: Horizon, arm: ArmState, observation: Array) -> Failure | None:
-        """Why a motion is none to follow in the state of an observation (size,). Otherwise None."""
+        """Why a motion is not to be followed in the state of an observation (size,). Otherwise None."""
         keep_out = KeepOut.of(self.context, observation[None])
         if keep_out is None:
             return None

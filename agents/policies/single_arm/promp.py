@@ -10,7 +10,8 @@ from agents.planners.common.damped_search import JointGoals, Rows
 from agents.planners.common.inverse_kinematics import JointMotion, MotionModel, floating_inverse_kinematics
 from agents.policies.clearance import KeepOut
 from agents.policies.needs import POSE
-from agents.policies.tracking import TrajectoryPolicy, motion_times
+from agents.policies.single_arm.joint_goals import JointGoalPolicy
+from agents.policies.single_arm.reaching import motion_times
 from promp import ProMP, ViaPoint
 from space_envs.dynamics import trajectory_cost
 from space_envs.dynamics.rotations import Array
@@ -79,7 +80,7 @@ class ConditionedPrior:
         return self._bend[::every] @ weights.swapaxes(-1, -2)
 
 
-class ProMPPolicy(TrajectoryPolicy):
+class ProMPPolicy(JointGoalPolicy):
     """Samples motions to the goal, takes the one that disturbs the base least, and corrects its end.
 
     All episodes share the standard normal draws behind the samples, which the seed fixes: a plan depends on
@@ -155,13 +156,13 @@ class ProMPPolicy(TrajectoryPolicy):
         acceleration = self._prior.acceleration(mean, every)[:, None] + self._offset_acceleration
         cost = trajectory_cost(context.arm, position, velocity, centre.dt, context.c)
         low, high = context.joint_limits.T
-        broken = ((position < low) | (position > high)).any(axis=(2, 3))
-        broken |= (np.abs(velocity) > context.rate_limit).any(axis=(2, 3))
-        broken |= (np.abs(acceleration) > context.acceleration_limit).any(axis=(2, 3))
-        cost[broken] = np.inf
+        violated = ((position < low) | (position > high)).any(axis=(2, 3))
+        violated |= (np.abs(velocity) > context.rate_limit).any(axis=(2, 3))
+        violated |= (np.abs(acceleration) > context.acceleration_limit).any(axis=(2, 3))
+        cost[violated] = np.inf
         chosen, kept = np.zeros(len(mean), dtype=np.int64), np.zeros(len(mean), dtype=bool)
         for row, costs in enumerate(cost):
-            order = [int(k) for k in np.argsort(costs, kind="stable") if not broken[row, k]]
+            order = [int(k) for k in np.argsort(costs, kind="stable") if not violated[row, k]]
             if keep_out is None:
                 best = order[0] if order else None
             else:
@@ -187,5 +188,5 @@ class ProMPPolicy(TrajectoryPolicy):
 class ConditionalMean(ProMPPolicy):
     """The same without sampling: what the best of the samples is measured against."""
 
-    def __init__(self, context: PolicyContext, seed: int) -> None:
+    def __init__(self, context: PolicyContext, seed: int = 0) -> None:
         super().__init__(context, seed, samples=0)

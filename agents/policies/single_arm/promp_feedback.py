@@ -1,17 +1,15 @@
 """Control from the learned distribution (shyam2020, sec. VII): the ProMP's own covariance gives the gains."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.planners.common.damped_search import JointGoals
 from agents.planners.common.inverse_kinematics import JointMotion
-from agents.planners.single_arm.stochastic_feedback import StochasticFeedback
+from agents.policies.following import FollowedPlans, Reference
 from agents.policies.needs import POSE
 from agents.policies.single_arm.promp import ConditionalMean
-from agents.policies.tracking import Plan, Steps
+from agents.policies.single_arm.stochastic_feedback import StochasticFeedback
 from space_envs.dynamics.rotations import Array
 from space_envs.policy import PolicyContext
 
@@ -31,7 +29,7 @@ class PrompFeedback(ConditionalMean):
 
     needs = replace(POSE, joints=7, obstacles=False)
 
-    def __init__(self, context: PolicyContext, seed: int) -> None:
+    def __init__(self, context: PolicyContext, seed: int = 0) -> None:
         super().__init__(context, seed)
         self._law = StochasticFeedback.of(
             self._prior.free,
@@ -49,37 +47,22 @@ class PrompFeedback(ConditionalMean):
         position = np.concatenate([motion.position[:, :1], motion.position[:, :1] + moved], axis=1)
         return JointMotion(position, motion.velocity, motion.dt), goals
 
-    def follow(self, observation: Array, plan: Plan, step: Steps) -> Array:
+    def track(self, observation: Array, plans: FollowedPlans, reference: Reference) -> Array:
         """Joint rates (N, n), rad/s, to which the expected accelerations lead in the control period."""
-        read, every = self.context.layout.read, np.arange(len(observation))
-        last = plan.position.shape[1] - 1
-        now, then = np.minimum(step, last), np.minimum(step + 1, last)
+        read = self.context.layout.read
         rate = read(observation, "joint_velocity")
-        off = np.concatenate(
-            [
-                read(observation, "joint_position") - plan.position[every, now],
-                rate - plan.velocity[every, now],
-            ],
-            axis=1,
+        deviation = np.concatenate(
+            [read(observation, "joint_position") - reference.position, rate - reference.rate], axis=1
         )
-        back = np.einsum("nij,nj->ni", self._law.gain[np.minimum(step, last - 1)], off)
-        return rate + plan.velocity[every, then] - plan.velocity[every, now] + self._law.period * back
+        feedback = self._law.feedback(reference.step, deviation)
+        return rate + reference.next_rate - reference.rate + self._law.period * feedback
 
-    def predict(
-        self,
-        observation: Array,
-        state: Plan | None = None,
-        episode_start: NDArray[np.bool_] | None = None,
-        deterministic: bool = True,
-    ) -> tuple[Array, Any]:
-        """Actions (N, n) and the plans that they follow; drawn if not deterministic, else expected ones."""
-        action, state = super().predict(observation, state, episode_start, deterministic)
+    def actions(self, observation: Array, state: FollowedPlans, deterministic: bool) -> Array:
+        """Actions (N, n) by expected accelerations, or by accelerations that are drawn around them."""
+        action = super().actions(observation, state, deterministic)
         if deterministic:
-            return action, state
+            return action
         time = self.context.layout.read(observation, "time")[:, 0]
-        step = np.rint((time - state.start) / self.context.control_period).astype(np.int64)
-        under = step < len(self._law.spread)
-        spread = self._law.spread[np.minimum(step, len(self._law.spread) - 1)]
-        drawn = np.einsum("nij,nj->ni", spread, self._rng.standard_normal(action.shape))
-        drawn *= self._law.period * under[:, None]
-        return np.clip(action + drawn / self.context.action_scale, -1.0, 1.0), state
+        step = state.reference(time, self.context.control_period).step
+        change = self._law.period * self._law.noise(step, self._rng)
+        return np.clip(action + change / self.context.action_scale, -1.0, 1.0)

@@ -3,8 +3,8 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from agents.policies.base import BasePolicy
 from space_envs.dynamics.rotations import Array, conjugate, rotate
 from space_envs.policy import Needs, PolicyContext
 
@@ -36,16 +36,16 @@ def resolved_rate(
     angle = np.sqrt((angular * angular).sum(axis=1, keepdims=True))
     slow = np.maximum(np.maximum(gain * length / linear_speed, gain * angle / angular_speed), 1.0)
     # The Jacobian is in base axes, the error in inertial ones.
-    back = conjugate(read(observation, "base_quaternion"))
-    twist = gain * np.concatenate([rotate(back, linear), rotate(back, angular)], axis=1) / slow
+    to_base = conjugate(read(observation, "base_quaternion"))
+    twist = gain * np.concatenate([rotate(to_base, linear), rotate(to_base, angular)], axis=1) / slow
     jacobian = arm.generalized_jacobian(read(observation, "joint_position"))
     square = jacobian @ jacobian.swapaxes(1, 2) + DAMPING**2 * np.eye(6)
     rate = (jacobian.swapaxes(1, 2) @ np.linalg.solve(square, twist[..., None]))[..., 0]
     return rate / np.maximum(np.abs(rate).max(axis=1, keepdims=True) / context.rate_limit, 1.0)
 
 
-class GeneralizedJacobian:
-    """Moves the end-effector straight towards the goal, whatever that does to the base."""
+class GeneralizedJacobian(BasePolicy):
+    """Moves the end-effector straight towards the goal; rotates the base and ignores bodies in its path."""
 
     needs = Needs(
         fields=("joint_position", "joint_velocity", "base_quaternion", "position_error", "rotation_error"),
@@ -53,21 +53,10 @@ class GeneralizedJacobian:
         arms=1,
     )
 
-    def __init__(self, context: PolicyContext, seed: int = 0) -> None:
-        self.context = context
-
-    def predict(
-        self,
-        observation: Array,
-        state: Any = None,
-        episode_start: NDArray[np.bool_] | None = None,
-        deterministic: bool = True,
-    ) -> tuple[Array, Any]:
-        """Actions (N, n); there is no state."""
+    def rates(self, observation: Array, state: Any) -> Array:
+        """Joint rates (N, n), rad/s, that change no faster than the drives allow."""
         context = self.context
-        observation = context.check_observation(observation)
         now = context.layout.read(observation, "joint_velocity")
         change = resolved_rate(context, observation) - now
         most = ACCELERATION_SHARE * context.acceleration_limit * context.control_period
-        rate = now + change / np.maximum(np.abs(change).max(axis=1, keepdims=True) / most, 1.0)
-        return np.clip(rate / context.action_scale, -1.0, 1.0), None
+        return now + change / np.maximum(np.abs(change).max(axis=1, keepdims=True) / most, 1.0)

@@ -3,23 +3,24 @@
 The paper leaves the controller to future work; Paraschos, Daniel, Peters and Neumann (2018) give it: a linear
 law whose gains and noise reproduce the mean and the covariance of the ProMP's state from one instant to the
 next. Computed torque makes every joint a double integrator, whose accelerations are held over a control
-period here, so that their limit of short steps is not needed. Deviations that the ProMP holds for likely are
-hardly corrected; those that would miss what it was conditioned on are, and the more the nearer that is.
+period here, so that their limit of short steps is not needed. Deviations that are likely under the ProMP are
+hardly corrected; those that would violate its conditions are, and the more the nearer these are in time.
 """
 
 from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from promp import ProMP
 from space_envs.checks import non_negative
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError, positive
 
-# Share of the largest variance of a state that is added to every variance, so that what is fixed (the start)
-# asks for no gain.
-RANK = 1e-6
+# Share of the largest variance of a state that is added to every variance, so that gains stay finite where
+# the distribution has no variance, such as at the start.
+REGULARIZATION = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,36 +67,37 @@ class StochasticFeedback:
         count = round(positive("duration", duration) / period)
         if count < 1 or abs(count * period - duration) > 1e-9 * duration:
             raise ConfigurationError(f"duration must be a multiple of {period} s, got {duration}")
-        for name, noise in (("position_noise", position_noise), ("rate_noise", rate_noise)):
-            non_negative(name, noise)
+        for name, value in (("position_noise", position_noise), ("rate_noise", rate_noise)):
+            non_negative(name, value)
         n, phase = promp.n_dof, np.linspace(0.0, 1.0, count + 1)
         basis = np.stack([promp.basis.value(phase), promp.basis.derivative(phase) / duration], axis=1)
-        position, rate = np.einsum("kcb,ib->cki", basis, promp.mean)
-        # What held accelerations with the mean's rates lead to; gains that expect spread would otherwise
-        # take the difference for a deviation and enlarge it.
-        moved = 0.5 * period * (rate[1:] + rate[:-1]).cumsum(axis=0)
-        state = np.concatenate([np.vstack([position[:1], position[0] + moved]), rate], axis=1)
+        state = _held_states(*np.einsum("kcb,ib->cki", basis, promp.mean), period)
         rank = promp.factor.deviations.size
         directions = promp.factor.directions.reshape(n, promp.basis.size, rank)
         varied = np.einsum("kcb,ibr->kcir", basis, directions).reshape(count + 1, 2 * n, rank)
-        change = (varied[1:, n:] - varied[:-1, n:]) / period  # (K, n, r) of the acceleration
-        before = varied[:-1]
         noise = np.repeat([position_noise**2, rate_noise**2], n)
-        # A change of unit makes angles and rates comparable.
-        unit = np.repeat([1.0, duration / 2.0], n)
-        seen = (before @ before.swapaxes(1, 2) + np.diag(noise)) * np.outer(unit, unit)
-        seen += RANK * np.trace(seen, axis1=1, axis2=2).max() * np.eye(2 * n)
-        inverse = np.linalg.inv(seen) * np.outer(unit, unit)
-        together = change @ before.swapaxes(1, 2)
-        gain = together @ inverse
-        wanted = varied[1:, n:] @ varied[1:, n:].swapaxes(1, 2)
+        gain = _gains(varied, noise, duration, period)
+        rate_covariance = varied[1:, n:] @ varied[1:, n:].swapaxes(1, 2)
         return cls(
             period=period,
             state=state,
             mean=(state[1:, n:] - state[:-1, n:]) / period,
             gain=gain,
-            spread=_spread(gain, wanted, noise, period),
+            spread=_spread(gain, rate_covariance, noise, period),
         )
+
+    def feedback(self, step: NDArray[np.int64], deviation: Array) -> Array:
+        """Accelerations (N, n), rad/s^2, against deviations (N, 2 n) from the mean in periods `step` (N,).
+
+        After the last period its gain stays.
+        """
+        return np.einsum("nij,nj->ni", self.gain[np.minimum(step, len(self.gain) - 1)], deviation)
+
+    def noise(self, step: NDArray[np.int64], rng: np.random.Generator) -> Array:
+        """Random accelerations (N, n), rad/s^2, of periods `step` (N,); zero after the last."""
+        spread = self.spread[np.minimum(step, len(self.spread) - 1)]
+        drawn = np.einsum("nij,nj->ni", spread, rng.standard_normal(spread.shape[:2]))
+        return drawn * (step < len(self.spread))[:, None]
 
     def acceleration(
         self, step: int, position: Array, rate: Array, rng: np.random.Generator | None = None
@@ -104,18 +106,38 @@ class StochasticFeedback:
 
         With a generator they are drawn, as the ProMP's motions vary; without, they are expected values.
         """
-        off = np.concatenate([position, rate], axis=-1) - self.state[step]
-        wanted = self.mean[step] + off @ self.gain[step].T
-        if rng is not None:
-            wanted = wanted + rng.standard_normal(wanted.shape) @ self.spread[step].T
-        return wanted
+        steps = np.full(len(position), step)
+        deviation = np.concatenate([position, rate], axis=-1) - self.state[step]
+        expected = self.mean[step] + self.feedback(steps, deviation)
+        return expected if rng is None else expected + self.noise(steps, rng)
 
 
-def _spread(gain: Array, wanted: Array, noise: Array, period: float) -> Array:
-    """Factors (K, n, n) of the accelerations' noise that bring the rates' covariances to (K, n, n) wanted.
+def _held_states(position: Array, rate: Array, period: float) -> Array:
+    """States (K + 1, 2 n) to which held accelerations with the mean's rates (K + 1, n) lead.
 
-    The covariance of the state under the law is carried along: what gains that were lowered lose, the noise
-    puts back.
+    Gains that expect spread would otherwise take the difference for a deviation and enlarge it.
+    """
+    moved = 0.5 * period * (rate[1:] + rate[:-1]).cumsum(axis=0)
+    return np.concatenate([np.vstack([position[:1], position[0] + moved]), rate], axis=1)
+
+
+def _gains(varied: Array, noise: Array, duration: float, period: float) -> Array:
+    """Gains (K, n, 2 n) cov(a, x) cov(x)^-1 of states with factors (K + 1, 2 n, r) of their covariance."""
+    n = varied.shape[1] // 2
+    change, before = (varied[1:, n:] - varied[:-1, n:]) / period, varied[:-1]
+    # A change of unit makes angles and rates comparable.
+    unit = np.repeat([1.0, duration / 2.0], n)
+    measured = (before @ before.swapaxes(1, 2) + np.diag(noise)) * np.outer(unit, unit)
+    measured += REGULARIZATION * np.trace(measured, axis1=1, axis2=2).max() * np.eye(2 * n)
+    inverse = np.linalg.inv(measured) * np.outer(unit, unit)
+    return change @ before.swapaxes(1, 2) @ inverse
+
+
+def _spread(gain: Array, rate_covariance: Array, noise: Array, period: float) -> Array:
+    """Factors (K, n, n) of the accelerations' noise that bring the rates to covariances (K, n, n).
+
+    The covariance of the state under the law is carried along: the noise makes up for what lowered gains
+    lose.
     """
     n = len(noise) // 2
     unit = np.eye(n)
@@ -125,8 +147,8 @@ def _spread(gain: Array, wanted: Array, noise: Array, period: float) -> Array:
     for k, law in enumerate(gain):
         closed = step + enter @ law
         known = closed @ covariance @ closed.T + enter @ (law * noise) @ law.T @ enter.T
-        left = (wanted[k] - known[n:, n:]) / period**2
-        variance, axes = np.linalg.eigh(0.5 * (left + left.T))
+        missing = (rate_covariance[k] - known[n:, n:]) / period**2
+        variance, axes = np.linalg.eigh(0.5 * (missing + missing.T))
         spread[k] = axes * np.sqrt(np.maximum(variance, 0.0))
         covariance = known + enter @ spread[k] @ spread[k].T @ enter.T
     return spread

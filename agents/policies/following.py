@@ -1,0 +1,163 @@
+"""Planning where an episode starts, following the plan, and staying with the goal when the plan is over."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.planners.common.plans import Failure, JointPath
+from agents.policies.base import BasePolicy
+from space_envs.dynamics.rotations import Array
+from space_envs.errors import PolicyError
+from space_envs.evaluation.records.causes import PlanState
+
+State = TypeVar("State")
+
+
+class Reference(NamedTuple):
+    """What the plans of N episodes ask now, and one control period later.
+
+    Attributes:
+        step: (N,) control periods since the start of each plan.
+        position, rate: (N, n) rad and rad/s, now.
+        next_position, next_rate: (N, n), a control period later; the drives reach a rate at its end.
+        over: (k,) rows whose plan is over.
+    """
+
+    step: NDArray[np.int64]
+    position: Array
+    rate: Array
+    next_position: Array
+    next_rate: Array
+    over: NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class FollowedPlans(PlanState):
+    """Joint motions that N episodes follow; never changed in place, so that they serve as a policy's state.
+
+    Attributes:
+        position, rate: (N, T, n) rad and rad/s, one sample a control period.
+        start: (N,) s, time in the episode at which each plan begins.
+        failures: (N,) None, or the `Failure` that says why there is no plan and the arm rests.
+    """
+
+    position: Array
+    rate: Array
+    start: Array
+    failures: NDArray[np.object_]
+
+    @property
+    def planned(self) -> NDArray[np.bool_]:
+        """Rows (N,) that have a plan to the goal."""
+        return np.array([failure is None for failure in self.failures], dtype=bool)
+
+    def reference(self, time: Array, period: float) -> Reference:
+        """Reference at times (N,) s into the episodes, with a control period in s."""
+        step = np.rint((time - self.start) / period).astype(np.int64)
+        last, every = self.position.shape[1] - 1, np.arange(len(step))
+        now, later = (every, np.minimum(step, last)), (every, np.minimum(step + 1, last))
+        return Reference(
+            step,
+            self.position[now],
+            self.rate[now],
+            self.position[later],
+            self.rate[later],
+            np.flatnonzero(step >= last),
+        )
+
+
+def sampled_plans(
+    rest: Array, plans: Sequence[JointPath | Failure], times: Array, start: Array
+) -> FollowedPlans:
+    """Plans of N episodes sampled at times (T,) s; without a plan the arm rests.
+
+    Args:
+        rest: (N, n) rad, joint angles at the start. plans: of each episode. start: (N,) s.
+    """
+    position, rate = np.empty((2, len(rest), len(times), rest.shape[1]))
+    failures = np.full(len(rest), None, dtype=object)
+    for row, plan in enumerate(plans):
+        if isinstance(plan, Failure):
+            failures[row] = plan
+            position[row], rate[row] = rest[row], 0.0
+        else:
+            position[row], rate[row], _ = plan.sample(times)
+    return FollowedPlans(position, rate, start, failures)
+
+
+class FollowingPolicy(BasePolicy):
+    """Follows the plans that a subclass makes, with feedback of the joint angles, then holds the goal."""
+
+    tracking_gain: ClassVar[float]  # 1/s, of the joint error while a plan is followed
+
+    def plans(self, observation: Array) -> FollowedPlans:
+        """Plans of the episodes that begin with observations (N, size)."""
+        raise NotImplementedError
+
+    def track(self, observation: Array, plans: FollowedPlans, reference: Reference) -> Array:
+        """Joint rates (N, n), rad/s, of the plans at the next sample, corrected by the joint error."""
+        angle = self.context.layout.read(observation, "joint_position")
+        return reference.next_rate + self.tracking_gain * (reference.position - angle)
+
+    def hold(self, observation: Array, planned: NDArray[np.bool_]) -> Array:
+        """Joint rates (k, n), rad/s, that keep the end-effectors at their goals once the plan is over.
+
+        Args:
+            observation: (k, size). planned: (k, 1), whether there was a plan; otherwise the arm rests.
+        """
+        raise NotImplementedError
+
+    def update(
+        self, state: FollowedPlans | None, observation: Array, episode_start: NDArray[np.bool_] | None
+    ) -> FollowedPlans:
+        """The plans with new ones in the rows whose episode begins; errors as in `rows_to_plan`."""
+        rows = rows_to_plan(state, episode_start, len(observation))
+        if state is not None and not rows.size:
+            return state
+        new = self.plans(observation[rows])
+        return new if state is None or rows.size == len(observation) else merged(state, new, rows)
+
+    def rates(self, observation: Array, state: FollowedPlans) -> Array:
+        """Joint rates (N, n), rad/s: along the plan, then at the goal; without a plan the arm rests."""
+        time = self.context.layout.read(observation, "time")[:, 0]
+        reference = state.reference(time, self.context.control_period)
+        rate, over = self.track(observation, state, reference), reference.over
+        if over.size:
+            rate[over] = self.hold(observation[over], state.planned[over, None])
+        return rate
+
+
+def rows_to_plan(state: Any, episode_start: NDArray[np.bool_] | None, n: int) -> NDArray[np.int64]:
+    """Rows whose episode begins.
+
+    Raises:
+        PolicyError: if `episode_start` has not N entries, or N changed in the middle of episodes.
+    """
+    if episode_start is None:
+        episode_start = np.full(n, state is None)
+    episode_start = np.asarray(episode_start, dtype=bool)
+    if episode_start.shape != (n,):
+        raise PolicyError(f"episode_start must have shape ({n},), got {episode_start.shape}")
+    known = n if episode_start.all() else (0 if state is None else len(state.start))
+    if known != n:
+        raise PolicyError(
+            f"{n} observations, and a state for {known} episodes: all episodes must start together"
+        )
+    return np.flatnonzero(episode_start)
+
+
+def merged(old: State, new: State, rows: NDArray[np.int64]) -> State:
+    """`old` with its rows replaced by those of `new`; both are dataclasses of arrays, nested or not."""
+    values = {}
+    for field in fields(old):  # pyright: ignore[reportArgumentType]
+        before, after = getattr(old, field.name), getattr(new, field.name)
+        if isinstance(before, np.ndarray):
+            replaced = before.copy()
+            replaced[rows] = after
+            values[field.name] = replaced
+        else:
+            values[field.name] = merged(before, after, rows)
+    return type(old)(**values)

@@ -1,0 +1,55 @@
+"""Policies that plan in the weights of a ProMP, from stored optimal motions."""
+
+from dataclasses import replace
+
+from agents.planners.single_arm.library import shipped_library
+from agents.planners.single_arm.weights.avoiding import AvoidingPlanner
+from agents.planners.single_arm.weights.demonstrated import DemonstratedPlanner
+from agents.planners.single_arm.weights.promp_optimal import Planner
+from agents.policies.needs import POSE
+from agents.policies.single_arm.optimal import OptimalPolicy
+from space_envs.policy import PolicyContext
+
+
+class PrompOptimal(OptimalPolicy):
+    """Least eq. 20 in the weights of a ProMP; the attitude at the end is unconstrained."""
+
+    needs = replace(POSE, joints=7)
+
+    def __init__(self, context: PolicyContext, seed: int = 0) -> None:
+        super().__init__(context, seed)
+        self.planner = Planner(context.arm, self.limits, shipped_library(self.keep_attitude))
+
+
+class PrompOptimalKept(PrompOptimal):
+    """The same with the base at its first attitude again at the end."""
+
+    keep_attitude = True
+
+
+class PrompDemonstrated(OptimalPolicy):
+    """Best of the samples of ProMPs fitted to optimal motions, conditioned on the goal in task space.
+
+    All episodes share the samples' draws, which the seed fixes. The attitude at the end is unconstrained.
+    """
+
+    needs = replace(POSE, joints=7, obstacles=False)
+
+    def __init__(self, context: PolicyContext, seed: int = 0) -> None:
+        super().__init__(context, seed)
+        library = shipped_library(self.keep_attitude)
+        self.planner = DemonstratedPlanner(context.arm, self.limits, library, seed=seed)
+
+
+class PrompAvoiding(OptimalPolicy):
+    """Samples of ProMPs with a larger variance, refined where they come least near to keep-out spheres.
+
+    All episodes share the samples' draws, which the seed fixes. The attitude at the end is unconstrained.
+    """
+
+    needs = replace(POSE, joints=7, obstacles=True)
+
+    def __init__(self, context: PolicyContext, seed: int = 0) -> None:
+        super().__init__(context, seed)
+        library = shipped_library(self.keep_attitude)
+        self.planner = AvoidingPlanner(context.arm, self.limits, library, seed)
