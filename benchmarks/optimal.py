@@ -10,7 +10,7 @@ import numpy as np
 from joblib import Parallel, delayed
 from tqdm import tqdm
 
-from agents.demonstrations.optimal import model_limits
+from agents.demonstrations.optimal.library import model_limits
 from agents.planners.common.plans import Failure, Limits
 from agents.planners.single_arm.check import check
 from agents.planners.single_arm.collocation.ocp import plan_ocp

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.demonstrations.optimal import model_limits
+from agents.demonstrations.optimal.library import model_limits
 from agents.planners.single_arm.library import shipped_library
 from agents.planners.single_arm.problem import Reach
 from agents.planners.single_arm.weights.demonstrated import DemonstratedPlanner

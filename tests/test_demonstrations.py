@@ -9,16 +9,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.demonstrations import making as store
-from agents.demonstrations.demonstrator import Demonstrations, demonstrate
+from agents.demonstrations import storage as store
+from agents.demonstrations.__main__ import main
+from agents.demonstrations.controller import Demonstrations, demonstrate
 from agents.demonstrations.elastic_bands import (
-    Obstacles,
+    BandObstacles,
     end_effector_path,
     joint_detour,
     relax,
     straight_path,
     task_detour,
 )
+from agents.demonstrations.prior import fit_prior
 from agents.demonstrations.variations import BANDS, KINDS, DemonstratorConfig
 from agents.policies.single_arm.promp import shipped_prior
 from promp import ProMP
@@ -121,14 +123,14 @@ def test_bands_keep_away_from_obstacles() -> None:
     rng = np.random.default_rng(0)
     start, goal = rng.uniform(-0.5, 0.5, (2, 20, 7))
     centre = 0.5 * (start + goal) + 0.05 * rng.standard_normal((20, 7))
-    obstacles = Obstacles(centre, np.full(20, 0.6))
+    obstacles = BandObstacles(centre, np.full(20, 0.6))
     straight = straight_path(start, goal)
     band = relax(straight, obstacles)
     np.testing.assert_array_equal(band[:, 0], start)
     np.testing.assert_allclose(band[:, -1], goal, atol=1e-15)
     assert (nearest(band, centre) > nearest(straight, centre) + 0.02).all()
     # Without an obstacle the band is straight, and there is no detour.
-    none = Obstacles(centre, np.zeros(20))
+    none = BandObstacles(centre, np.zeros(20))
     np.testing.assert_allclose(relax(straight, none), straight, atol=1e-12)
     off = joint_detour(start, goal, obstacles, PROGRESS, 0.1)
     for end in (0, -1):
@@ -143,7 +145,7 @@ def test_bands_in_task_space_lead_the_end_effector_around_spheres() -> None:
     goal = start + rng.uniform(-0.6, 0.6, (12, 7))
     straight = straight_path(start, goal)
     way = end_effector_path(arm, straight)
-    spheres = Obstacles(way[:, 10] + 0.05 * rng.standard_normal((12, 3)), np.full(12, 0.4))
+    spheres = BandObstacles(way[:, 10] + 0.05 * rng.standard_normal((12, 3)), np.full(12, 0.4))
     off = task_detour(arm, start, goal, spheres, np.linspace(0.0, 1.0, len(straight[0])), 0.5)
     around = end_effector_path(arm, straight + off.position)
     # The end-effector is on the relaxed band, farther from the sphere than without it, and ends alike.
@@ -151,7 +153,7 @@ def test_bands_in_task_space_lead_the_end_effector_around_spheres() -> None:
     np.testing.assert_allclose(around, band, atol=2e-3)
     assert (nearest(around, spheres.centre) > nearest(way, spheres.centre) + 0.03).all()
     np.testing.assert_allclose(around[:, [0, -1]], way[:, [0, -1]], atol=1e-12)
-    none = Obstacles(spheres.centre, np.zeros(12))
+    none = BandObstacles(spheres.centre, np.zeros(12))
     assert np.abs(task_detour(arm, start, goal, none, PROGRESS, 0.1).position).max() < 1e-9
 
 
@@ -182,9 +184,7 @@ def test_jobs_and_interruptions_change_nothing(tmp_path: Path) -> None:
     loaded, origin = store.load(tmp_path / "serial" / "demonstrations.npz")
     assert equal(loaded, more)
     assert origin["seed"] == 5 and origin["config"]["difficulty"] == "medium"
-    assert (
-        origin["command"] == "python -m agents.demonstrations.making --count 9 --seed 5 --difficulty medium"
-    )
+    assert origin["command"] == "python -m agents.demonstrations --count 9 --seed 5 --difficulty medium"
 
 
 def test_files_that_were_changed_are_refused(tmp_path: Path) -> None:
@@ -230,13 +230,13 @@ def test_parts_of_another_recipe_are_refused(tmp_path: Path) -> None:
 def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder, prior = tmp_path / "out", tmp_path / "prior.npz"
     common = ["--output", str(folder), "--count", "3"]
-    assert store.main([*common, "--fit", str(prior)]) == 0
+    assert main([*common, "--fit", str(prior)]) == 0
     assert "3 demonstrations in" in capsys.readouterr().out
     assert ProMP.load(prior).n_dof == 7
     origin = json.loads(prior.with_suffix(".json").read_text())
     assert origin["sha256"] == hashlib.sha256(prior.read_bytes()).hexdigest()
     assert str(tmp_path) not in prior.with_suffix(".json").read_text()
-    assert store.main([*common, "--seed", "3"]) == 2
+    assert main([*common, "--seed", "3"]) == 2
     assert "another seed or config" in capsys.readouterr().err
 
 
@@ -250,6 +250,6 @@ def test_shipped_prior_is_what_its_command_makes(tmp_path: Path) -> None:
     # All kinds are among them, and few had to be drawn anew.
     assert np.bincount(made.kind).tolist() == [180, 180, 180]
     assert (made.attempt > 0).mean() < 0.3
-    again, shipped = store.fit_prior(made), shipped_prior()
+    again, shipped = fit_prior(made), shipped_prior()
     np.testing.assert_allclose(again.mean, shipped.mean, atol=1e-4)
     np.testing.assert_allclose(again.covariance, shipped.covariance, atol=1e-4)

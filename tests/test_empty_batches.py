@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from dynamics_models import robot_and_model
 
-from agents.demonstrations.elastic_bands import Obstacles, joint_detour, relax, straight_path, task_detour
+from agents.demonstrations.elastic_bands import BandObstacles, joint_detour, relax, straight_path, task_detour
 from agents.planners.common.inverse_kinematics import (
     JointMotion,
     floating_inverse_kinematics,
@@ -139,12 +139,12 @@ def states(n: int) -> tuple[Array, Array]:
     return place, numbers(n, 4, 13)
 
 
-def balls(n: int) -> Obstacles:
-    return Obstacles(numbers(n, 3), 0.1 * np.ones(n))
+def balls(n: int) -> BandObstacles:
+    return BandObstacles(numbers(n, 3), 0.1 * np.ones(n))
 
 
-def bands(n: int) -> tuple[Array, Array, Obstacles]:
-    return numbers(n, 7), 1.0 + numbers(n, 7), Obstacles(0.5 * numbers(n, 7), 0.1 * np.ones(n))
+def bands(n: int) -> tuple[Array, Array, BandObstacles]:
+    return numbers(n, 7), 1.0 + numbers(n, 7), BandObstacles(0.5 * numbers(n, 7), 0.1 * np.ones(n))
 
 
 CASES: dict[str, Callable[[int], Any]] = {

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from agents.demonstrations.optimal import model_limits
+from agents.demonstrations.optimal.library import model_limits
 from agents.planners.common.plans import Cause, Failure
 from agents.planners.single_arm.check import check
 from agents.planners.single_arm.library import shipped_library

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from agents.demonstrations.optimal import model_limits
+from agents.demonstrations.optimal.library import model_limits
 from agents.planners.single_arm.library import shipped_library
 from agents.planners.single_arm.problem import Reach
 from agents.planners.single_arm.weights.demonstrated import DemonstratedPlanner

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.demonstrations.optimal import Recipe
+from agents.demonstrations.optimal.library import LibraryRecipe
 from agents.demonstrations.variations import DemonstratorConfig
 from agents.planners.common.plans import Limits
 from agents.planners.dual_arm.clearance import Surroundings
@@ -102,8 +102,8 @@ def target(**values: Any) -> PoseTarget:
     return PoseTarget(ARM, GaussianBasis(), **{"duration": 1.0, "position": np.ones(3), **values})
 
 
-def recipe(**values: Any) -> Recipe:
-    return Recipe(**{"keep_attitude": True, "limited": True, **values})
+def recipe(**values: Any) -> LibraryRecipe:
+    return LibraryRecipe(**{"keep_attitude": True, "limited": True, **values})
 
 
 def reward_term(**values: Any) -> RewardTerm:

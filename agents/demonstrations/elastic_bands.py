@@ -23,8 +23,8 @@ DAMPING = 1e-4  # m^2, of these iterations
 
 
 @dataclass(frozen=True, eq=False)
-class Obstacles:
-    """Balls, one a band: centre (D, m) and radius (D,), in rad in joint space and in m in task space."""
+class BandObstacles:
+    """Spheres, one a band: centre (D, m) and radius (D,), in rad in joint space and in m in task space."""
 
     centre: Array
     radius: Array
@@ -44,7 +44,7 @@ def straight_path(start: Array, goal: Array) -> Array:
     return start[:, None, :] + np.linspace(0.0, 1.0, NODES)[:, None] * (goal - start)[:, None, :]
 
 
-def relax(path: Array, obstacles: Obstacles) -> Array:
+def relax(path: Array, obstacles: BandObstacles) -> Array:
     """Bands (D, NODES, m) between the ends of paths, in the balance of contraction and repulsion.
 
     A band rests on its path (D, NODES, m) where there is no obstacle. Both forces act across the band alone,
@@ -65,8 +65,8 @@ def relax(path: Array, obstacles: Obstacles) -> Array:
     return band
 
 
-def joint_detour(start: Array, goal: Array, obstacles: Obstacles, progress: Array, dt: float) -> Detour:
-    """Detours around balls in joint space, off the straight motion from start to goal (D, n).
+def joint_detour(start: Array, goal: Array, obstacles: BandObstacles, progress: Array, dt: float) -> Detour:
+    """Detours around spheres in joint space, off the straight motion from start to goal (D, n).
 
     Args:
         progress: (T,), share of the straight motion that has been made, from 0 to 1. dt: s.
@@ -76,7 +76,7 @@ def joint_detour(start: Array, goal: Array, obstacles: Obstacles, progress: Arra
 
 
 def task_detour(
-    arm: FloatingRobot, start: Array, goal: Array, spheres: Obstacles, progress: Array, dt: float
+    arm: FloatingRobot, start: Array, goal: Array, spheres: BandObstacles, progress: Array, dt: float
 ) -> Detour:
     """Detours around spheres between the end-effector's points at start and goal (D, n), in the base frame.
 

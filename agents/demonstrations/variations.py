@@ -1,4 +1,4 @@
-"""What varies between demonstrations: the paper's three ways to different motions (shyam2020, sec. IV)."""
+"""Variations of demonstrations: the paper's three kinds, and the random draws behind them (sec. IV)."""
 
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -16,12 +16,12 @@ from space_envs.tasks.common import DIFFICULTIES
 
 KINDS = ("cost_matrices", "elastic_band", "noise")
 BANDS = ("joint", "task")
-OFF_REDUNDANCY = 0.3  # share of any direction in the side on which an obstacle lies
+OFF_REDUNDANCY = 0.3  # share of any direction in that in which an obstacle lies
 
 
 @dataclass(frozen=True)
 class DemonstratorConfig:
-    """What demonstrations vary, and by how much.
+    """Settings of the variations.
 
     Attributes:
         difficulty, variant: of the task, whose train split gives the goals.
@@ -32,13 +32,13 @@ class DemonstratorConfig:
         scale_decades: half-width of the log-uniform factor on all position weights, powers of ten, likewise.
         redundancy: standard deviation of the configuration that the redundancy is drawn to, rad a joint.
         bands: kind elastic_band: the space of its artificial obstacle. `task` is the paper's, a sphere
-            between the end-effector's points at start and goal; the shipped prior has `joint`, a ball of
+            between the end-effector's points at start and goal; the shipped prior has `joint`, a sphere of
             joint angles.
         radius, miss: bands `joint`: least and largest radius, distance of the centre from the motion, rad.
         sphere_radius, sphere_miss: bands `task`: the same in m, from the end-effector's path.
         noise: kind noise: standard deviation of the acceleration that disturbs every control period, rad/s^2.
         quiet: s before the end from which there is no noise, so that the arm comes to rest.
-        rest: rad/s, the most that a joint may still turn at the end.
+        rest: rad/s, largest joint rate at the end.
     """
 
     difficulty: str = "medium"
@@ -84,8 +84,8 @@ class DemonstratorConfig:
 
 
 @dataclass(frozen=True, eq=False)
-class Draws:
-    """What chance decides about D demonstrations; shapes as in the problem they enter."""
+class VariationDraws:
+    """Random quantities of D demonstrations; shapes as in the problem they enter."""
 
     q: Array
     r: Array
@@ -107,7 +107,7 @@ def draw(
     kind: NDArray[np.int64],
     time: Array,
     home: Array,
-) -> Draws:
+) -> VariationDraws:
     """Every demonstration draws everything from a generator of its own, and uses what is of its kind."""
     n, samples = len(home), len(time)
     rows: list[tuple[Array, ...]] = []
@@ -131,7 +131,7 @@ def draw(
         rows.append((q, r, np.array(ramp), preferred, *obstacle, noise * noisy, aside, sphere))
     columns = [np.stack(column) for column in zip(*rows, strict=True)]
     columns[7] = np.ascontiguousarray(columns[7].swapaxes(0, 1))
-    return Draws(*columns)
+    return VariationDraws(*columns)
 
 
 def _random_spd(rng: np.random.Generator, n: int, decades: float) -> Array:
@@ -142,7 +142,7 @@ def _random_spd(rng: np.random.Generator, n: int, decades: float) -> Array:
     return product * scale[:, None] * scale
 
 
-def beside_the_way(arm: FloatingRobot, q: Array, side: Array) -> Array:
+def sideways_direction(arm: FloatingRobot, q: Array, side: Array) -> Array:
     """Unit directions (D, n) of joints, mostly along the arm's redundancy at q, from normal draws `side`."""
     jacobian = arm.generalized_jacobian(q)
     rest = side - (np.linalg.pinv(jacobian) @ jacobian @ side[..., None])[..., 0]

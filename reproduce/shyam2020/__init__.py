@@ -4,7 +4,7 @@ from functools import partial
 
 from tqdm import tqdm
 
-from agents.demonstrations.making import COUNT
+from agents.demonstrations.storage import COUNT
 from reproduce.cases import run_cases
 from reproduce.page import Page
 from reproduce.shyam2020.cases import check_count, goal

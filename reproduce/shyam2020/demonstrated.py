@@ -7,9 +7,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from scipy.spatial import KDTree
 
-from agents.demonstrations.demonstrator import Demonstrations, demonstrate
+from agents.demonstrations.controller import Demonstrations, demonstrate
 from agents.demonstrations.elastic_bands import end_effector_path
-from agents.demonstrations.making import COUNT, fit_prior
+from agents.demonstrations.prior import fit_prior
+from agents.demonstrations.storage import COUNT
 from agents.demonstrations.variations import BANDS, KINDS, DemonstratorConfig
 from agents.policies.single_arm.promp import ConditionedPrior
 from reproduce.figures import Figure, Sketch, figure

@@ -9,8 +9,8 @@ from time import perf_counter
 import mujoco
 import numpy as np
 
-from agents.demonstrations.demonstrator import demonstrate
-from agents.demonstrations.making import fit_prior
+from agents.demonstrations.controller import demonstrate
+from agents.demonstrations.prior import fit_prior
 from agents.demonstrations.variations import DemonstratorConfig
 from agents.policies.single_arm.promp import shipped_prior
 from promp import ViaPoint

@@ -1,4 +1,4 @@
-"""The demonstrator of shyam2020, sec. IV: the linear-quadratic controller with three kinds of variation."""
+"""Demonstrations of shyam2020, sec. IV: motions of the linear-quadratic controller, varied in three ways."""
 
 from dataclasses import dataclass, fields
 from typing import Any
@@ -6,13 +6,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.demonstrations.elastic_bands import Detour, Obstacles, end_effector_path, joint_detour, task_detour
+from agents.demonstrations.elastic_bands import (
+    BandObstacles,
+    Detour,
+    end_effector_path,
+    joint_detour,
+    task_detour,
+)
+from agents.demonstrations.variations import (
+    KINDS,
+    DemonstratorConfig,
+    VariationDraws,
+    draw,
+    sideways_direction,
+)
 from agents.planners.common.damped_search import JointGoals, Rows
-from agents.planners.common.inverse_kinematics import (JointMotion, floating_inverse_kinematics)
+from agents.planners.common.inverse_kinematics import JointMotion, floating_inverse_kinematics
 from agents.planners.common.linear_quadratic import closed_loop, receding_gains
 from agents.policies.single_arm.mpc import CONTROL_WEIGHT, POSITION_WEIGHT
 from agents.policies.single_arm.reaching import DURATION
-from agents.demonstrations.variations import KINDS, DemonstratorConfig, Draws, beside_the_way, draw
 from space_envs.control import STOP_MARGIN
 from space_envs.dynamics import FloatingRobot, trajectory_cost
 from space_envs.dynamics.rotations import Array
@@ -94,8 +106,8 @@ def _attempt(
     transition, response = transition.swapaxes(0, 1)[..., : arm.n_joints], response.swapaxes(0, 1)
 
     def motion_with(off: Detour | None, goal: Array, rows: Rows) -> JointMotion:
-        way = (start[rows] - goal)[:, None, :, None]
-        x = (transition[rows] @ way)[..., 0] + response[rows]
+        offset = (start[rows] - goal)[:, None, :, None]
+        x = (transition[rows] @ offset)[..., 0] + response[rows]
         q, qdot = x[..., : arm.n_joints] + goal[:, None, :], x[..., arm.n_joints :]
         if off is not None:
             q, qdot = q + off.position[rows], qdot + off.velocity[rows]
@@ -114,7 +126,7 @@ def _attempt(
             draws.preferred,
         )
 
-    # First where the undisturbed way leads, then the detour from that way, then the goal with the detour.
+    # First the goal of the undisturbed motion, then the detour from it, then the goal with the detour.
     straight = solve(None, start).position
     off = _detour(config, arm, draws, start, straight, _progress(time))
     found = solve(off, straight)
@@ -134,21 +146,26 @@ def _attempt(
 
 
 def _detour(
-    config: DemonstratorConfig, arm: FloatingRobot, draws: Draws, start: Array, goal: Array, progress: Array
+    config: DemonstratorConfig,
+    arm: FloatingRobot,
+    draws: VariationDraws,
+    start: Array,
+    goal: Array,
+    progress: Array,
 ) -> Detour:
     """Detours off the straight motions from start to goal (D, n), around an obstacle of the config's kind."""
     middle = start + draws.obstacle_phase[:, None] * (goal - start)
     if config.bands == "task":
         aside = draws.sphere_side / np.linalg.norm(draws.sphere_side, axis=1, keepdims=True)
         centre = end_effector_path(arm, middle) + config.sphere_miss * aside
-        spheres = Obstacles(centre, draws.sphere_radius)
+        spheres = BandObstacles(centre, draws.sphere_radius)
         return task_detour(arm, start, goal, spheres, progress, config.dt)
-    centre = middle + config.miss * beside_the_way(arm, middle, draws.obstacle_side)
-    return joint_detour(start, goal, Obstacles(centre, draws.obstacle_radius), progress, config.dt)
+    centre = middle + config.miss * sideways_direction(arm, middle, draws.obstacle_side)
+    return joint_detour(start, goal, BandObstacles(centre, draws.obstacle_radius), progress, config.dt)
 
 
 def _usable(made: Demonstrations, limits: Array, config: DemonstratorConfig) -> NDArray[np.bool_]:
-    """Inside the limits of angle, rate and acceleration all the way, and at rest at the end."""
+    """Whether each is within the limits of angle, rate and acceleration, and at rest at the end."""
     acceleration = np.diff(made.velocity, axis=1) / config.dt
     inside = ((made.position >= limits[:, 0]) & (made.position <= limits[:, 1])).all(axis=(1, 2))
     slow = np.abs(made.velocity).max(axis=(1, 2)) < SINGLE_ARM.rate_limit
@@ -158,7 +175,7 @@ def _usable(made: Demonstrations, limits: Array, config: DemonstratorConfig) -> 
 
 
 def _progress(time: Array) -> Array:
-    """Share (T,) of the way that the controller of policy `mpc` has made."""
+    """Share (T,) of the displacement that the controller of policy `mpc` has made."""
     gains, _ = receding_gains(np.diag([POSITION_WEIGHT, 0.0]), np.array([[CONTROL_WEIGHT]]), time)
     transition, _ = closed_loop(gains, float(time[1]))
     return np.clip(1.0 - transition[:, 0, 0], 0.0, 1.0)

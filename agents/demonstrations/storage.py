@@ -1,14 +1,7 @@
-"""Demonstrations as files: made in parallel, resumable, checked; and the ProMP prior learned from them.
+"""Files of demonstrations: made in parallel, resumable, checked."""
 
-python -m agents.demonstrations.making --count 540 --output demonstrations --jobs 2 --seed 0 --fit prior.npz
-"""
-
-import argparse
-import hashlib
 import json
 import platform
-import sys
-from collections.abc import Sequence
 from dataclasses import fields
 from importlib.metadata import version
 from pathlib import Path
@@ -19,24 +12,18 @@ from joblib import Parallel, delayed
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
-from agents.demonstrations.demonstrator import Demonstrations, demonstrate
-from agents.demonstrations.variations import BANDS, DemonstratorConfig
-from promp import ProMP
+from agents.demonstrations.controller import Demonstrations, demonstrate
+from agents.demonstrations.variations import DemonstratorConfig
 from promp.storage import checksum
-from space_envs.system.command_line import Parser, check_replaceable, exit_status, output_path
 from space_envs.errors import ConfigurationError
+from space_envs.system.files import atomic_write
 from space_envs.system.parallel import here
-from space_envs.system.files import atomic_write, atomic_write_text
-from space_envs.system.output import held
 from space_envs.system.reading import parse_json, read_arrays
-from space_envs.tasks.common import DIFFICULTIES
 
 FORMAT = "space-capture-demonstrations"
 VERSION = 1
 CHUNK = 60  # demonstrations a file of partial results
-COUNT = 540  # as many as make the shipped prior
-# rad, of every weight. All demonstrations leave home at rest; so much doubt lets a plan start elsewhere.
-WEIGHT_NOISE = 1e-3
+COUNT = 540  # of the shipped prior
 
 
 def save(path: Path, demonstrations: Demonstrations, provenance: dict[str, Any]) -> None:
@@ -83,14 +70,14 @@ def load(path: str | Path) -> tuple[Demonstrations, dict[str, Any]]:
 
 
 def recipe(config: DemonstratorConfig, seed: int) -> dict[str, Any]:
-    """What determines demonstrations: two files of one recipe belong together."""
+    """Values that determine demonstrations: two files of one recipe belong together."""
     return {"seed": seed, "config": config.as_dict()}
 
 
 def provenance(config: DemonstratorConfig, seed: int, count: int) -> dict[str, Any]:
-    """The recipe, the command that repeats it and what it ran on."""
+    """The recipe, the command that repeats it and the versions it ran on."""
     command = (
-        f"python -m agents.demonstrations.making --count {count} --seed {seed} --difficulty {config.difficulty}"
+        f"python -m agents.demonstrations --count {count} --seed {seed} --difficulty {config.difficulty}"
     )
     if config.bands != DemonstratorConfig().bands:
         command += f" --bands {config.bands}"
@@ -150,26 +137,6 @@ def generate(
     return merged
 
 
-def fit_prior(demonstrations: Demonstrations) -> ProMP:
-    """The ProMP of eq. 16 and 17; every demonstration's weights meet its first and last state exactly."""
-    return ProMP.fit(
-        demonstrations.position,
-        demonstrations.velocity,
-        duration=float(demonstrations.time[-1]),
-        exact_ends=True,
-        weight_noise=WEIGHT_NOISE,
-    )
-
-
-def save_prior(path: str | Path, prior: ProMP, origin: dict[str, Any]) -> None:
-    """Write a prior to `path` and where it is from to the same name with suffix .json."""
-    path = Path(path)
-    prior.save(path)
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    origin = origin | {"file": path.name, "sha256": digest, "weight_noise": WEIGHT_NOISE}
-    atomic_write_text(path.with_suffix(".json"), json.dumps(origin, indent=2, sort_keys=True) + "\n")
-
-
 def _belongs(path: Path, config: DemonstratorConfig, seed: int) -> bool:
     """Whether a part is there already."""
     if not path.exists():
@@ -187,51 +154,3 @@ def _make_part(path: Path, config: DemonstratorConfig, seed: int, first: int, si
         made = demonstrate(config, seed, first, size)
     save(path, made, provenance(config, seed, first + size))
     return size
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """The command line; returns the exit status."""
-    parser = Parser(
-        prog="python -m agents.demonstrations.making",
-        description="Make demonstrations and learn a ProMP prior from them.",
-    )
-    parser.add_argument("--count", type=int, default=COUNT, help="how many (default %(default)s)")
-    parser.add_argument(
-        "--output", type=output_path, default=Path("demonstrations"), help="folder (default %(default)s)"
-    )
-    parser.add_argument("--jobs", type=int, default=1, help="processes (default %(default)s)")
-    parser.add_argument("--seed", type=int, default=0, help="default %(default)s")
-    parser.add_argument("--difficulty", choices=DIFFICULTIES, default="medium", help="of the goals")
-    what = "space of the elastic bands' obstacles: the paper's is task; the shipped prior has %(default)s"
-    parser.add_argument("--bands", choices=BANDS, default=DemonstratorConfig().bands, help=what)
-    parser.add_argument(
-        "--resume", action=argparse.BooleanOptionalAction, default=True, help="keep what is there"
-    )
-    parser.add_argument(
-        "--fit", type=output_path, metavar="PATH", help="write the ProMP prior there (npz, and json beside)"
-    )
-    parser.add_argument("--overwrite", action="store_true", help="replace the prior that is there")
-    goes_on = "stopped; the same command goes on from here"
-    return exit_status("python -m agents.demonstrations.making", lambda: _run(parser.parse_args(arguments)), goes_on)
-
-
-def _run(options: argparse.Namespace) -> None:
-    config = DemonstratorConfig(difficulty=options.difficulty, bands=options.bands)
-    if options.fit is not None:
-        for path in (options.fit, options.fit.with_suffix(".json")):
-            check_replaceable(path, options.overwrite)
-    with held(options.output, "demonstrations"):
-        made = generate(
-            options.output, options.count, options.seed, config, options.jobs, options.resume, True
-        )
-    if options.fit is not None:
-        save_prior(options.fit, fit_prior(made), provenance(config, options.seed, options.count))
-    print(f"{len(made.kind)} demonstrations in {options.output / 'demonstrations.npz'}")
-    print(f"{made.attempt.sum()} drawings were not fit to learn from and were drawn anew")
-    print(f"mean eq. 20 cost: {1e4 * made.cost.mean():.1f} cm^2/s (c = 1 m/rad)")
-    if options.fit is not None:
-        print(f"prior in {options.fit}")
-
-
-if __name__ == "__main__":
-    sys.exit(main())

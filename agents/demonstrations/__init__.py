@@ -1,0 +1,1 @@
+"""Expert motions to learn from: made, varied, stored, and the ProMP prior fitted to them."""

@@ -1,0 +1,61 @@
+"""`python -m agents.demonstrations.optimal`: the libraries of optimal motions that planners start from."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from agents.demonstrations.optimal.library import LibraryRecipe, generate
+from space_envs.system.command_line import AppendValues, Parser, exit_status
+
+
+def parser() -> Parser:
+    """The command line."""
+    out = Parser(
+        prog="python -m agents.demonstrations.optimal", description="Make the libraries of optimal motions."
+    )
+    out.add_argument(
+        "--output", type=Path, default=Path("demonstrations/optimal"), help="default %(default)s"
+    )
+    out.add_argument("--jobs", type=int, default=1, help="processes (default %(default)s)")
+    out.add_argument("--seed", type=int, default=0, help="default %(default)s")
+    out.add_argument(
+        "--setting",
+        choices=("free", "kept"),
+        action=AppendValues,
+        nargs="+",
+        default=["free", "kept"],
+        help="base attitude at the end (default both)",
+    )
+    out.add_argument(
+        "--limits",
+        choices=("limited", "wide"),
+        action=AppendValues,
+        nargs="+",
+        default=["limited", "wide"],
+        help="the model's limits, or none (default both)",
+    )
+    return out
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; returns the exit status."""
+    goes_on = "stopped; the same command goes on from here"
+    name = "python -m agents.demonstrations.optimal"
+    return exit_status(name, lambda: run(parser().parse_args(arguments)), goes_on)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Make the libraries that the options name; errors as in `generate`."""
+    for limits in options.limits:
+        for setting in options.setting:
+            recipe = LibraryRecipe(setting == "kept", limits == "limited", options.seed)
+            made = generate(options.output, recipe, jobs=options.jobs, progress=True)
+            cost = f"median eq. 20 cost {1e4 * np.median(made.cost):.2f} cm^2/s"
+            print(f"{options.output / recipe.name}: {len(made.cost)} motions, {cost}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

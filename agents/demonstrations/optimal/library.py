@@ -1,0 +1,168 @@
+"""A library of optimal motions, made in parallel and resumable: each goal is improved from its neighbours."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from joblib import Parallel, delayed
+from tqdm import tqdm
+
+from agents.demonstrations.optimal.search import first_motion, improved_motion
+from agents.planners.common.plans import Limits
+from agents.planners.single_arm.library import NAMES, Library, library_name
+from agents.planners.single_arm.problem import Reach
+from agents.planners.single_arm.weights.promp_optimal import Planner
+from space_envs.checks import count, flag
+from space_envs.dynamics.rotations import Array
+from space_envs.errors import ConfigurationError
+from space_envs.robots.parameters import SINGLE_ARM
+from space_envs.system.files import atomic_write_text
+from space_envs.system.provenance import commit, machine, versions
+from space_envs.system.threads import on_one_thread
+from space_envs.tasks.single_arm import SingleArmTask
+
+COUNTS = {"easy": 120, "medium": 900, "hard": 180}  # goals of the train split
+ROUNDS = 3  # in which the solutions of neighbouring goals are tried
+CHUNK = 30  # goals a file of partial results
+
+
+@dataclass(frozen=True)
+class LibraryRecipe:
+    """Settings that determine a library.
+
+    Attributes:
+        keep_attitude: whether motions end with the base's first attitude. limited: whether they keep the
+            model's limits. seed: of the starts.
+    """
+
+    keep_attitude: bool
+    limited: bool
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        for name in ("keep_attitude", "limited"):
+            flag(name, getattr(self, name))
+        count("seed", self.seed, 2**63)
+
+    @property
+    def name(self) -> str:
+        """Of the library's file."""
+        return library_name(self.keep_attitude, self.limited)
+
+
+def model_limits() -> Limits:
+    """Limits of the single arm's model, as the environment's drives have them."""
+    position = SingleArmTask().robot.range
+    return Limits(position, SINGLE_ARM.rate_limit, SINGLE_ARM.acceleration_limit, SINGLE_ARM.torque_limit)
+
+
+def goals(counts: dict[str, int] = COUNTS) -> tuple[Array, Array]:
+    """Positions (L, 3) m and quaternions (L, 4) of train goals."""
+    position, quaternion = [], []
+    for difficulty, many in counts.items():
+        drawn = SingleArmTask(difficulty=difficulty).goals("train", np.arange(many))
+        position.append(drawn.position)
+        quaternion.append(drawn.quaternion)
+    return np.concatenate(position), np.concatenate(quaternion)
+
+
+def generate(
+    output: str | Path,
+    recipe: LibraryRecipe,
+    counts: dict[str, int] = COUNTS,
+    jobs: int = 1,
+    progress: bool = False,
+) -> Library:
+    """Make a library into the folder `output`; parts of the same recipe that are there are kept.
+
+    The result does not depend on the number of jobs nor on interruptions.
+
+    Raises:
+        ConfigurationError: if jobs is not positive, or a part is of other goals.
+        StorageError: if a part is damaged.
+    """
+    if jobs < 1:
+        raise ConfigurationError(f"jobs must be at least 1, got {jobs}")
+    position, quaternion = goals(counts)
+    folder, library = Path(output) / Path(recipe.name).stem, None
+    total = len(position) * (ROUNDS + 1)
+    with tqdm(total=total, unit="goal", desc=folder.name, disable=not progress) as bar:
+        for number in range(ROUNDS + 1):
+            library = _round(folder, recipe, position, quaternion, number, library, jobs, bar)
+            if not np.array_equal(library.position, position):
+                raise ConfigurationError(f"{folder} holds other goals; take another folder")
+    assert library is not None
+    solved = library.rows(np.isfinite(library.cost))
+    solved = replace(solved, coordinates=solved.coordinates.astype(np.float32))
+    path = Path(output) / recipe.name
+    solved.save(path)
+    origin = {
+        "command": "python -m agents.demonstrations.optimal",
+        "seed": recipe.seed,
+        "train goals": counts,
+        "motions": len(solved.cost),
+        "commit": commit(),
+        "versions": versions(),
+        "machine": machine(),
+    }
+    atomic_write_text(path.with_suffix(".json"), json.dumps(origin, indent=2) + "\n")
+    return solved
+
+
+def _round(
+    folder: Path,
+    recipe: LibraryRecipe,
+    position: Array,
+    quaternion: Array,
+    number: int,
+    before: Library | None,
+    jobs: int,
+    bar: tqdm,
+) -> Library:
+    """The library after a round from that of the round before; parts that are there are kept."""
+    size = len(position)
+    parts = {
+        folder / f"{number}-{first:05d}.npz": np.arange(first, min(first + CHUNK, size))
+        for first in range(0, size, CHUNK)
+    }
+    missing = [path for path in parts if not path.exists()]
+    bar.update(size - sum(len(parts[path]) for path in missing))
+    work = (
+        delayed(_part)(path, recipe, position[rows], quaternion[rows], rows, before, number == ROUNDS)
+        for path in missing
+        for rows in [parts[path]]
+    )
+    for made in Parallel(n_jobs=jobs, return_as="generator_unordered")(work):
+        bar.update(made)
+    return _merged([Library.load(path) for path in parts])
+
+
+def _merged(parts: Sequence[Library]) -> Library:
+    return Library(*[np.concatenate([getattr(p, name) for p in parts]) for name in NAMES])
+
+
+def _part(
+    path: Path,
+    recipe: LibraryRecipe,
+    position: Array,
+    quaternion: Array,
+    numbers: Array,
+    before: Library | None,
+    last: bool,
+) -> int:
+    """Write one file of a round; returns the number of its goals."""
+    on_one_thread()  # several threads of BLAS give other bits
+    robot = SingleArmTask().robot
+    planner = Planner(robot, model_limits() if recipe.limited else Limits())
+    rows = []
+    for number, place, turn in zip(numbers, position, quaternion, strict=True):
+        reach = Reach(robot.home, place, turn, keep_attitude=recipe.keep_attitude).checked(robot)
+        if before is None:
+            rows.append(first_motion(planner, reach, np.random.default_rng([recipe.seed, number])))
+        else:
+            rows.append(improved_motion(planner, reach, before, int(number), last))
+    coordinates, cost, attempts = (np.array(column) for column in zip(*rows, strict=True))
+    Library(position, quaternion, coordinates, cost, attempts).save(path)
+    return len(numbers)

@@ -1,0 +1,60 @@
+"""Search for an optimal motion of one goal: from initial guesses, then from its neighbours' motions."""
+
+import numpy as np
+
+from agents.planners.single_arm.library import Library
+from agents.planners.single_arm.problem import Reach
+from agents.planners.single_arm.weights.promp_optimal import VIOLATION_TOLERANCE, Planner, predicted_costs
+from agents.planners.single_arm.weights.sqp import GOAL_TOLERANCE, SqpResult, minimise
+from space_envs.dynamics.rotations import Array
+
+NEIGHBOURS = 16  # goals whose motions are compared in a round
+TRIED = 4  # of them, that are improved
+COST_RATIO = 0.99  # predicted for a neighbour's motion, below which it is tried
+STARTS = 3  # around the motion that is easiest to find, in the first round
+SPREAD = 0.1  # of them, in coordinates
+ITERATIONS = 40  # of a start in the first round
+FINE = 1e-4  # relative gain of an iteration below which a motion is done, in the last round
+
+
+def first_motion(planner: Planner, reach: Reach, rng: np.random.Generator) -> tuple[Array, float, float]:
+    """The best of several starts: coordinates, cost (infinite if no start led to the goal), their number."""
+    space, bounds, rows = planner.setting(reach)
+    rest = np.zeros((len(reach.start), space.free))
+    # To first order an arm at rest cannot turn its base back: those that shall start around the free motion.
+    centre = minimise(space, bounds, rest, False, rows).y if reach.keep_attitude else rest
+    around = centre + SPREAD * rng.standard_normal((STARTS, *rest.shape))
+    begins = [*around] if reach.keep_attitude else [rest, *around]
+    y, cost = rest, np.inf
+    for begin in begins:
+        found = minimise(space, bounds, begin, reach.keep_attitude, rows, iterations=ITERATIONS)
+        y, cost = _cheaper(found, y, cost)
+    return y, cost, float(len(begins))
+
+
+def improved_motion(
+    planner: Planner, reach: Reach, before: Library, number: int, last: bool
+) -> tuple[Array, float, float]:
+    """The best so far, or the result from a neighbouring goal's solution whose predicted cost is lower."""
+    space, bounds, rows = planner.setting(reach)
+    y, cost = before.coordinates[number], float(before.cost[number])
+    neighbours = before.order(reach.position, reach.quaternion)
+    neighbours = neighbours[(neighbours != number) & np.isfinite(before.cost[neighbours])][:NEIGHBOURS]
+    starts = before.coordinates[neighbours]
+    predicted = predicted_costs(space, starts, reach.keep_attitude)
+    order = np.argsort(predicted, kind="stable")[:TRIED]
+    chosen = starts[order[predicted[order] < COST_RATIO * cost]]
+    for begin in chosen:
+        found = minimise(space, bounds, begin, reach.keep_attitude, rows)
+        y, cost = _cheaper(found, y, cost)
+    if last and np.isfinite(cost):
+        found = minimise(space, bounds, y, reach.keep_attitude, rows, tolerance=FINE)
+        y, cost = _cheaper(found, y, cost)
+    return y, cost, float(before.attempts[number] + len(chosen))
+
+
+def _cheaper(found: SqpResult, y: Array, cost: float) -> tuple[Array, float]:
+    """Coordinates and cost of a solution if it is valid and costs less; otherwise those given."""
+    if found.goal_error < GOAL_TOLERANCE and found.violation < VIOLATION_TOLERANCE and found.cost < cost:
+        return found.y, found.cost
+    return y, cost
