@@ -86,14 +86,12 @@ def generate(
     if jobs < 1:
         raise ConfigurationError(f"jobs must be at least 1, got {jobs}")
     position, quaternion = goals(counts)
-    folder, library = Path(output) / Path(recipe.name).stem, None
+    folder = Path(output) / Path(recipe.name).stem
     total = len(position) * (ROUNDS + 1)
     with tqdm(total=total, unit="goal", desc=folder.name, disable=not progress) as bar:
-        for number in range(ROUNDS + 1):
+        library = _round(folder, recipe, position, quaternion, 0, None, jobs, bar)
+        for number in range(1, ROUNDS + 1):
             library = _round(folder, recipe, position, quaternion, number, library, jobs, bar)
-            if not np.array_equal(library.position, position):
-                raise ConfigurationError(f"{folder} holds other goals; take another folder")
-    assert library is not None
     solved = library.rows(np.isfinite(library.cost))
     solved = replace(solved, coordinates=solved.coordinates.astype(np.float32))
     path = Path(output) / recipe.name
@@ -121,7 +119,11 @@ def _round(
     jobs: int,
     bar: tqdm,
 ) -> Library:
-    """The library after a round from that of the round before; parts that are there are kept."""
+    """The library after a round from that of the round before; parts that are there are kept.
+
+    Raises:
+        ConfigurationError: if a part is of other goals.
+    """
     size = len(position)
     parts = {
         folder / f"{number}-{first:05d}.npz": np.arange(first, min(first + CHUNK, size))
@@ -134,9 +136,12 @@ def _round(
         for path in missing
         for rows in [parts[path]]
     )
-    for made in Parallel(n_jobs=jobs, return_as="generator_unordered")(work):
-        bar.update(made)
-    return _merged([Library.load(path) for path in parts])
+    for finished in Parallel(n_jobs=jobs, return_as="generator_unordered")(work):
+        bar.update(finished)
+    made = _merged([Library.load(path) for path in parts])
+    if not np.array_equal(made.position, position):
+        raise ConfigurationError(f"{folder} holds other goals; take another folder")
+    return made
 
 
 def _merged(parts: Sequence[Library]) -> Library:
