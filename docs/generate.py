@@ -19,9 +19,9 @@ from pathlib import Path
 from docs.blocks import BLOCKS
 from docs.environment import environment_page
 from docs.leaderboard import with_leaderboards
-from space_envs.evaluation.records.folders import read_folder
-from space_envs.evaluation.records.record import SCHEMA_VERSION
+from space_envs.evaluation.records.episode import SCHEMA_VERSION
 from space_envs.evaluation.records.schema import schema_text
+from space_envs.evaluation.results.folders import read_folder
 from space_envs.registration import ENTRIES
 from space_envs.system.command_line import Parser, exit_status
 from space_envs.system.files import atomic_write_text

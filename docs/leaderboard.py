@@ -6,10 +6,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from space_envs.errors import ConfigurationError, unknown_name
-from space_envs.evaluation.records.record import EpisodeRecord
-from space_envs.evaluation.report.report import BOOTSTRAP_SEED
+from space_envs.evaluation.records.episode import EpisodeRecord
+from space_envs.evaluation.report.folder import BOOTSTRAP_SEED
 from space_envs.evaluation.report.tables import by_task, counts_told, markdown_table, modes_told
-from space_envs.evaluation.statistics.leaderboard import Row, build_rows
+from space_envs.evaluation.statistics.leaderboard import build_rows
+from space_envs.evaluation.statistics.row import Row
 
 MARKER = re.compile(r"(<!-- leaderboard: (\S+) -->\n).*?(<!-- /leaderboard -->)", re.DOTALL)
 
@@ -36,7 +37,7 @@ def with_leaderboards(text: str, records: Sequence[EpisodeRecord]) -> str:
 def _table(rows: Sequence[Row], records: Sequence[EpisodeRecord]) -> str:
     """What was played and on what it was timed, and the table."""
     task = rows[0].task
-    timed = {r.timing["processor"] for r in records if r.entrant.task == task} - {None}
+    timed = {r.timing["processor"] for r in records if r.entry.task == task} - {None}
     on = f"Timed on {' and '.join(sorted(map(str, timed)))}. " if timed else ""
     return (
         f"{task.difficulty.capitalize()} goals, {task.split} split, {counts_told(rows)}; the control mode is "

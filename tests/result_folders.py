@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from synthetic_results import make_record
 
-from space_envs.evaluation.records.metrics import configuration_hash
-from space_envs.evaluation.records.record import SCHEMA_VERSION, EpisodeRecord, write_records
+from space_envs.evaluation.records.configuration import configuration_hash
+from space_envs.evaluation.records.episode import SCHEMA_VERSION, EpisodeRecord
+from space_envs.evaluation.records.storage import write_records
 from space_envs.evaluation.replay.states import ABOUT, States
-from space_envs.evaluation.report.report import entrant_stem
+from space_envs.evaluation.results.result import entry_stem
 from space_envs.registration import make_task
 
 
@@ -56,9 +57,9 @@ def write_folder(
     write_records(path / "records.jsonl", records)
     written = [path / "records.jsonl"]
     if states:
-        for entrant in dict.fromkeys(record.entrant for record in records):
-            target = path / "states" / f"{entrant_stem(entrant)}.npz"
-            made_states([record for record in records if record.entrant == entrant]).save(target)
+        for entry in dict.fromkeys(record.entry for record in records):
+            target = path / "states" / f"{entry_stem(entry)}.npz"
+            made_states([record for record in records if record.entry == entry]).save(target)
             written.append(target)
     summary = {
         "schema": SCHEMA_VERSION,
@@ -93,7 +94,7 @@ def made_states(records: Sequence[EpisodeRecord], horizon: int = 200) -> States:
         scene=scene,
         attitude=flat,
         position_error=flat,
-        length=np.array([record.steps for record in records]),
+        length=np.array([record.metrics["steps"] for record in records]),
         seed=np.array([record.seed for record in records]),
         episode=np.array([record.episode for record in records]),
         index=indices,

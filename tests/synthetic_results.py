@@ -1,22 +1,19 @@
 """A made-up but plausible evaluation, and a real short one, for the tests of statistics and report."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from agents.policies.resolve import resolve_policy
 from space_envs.evaluation.play.chunks import Unit, play
 from space_envs.evaluation.play.rollout import Rollout
-from space_envs.evaluation.records.record import (
-    SCHEMA_VERSION,
-    Entrant,
-    EpisodeRecord,
-    EvaluationResult,
-    Task,
-    Timing,
-)
+from space_envs.evaluation.records.entry import EvaluatedTask, LeaderboardEntry
+from space_envs.evaluation.records.episode import SCHEMA_VERSION, EpisodeRecord
+from space_envs.evaluation.records.timing import Timing
+from space_envs.evaluation.replay.stills import Still
 from space_envs.evaluation.replay.traces import Traces
-from space_envs.evaluation.report.stills import Still
+from space_envs.evaluation.results.result import EvaluationResult
 from space_envs.registration import make_task
 from space_envs.tasks.base import CaptureTask
 
@@ -94,12 +91,26 @@ def make_record(**changes: object) -> EpisodeRecord:
     if "time_to_capture" in changes and "time_to_envelope" not in changes:
         time = changes["time_to_capture"]
         values["time_to_envelope"] = max(0.0, time - 1.0) if isinstance(time, float) else time
-    return EpisodeRecord(**values)  # type: ignore[arg-type]
+    return record_of(values)
 
 
-def entrant(policy: str) -> Entrant:
+def changed(record: EpisodeRecord, **changes: object) -> EpisodeRecord:
+    """The record with these keys of its JSON changed."""
+    values = {name: value for name, value in record.to_dict().items() if name != "checksum"}
+    return record_of(values | changes)
+
+
+def record_of(values: Mapping[str, object]) -> EpisodeRecord:
+    """The record with these keys of its JSON, and no others."""
+    names = [field.name for field in fields(EpisodeRecord)]
+    metrics = {name: value for name, value in values.items() if name not in names}
+    own = {name: value for name, value in values.items() if name in names}
+    return EpisodeRecord(metrics=metrics, **own)  # type: ignore[arg-type]
+
+
+def entry(policy: str) -> LeaderboardEntry:
     """Of the made-up evaluation."""
-    return make_record(policy=policy).entrant
+    return make_record(policy=policy).entry
 
 
 def make_records(
@@ -175,7 +186,7 @@ def make_result(
     chosen = {policy: CHARACTERS[policy] for policy in policies} | (extra or {})
     for policy, character in chosen.items():
         records += make_records(policy, character, episodes, seeds, generator)
-        traces[entrant(policy)] = make_traces(character, generator)
+        traces[entry(policy)] = make_traces(character, generator)
     return EvaluationResult(
         records=records,
         traces=traces,
@@ -187,7 +198,7 @@ def make_result(
             "versions": {"python": "3.11.9", "mujoco": "4.0.0", "numpy": "2.4.6", "gymnasium": "1.4.0"},
             "machine": {"processor": "an x86-64 with 2 cores", "threads": 2, "system": "Linux"},
         },
-        pictures={entrant("mpc"): make_stills()} if pictures else {},
+        pictures={entry("mpc"): make_stills()} if pictures else {},
     )
 
 
@@ -204,7 +215,7 @@ def make_played(policy: str, episodes: int, env_id: str = "SpaceCapture/SingleAr
     """Episodes of the test split, played now."""
     player = resolve_policy(policy)
     indices = tuple(range(episodes))
-    unit = Unit(player, Task(env_id, "medium", "test"), None, seed=0, first=0, indices=indices)
+    unit = Unit(player, EvaluatedTask(env_id, "medium", "test"), None, seed=0, first=0, indices=indices)
     part = play(unit)
     records = [replace(record, timing=timed(1.0, 0.1)) for record in part.records]
     return PlayedEpisodes(make_task(env_id, unit.keywords), part.rollout, records)

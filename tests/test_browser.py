@@ -12,10 +12,11 @@ from page_layout import CHROMIUM, until
 from playwright.sync_api import Browser, Dialog, Locator, Page, Playwright
 from synthetic_results import HOSTILE, make_played, make_record, make_result
 
-from space_envs.evaluation.records.record import EpisodeRecord, EvaluationResult
+from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.replay.replay import Replay, make_replays
-from space_envs.evaluation.report.page import make_plots, to_html
-from space_envs.evaluation.report.page_scores import all_scores
+from space_envs.evaluation.report.page.html import make_plots, to_html
+from space_envs.evaluation.report.page.scores import all_scores
+from space_envs.evaluation.results.result import EvaluationResult
 from space_envs.evaluation.statistics.leaderboard import build_rows
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium: apt-get install chromium")
@@ -57,7 +58,7 @@ def result() -> EvaluationResult:
         whole,
         records=records,
         traces={},
-        replays={records[0].entrant: replays, records[6].entrant: hostile(replays)},
+        replays={records[0].entry: replays, records[6].entry: hostile(replays)},
     )
 
 

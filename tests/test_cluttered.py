@@ -17,7 +17,7 @@ from space_envs.dynamics.bodies import body_motion, momentum_drift
 from space_envs.dynamics.spheres import link_ends, sphere_gaps
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError, GoalError
-from space_envs.evaluation.records.record import read_records
+from space_envs.evaluation.records.storage import read_records
 from space_envs.policy import PolicyContext
 from space_envs.robots.parameters import SINGLE_ARM, VARIANTS
 from space_envs.robots.single_arm import ModelOptions, single_arm_model
@@ -341,10 +341,10 @@ def test_collisions_are_counted_in_the_records(tmp_path, capsys):
     assert "gjm" in capsys.readouterr().out
     records = read_records(tmp_path / "records.jsonl")
     for record in records:
-        assert record.collisions == (record.outcome == "collision")
-    assert sum(record.collisions for record in records if record.policy == "gjm") >= 4
+        assert record.metrics["collisions"] == (record.outcome == "collision")
+    assert sum(record.metrics["collisions"] for record in records if record.policy == "gjm") >= 4
     # What is planned is refused where it would touch, and what does not move touches nothing.
-    assert not any(record.collisions for record in records if record.policy != "gjm")
+    assert not any(record.metrics["collisions"] for record in records if record.policy != "gjm")
     assert "clearance" in {record.cause for record in records if record.policy == "minimum_jerk"}
 
 

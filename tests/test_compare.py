@@ -13,11 +13,13 @@ from synthetic_results import CHARACTERS, make_traces
 from agents.commands import compare
 from agents.commands.show import main as show
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.records.folders import read_folder
-from space_envs.evaluation.records.merging import Source, merge
-from space_envs.evaluation.records.record import EpisodeRecord, EvaluationResult, read_records, write_records
+from space_envs.evaluation.records.episode import EpisodeRecord
+from space_envs.evaluation.records.storage import read_records, write_records
 from space_envs.evaluation.replay.states import States
-from space_envs.evaluation.report.report import entrant_stem, write_report
+from space_envs.evaluation.report.folder import write_report
+from space_envs.evaluation.results.folders import read_folder
+from space_envs.evaluation.results.merge import Source, merge
+from space_envs.evaluation.results.result import EvaluationResult, entry_stem
 
 FAILED = {"captured": False, "outcome": "timeout", "time_to_capture": None}
 
@@ -100,7 +102,7 @@ def test_other_tasks_are_tables_of_their_own(tmp_path: Path) -> None:
         tmp_path / "b", episodes(2, policy="promp") + episodes(2, planar), [configuration(), planar]
     )
     result, _ = merged(a, b)
-    assert {str(record.entrant.task) for record in result.records} == {
+    assert {str(record.entry.task) for record in result.records} == {
         "SpaceCapture/SingleArm-v0, medium, test split",
         "SpaceCapture/SingleArm-v0, medium, ood split",
         "SpaceCapture/DualArmPlanar-v0, medium, test split",
@@ -159,7 +161,7 @@ def test_control_modes_of_one_task_share_a_table_unless_the_rest_differs(tmp_pat
     b = write_folder(tmp_path / "b", episodes(2, torque), [torque])
     c = write_folder(tmp_path / "c", episodes(2, longer, policy="promp"), [longer])
     result, _ = merged(a, b)
-    assert len({record.entrant.task for record in result.records}) == 1
+    assert len({record.entry.task for record in result.records}) == 1
     with pytest.raises(ConfigurationError, match="horizon is 200 in .*a and 400 in .*c"):
         merged(a, c)
 
@@ -182,7 +184,7 @@ def test_another_version_difficulty_or_split_is_refused(
     with pytest.raises(ConfigurationError, match=said):
         merged(a, b)
     result, _ = merged(a, b, separate=True)
-    assert len({record.entrant.task for record in result.records}) == 2
+    assert len({record.entry.task for record in result.records}) == 2
     # A third folder that has both is what they can be compared with.
     both = episodes(2, policy="hold") + episodes(2, config, policy="hold", **changes)
     c = write_folder(tmp_path / "c", both, [configuration(), config])
@@ -203,14 +205,14 @@ def test_states_and_replays_are_those_of_the_episodes_that_count(tmp_path: Path)
     second = first[1:] + episodes(2, index=7, seed=1)
     a, b = (write_folder(tmp_path / name, each, states=True) for name, each in (("a", first), ("b", second)))
     result, _ = merged(a, b)
-    (entrant,) = result.states
-    states = result.states[entrant]
+    (entry,) = result.states
+    states = result.states[entry]
     pairs = list(zip(states.seed.tolist(), states.episode.tolist(), strict=True))
     assert pairs == [(0, 0), (0, 1), (0, 2), (1, 0), (1, 1)]
     # In the made-up states the first joint says which episode it is.
     np.testing.assert_allclose(states.scene[:, 0, 7], states.episode)
-    assert [replay.label for replay in result.replays[entrant]] == ["best", "median", "worst"]
-    for replay in result.replays[entrant]:
+    assert [replay.label for replay in result.replays[entry]] == ["best", "median", "worst"]
+    for replay in result.replays[entry]:
         assert replay.scene[0, 7] == replay.episode
         assert len(replay.time) == 126
 
@@ -219,11 +221,11 @@ def test_renamed_policies_keep_their_states(tmp_path: Path) -> None:
     a = write_folder(tmp_path / "a", episodes(2), states=True)
     b = write_folder(tmp_path / "b", episodes(2, **FAILED, steps=200), states=True)
     result, _ = merged(a, Source(read_folder(b), "Ann"))
-    assert {entrant.policy: states.about["policy"] for entrant, states in result.states.items()} == {
+    assert {entry.policy: states.about["policy"] for entry, states in result.states.items()} == {
         "mpc": "mpc",
         "mpc (Ann)": "mpc (Ann)",
     }
-    outcomes = {entrant.policy: set(states.outcome.tolist()) for entrant, states in result.states.items()}
+    outcomes = {entry.policy: set(states.outcome.tolist()) for entry, states in result.states.items()}
     assert outcomes == {"mpc": {"captured"}, "mpc (Ann)": {"timeout"}}
 
 
@@ -260,7 +262,7 @@ def test_a_task_of_another_suite_is_compared_without_replays(tmp_path: Path) -> 
     foreign = [replace(record, env_id="Mine/Own-v0", checksum="") for record in episodes(2, config)]
     b = write_folder(tmp_path / "b", foreign, [config])
     (states,) = result.states.values()
-    target = b / "states" / f"{entrant_stem(foreign[0].entrant)}.npz"
+    target = b / "states" / f"{entry_stem(foreign[0].entry)}.npz"
     replace(states, about={**states.about, "env_id": "Mine/Own-v0"}).save(target)
     (b / "summary.json").unlink()
     result, notes = merged(b)
@@ -276,7 +278,7 @@ def test_the_command_writes_what_an_evaluation_writes(
 ) -> None:
     a = tmp_path / "a"
     records = episodes(4)
-    traces = {records[0].entrant: make_traces(CHARACTERS["mpc"], np.random.default_rng(0), episodes=2)}
+    traces = {records[0].entry: make_traces(CHARACTERS["mpc"], np.random.default_rng(0), episodes=2)}
     write_report(EvaluationResult(records, traces, {"configurations": {}}), a)
     b = write_folder(tmp_path / "b", episodes(4, policy="mpc", final_attitude=1.0))
     output = tmp_path / "both"

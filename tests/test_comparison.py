@@ -9,10 +9,10 @@ import pytest
 from played_episodes import played, rows_of
 from scipy.special import ndtr
 from scipy.stats import mannwhitneyu
-from synthetic_results import entrant, make_record, make_result
+from synthetic_results import changed, entry, make_record, make_result
 
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.records.record import EpisodeRecord
+from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.statistics.comparison import (
     COSTS,
     dominance,
@@ -61,9 +61,9 @@ def test_profile_resamples_inside_seeds() -> None:
 def test_profiles_of_records_count_failures() -> None:
     records = played("a", [1.0, 3.0, None, None]) + played("b", [None] * 4)
     found = profiles(records, "final_attitude", np.array([2.0, 10.0]), np.random.default_rng(0))
-    assert found[entrant("a")].value.tolist() == [0.25, 0.5]
+    assert found[entry("a")].value.tolist() == [0.25, 0.5]
     # The failures' 8 deg do not count: doing nothing is not gentle.
-    assert found[entrant("b")].value.tolist() == [0, 0]
+    assert found[entry("b")].value.tolist() == [0, 0]
 
 
 @pytest.mark.parametrize("seeds", [1, 5])
@@ -182,7 +182,7 @@ def test_improvements_pair_the_same_goals_only() -> None:
         + played("nowhere", [None] * 3)
     )
     found = improvements(records, "final_attitude", np.random.default_rng(0))
-    names = [each.policy for each in found.entrants]
+    names = [each.policy for each in found.entries]
     assert names == ["a", "b", "elsewhere", "nowhere", "otherwise"]
     same = [0, 1, 3]
     assert found.paired.sum() == 6 and (found.paired | np.eye(5, dtype=bool))[np.ix_(same, same)].all()
@@ -202,7 +202,7 @@ def test_costs_are_compared_where_both_captured_and_scores_everywhere() -> None:
     """Doing the easy half of the goals is cheap, but on these goals the other is cheaper still."""
     easy = played("easy", [1.0] * 10 + [None] * 10, attitude_cost=0.02)
     every = [
-        dataclasses.replace(record, policy="every", attitude_cost=0.01 if number < 10 else 0.05, checksum="")
+        changed(record, policy="every", attitude_cost=0.01 if number < 10 else 0.05)
         for number, record in enumerate(played("easy", [1.0] * 20))
     ]
     generator = np.random.default_rng(0)
@@ -230,7 +230,7 @@ def test_a_pair_does_not_depend_on_the_others() -> None:
     whole, pair = (
         improvements(each, "time_to_capture", np.random.default_rng(0), 500) for each in (records, some)
     )
-    place = [whole.entrants.index(each) for each in pair.entrants]
+    place = [whole.entries.index(each) for each in pair.entries]
     for name in ("value", "low", "high"):
         both = getattr(whole.probability, name)[np.ix_(place, place)]
         assert np.array_equal(both, getattr(pair.probability, name))
@@ -238,7 +238,7 @@ def test_a_pair_does_not_depend_on_the_others() -> None:
     bands = [
         profiles(each, "time_to_capture", tau, np.random.default_rng(0), 500) for each in (records, some)
     ]
-    assert bytes_of(bands[0][entrant("ppo")]) == bytes_of(bands[1][entrant("ppo")])
+    assert bytes_of(bands[0][entry("ppo")]) == bytes_of(bands[1][entry("ppo")])
 
 
 def test_same_seed_same_bytes() -> None:
@@ -300,7 +300,7 @@ def test_pareto_front_by_hand() -> None:
         + timed("hold", [0.0] * 4, None, 0.5)
         + timed("never", [None] * 4, None, 0.5)
     )
-    found = {each.entrant.policy: each for each in pareto_front(rows_of(records))}
+    found = {each.entry.policy: each for each in pareto_front(rows_of(records))}
     assert {name: [other.policy for other in each.dominated_by] for name, each in found.items()} == {
         "good": [],
         "slower": ["good"],

@@ -9,7 +9,7 @@ import pytest
 from played_episodes import played, rows_of
 from synthetic_results import HOSTILE, Character, make_result
 
-from space_envs.evaluation.records.record import EpisodeRecord
+from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.report import figures
 from space_envs.evaluation.report.comparison_figures import comparison_plots
 from space_envs.evaluation.report.drawing import Panel

@@ -18,7 +18,7 @@ from space_envs.evaluation.datasets.card import plain, read_card, write_card
 from space_envs.evaluation.datasets.recording import check, record
 from space_envs.evaluation.datasets.storage import Dataset, first_difference
 from space_envs.evaluation.play.chunks import Unit
-from space_envs.evaluation.records.record import Task
+from space_envs.evaluation.records.entry import EvaluatedTask
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def made(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def unit() -> Unit:
-    return Unit(resolve_policy("gjm"), Task(SINGLE, "medium", "train"), None, 0, 3, (7, 4000))
+    return Unit(resolve_policy("gjm"), EvaluatedTask(SINGLE, "medium", "train"), None, 0, 3, (7, 4000))
 
 
 @pytest.fixture(scope="module")

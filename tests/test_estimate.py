@@ -8,7 +8,7 @@ import pytest
 from agents.commands import estimate
 from agents.commands.evaluate import main
 from space_envs.evaluation.play import rates
-from space_envs.evaluation.records.record import read_records
+from space_envs.evaluation.records.storage import read_records
 
 
 def test_a_dry_run_measures_what_it_does_not_know_and_writes_nothing(
@@ -31,11 +31,11 @@ def test_a_dry_run_measures_what_it_does_not_know_and_writes_nothing(
     assert main(arguments) == 0
     capsys.readouterr()
     rates.remember({rates.REPORT: rates.Seconds(1.0, 2.0, 4.0)})
-    entrant = read_records(tmp_path / "out" / "records.jsonl")[0].entrant
-    for name in (rates.playing(entrant), rates.timing(entrant), rates.REPORT):
+    entry = read_records(tmp_path / "out" / "records.jsonl")[0].entry
+    for name in (rates.playing(entry), rates.timing(entry), rates.REPORT):
         assert rates.recorded(name) is not None  # the evaluation told
-    rates.remember({rates.playing(entrant): rates.Seconds(1.0, 2.0, 3.0)})
-    rates.remember({rates.timing(entrant): rates.Seconds(5.0, 6.0, 7.0)})
+    rates.remember({rates.playing(entry): rates.Seconds(1.0, 2.0, 3.0)})
+    rates.remember({rates.timing(entry): rates.Seconds(5.0, 6.0, 7.0)})
     assert main([*arguments, "--episodes", "30", "--jobs", "4", "--dry-run"]) == 0
     # Two units, of 25 and of 5 episodes, on two of four processes: no less than the longer one.
     told = capsys.readouterr().out.replace("\n", "")

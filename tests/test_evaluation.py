@@ -17,9 +17,10 @@ from agents.policies.resolve import resolve_policy
 from space_envs.evaluation.play import runner
 from space_envs.evaluation.play.rollout import split_indices, time_policy
 from space_envs.evaluation.play.runner import Evaluation, prepare
-from space_envs.evaluation.records.causes import PlanState
+from space_envs.evaluation.records.causes import NO_PLAN_CAUSES, PlanState
+from space_envs.evaluation.records.entry import EvaluatedTask
 from space_envs.evaluation.records.metrics import episode_metrics
-from space_envs.evaluation.records.record import NO_PLAN_CAUSES, Task, read_records, records_without_timing
+from space_envs.evaluation.records.storage import read_records, records_without_timing
 from space_envs.registration import make_task
 
 SINGLE = "SpaceCapture/SingleArm-v0"
@@ -198,7 +199,12 @@ def test_a_policy_that_raises_or_misshapes_loses_its_episodes(name, reason):
     assert rollout.outcome == ["policy_error"] * 2
     assert rollout.reason == [reason] * 2
     assert (rollout.length == 0).all()
-    assert all(np.isfinite(value).all() for value in episode_metrics(rollout, task).values())
+    values = episode_metrics(rollout, task)
+    assert {name for name, value in values.items() if np.isnan(value).all()} == set(TIMES)
+    assert all(np.isfinite(value).all() for name, value in values.items() if name not in TIMES)
+
+
+TIMES = ("time_to_capture", "time_to_envelope")  # of captures alone
 
 
 class Ticking(Nan):
@@ -303,7 +309,7 @@ def test_a_complete_evaluation_is_not_played_again_by_resume(tmp_path, capsys):
 
 
 def test_a_restart_that_was_killed_is_not_complete(tmp_path, monkeypatch):
-    task = Task(SINGLE, "medium", "test")
+    task = EvaluatedTask(SINGLE, "medium", "test")
     evaluation = Evaluation(((task, resolve_policy("hold")),), 4, (3,))
     (tmp_path / "summary.json").write_text("{}")  # of an evaluation before
     assert prepare(evaluation, tmp_path)

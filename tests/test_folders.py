@@ -8,8 +8,8 @@ from result_folders import edit, episodes, write_folder
 from synthetic_results import make_record
 
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.records.folders import read_folder
-from space_envs.evaluation.records.record import read_records
+from space_envs.evaluation.records.storage import read_records
+from space_envs.evaluation.results.folders import read_folder
 
 
 def test_edited_records_name_file_and_line(tmp_path: Path) -> None:

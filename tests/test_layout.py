@@ -34,10 +34,10 @@ from reproduce.page import Claims, Page, Picture, Section, Table, Text, write_pa
 from reproduce.shah2013.claims import CLAIMS as SHAH2013
 from reproduce.shyam2020.claims import CLAIMS as SHYAM2020
 from reproduce.study import STUDIES
-from space_envs.evaluation.records.record import EvaluationResult
 from space_envs.evaluation.replay.replay import make_replays
-from space_envs.evaluation.report.page import make_plots, to_html
-from space_envs.evaluation.report.page_scores import all_scores
+from space_envs.evaluation.report.page.html import make_plots, to_html
+from space_envs.evaluation.report.page.scores import all_scores
+from space_envs.evaluation.results.result import EvaluationResult
 from space_envs.evaluation.statistics.leaderboard import build_rows
 from space_envs.registration import ENTRIES
 
@@ -76,7 +76,7 @@ def large() -> EvaluationResult:
     return replace(
         made,
         records=[*made.records, *mine, *others],
-        replays={mine[0].entrant: make_replays(played.task, played.rollout, mine)},
+        replays={mine[0].entry: make_replays(played.task, played.rollout, mine)},
     )
 
 
@@ -86,7 +86,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = large()
     rows = build_rows(made.records, np.random.default_rng(0), resamples=200)
     first = [row for row in rows if row.task == rows[0].task]
-    records = [record for record in made.records if record.entrant.task == rows[0].task]
+    records = [record for record in made.records if record.entry.task == rows[0].task]
     scores = all_scores(records, ("mpc",), np.random.default_rng(0))
     part = replace(made, records=records)
     plots = make_plots(part, first, scores, np.random.default_rng(0))

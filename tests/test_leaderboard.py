@@ -11,21 +11,17 @@ from rich.console import Console
 from synthetic_results import make_record, make_result, timed
 
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.records.record import EpisodeRecord, EvaluationResult
-from space_envs.evaluation.report.report import write_report
+from space_envs.evaluation.records.episode import EpisodeRecord
+from space_envs.evaluation.report.folder import write_report
 from space_envs.evaluation.report.tables import failures_told, to_latex, to_markdown, to_terminal
-from space_envs.evaluation.statistics.columns import (
-    COLUMNS,
-    NOTE,
-    RULES,
-    column_named,
-    interval,
-    leaders,
-    rounded,
-)
-from space_envs.evaluation.statistics.columns import supported_decimals as decimals
+from space_envs.evaluation.results.result import EvaluationResult
+from space_envs.evaluation.statistics.columns import COLUMNS, NOTE, RULES, column_named, leaders
+from space_envs.evaluation.statistics.figures import FIGURES, SHARES
 from space_envs.evaluation.statistics.intervals import Estimate
-from space_envs.evaluation.statistics.leaderboard import FIGURES, SHARES, Row, build_rows
+from space_envs.evaluation.statistics.leaderboard import build_rows
+from space_envs.evaluation.statistics.rounding import interval, rounded
+from space_envs.evaluation.statistics.rounding import supported_decimals as decimals
+from space_envs.evaluation.statistics.row import Row
 
 
 def failed(**changes: object) -> EpisodeRecord:

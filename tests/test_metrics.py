@@ -5,9 +5,10 @@ import pytest
 from rollouts import SINGLE, rollout_of
 
 from space_envs.dynamics.bodies import body_motion
-from space_envs.evaluation.records.metrics import episode_metrics, episode_records
-from space_envs.evaluation.records.record import Entrant, Task
-from space_envs.evaluation.statistics.leaderboard import cost_times_duration
+from space_envs.evaluation.records.entry import EvaluatedTask, LeaderboardEntry
+from space_envs.evaluation.records.making import episode_records
+from space_envs.evaluation.records.metrics import episode_metrics
+from space_envs.evaluation.statistics.figures import cost_times_duration
 
 
 def test_attitude_cost_is_minus_the_attitude_reward():
@@ -41,9 +42,11 @@ def test_slowness_makes_a_path_cheap_by_eq_20_and_not_by_cost_times_duration(mon
     for duration in (5.0, 10.0, 20.0):
         monkeypatch.setattr("agents.policies.single_arm.reaching.DURATION", duration)
         rollout, task = rollout_of("minimum_jerk", episodes=4)
-        records = episode_records(rollout, task, Entrant(Task(SINGLE, "medium", "test"), "mine", "any"), 0)
+        records = episode_records(
+            rollout, task, LeaderboardEntry(EvaluatedTask(SINGLE, "medium", "test"), "mine", "any"), 0
+        )
         assert rollout.outcome == ["captured"] * 4
-        costs.append([record.attitude_cost for record in records])
+        costs.append([record.metrics["attitude_cost"] for record in records])
         products.append([cost_times_duration(record) for record in records])
     cost, product = np.array(costs), np.array(products)
     np.testing.assert_allclose(cost[1:] / cost[:-1], 0.5, rtol=0.03)
@@ -53,12 +56,18 @@ def test_slowness_makes_a_path_cheap_by_eq_20_and_not_by_cost_times_duration(mon
 
 def test_the_time_to_the_envelope_is_that_of_the_first_state_of_the_hold():
     rollout, task = rollout_of("minimum_jerk", episodes=2)
-    records = episode_records(rollout, task, Entrant(Task(SINGLE, "medium", "test"), "mine", "any"), 0)
+    records = episode_records(
+        rollout, task, LeaderboardEntry(EvaluatedTask(SINGLE, "medium", "test"), "mine", "any"), 0
+    )
     for row, record in enumerate(records):
         inside = rollout.position_error[row] <= task.envelope.position
-        assert record.time_to_envelope is not None and record.time_to_capture is not None
-        assert record.time_to_envelope == pytest.approx(record.time_to_capture - task.envelope.hold)
-        assert inside[round(record.time_to_envelope / task.control_period) :].all()
+        assert (
+            record.metrics["time_to_envelope"] is not None and record.metrics["time_to_capture"] is not None
+        )
+        assert record.metrics["time_to_envelope"] == pytest.approx(
+            record.metrics["time_to_capture"] - task.envelope.hold
+        )
+        assert inside[round(record.metrics["time_to_envelope"] / task.control_period) :].all()
 
 
 def test_metrics_do_not_count_what_comes_after_the_end():

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from played_episodes import played
-from synthetic_results import entrant, make_result
+from synthetic_results import entry, make_result
 
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.records.record import EpisodeRecord
-from space_envs.evaluation.report.report import write_report
+from space_envs.evaluation.records.episode import EpisodeRecord
+from space_envs.evaluation.report.folder import write_report
 from space_envs.evaluation.statistics.normalised import MAIN_SCORE, SCORES, normalised_scores
 
 
@@ -23,20 +23,20 @@ def test_normalised_success_by_hand() -> None:
         + played("mine", [1.0, 1.0, None, 3.0])
     )
     scores = normalised_scores(records, {"expert", "lesser", "absent"}, np.random.default_rng(0))
-    assert MAIN_SCORE == SCORES[0] == "kept_attitude_score" and list(scores[entrant("mine")]) == list(SCORES)
-    mine = scores[entrant("mine")]["success"]
+    assert MAIN_SCORE == SCORES[0] == "kept_attitude_score" and list(scores[entry("mine")]) == list(SCORES)
+    mine = scores[entry("mine")]["success"]
     assert mine.estimate is not None and mine.expert == "expert"
     # (3/4 - 1/4) / (1 - 1/4)
     assert mine.estimate.value == pytest.approx(2 / 3)
     assert mine.estimate.low < mine.estimate.value < mine.estimate.high <= 1
     for policy, value in (("random", 0), ("lesser", 0), ("expert", 1)):
-        found = scores[entrant(policy)]["success"].estimate
+        found = scores[entry(policy)]["success"].estimate
         assert found is not None and found.value == pytest.approx(value, abs=1e-12)
     # Within 1 deg: random 1/4, the expert 4/4, mine 2/4.
-    within = scores[entrant("mine")]["capture@1deg"].estimate
+    within = scores[entry("mine")]["capture@1deg"].estimate
     assert within is not None and within.value == pytest.approx(1 / 3)
     # Scores of 1/2 and 1/4: mine has (1/2 + 1/2 + 1/4) / 4, random 1/8, the expert 1/2.
-    main = scores[entrant("mine")][MAIN_SCORE].estimate
+    main = scores[entry("mine")][MAIN_SCORE].estimate
     assert main is not None and main.value == pytest.approx((5 / 16 - 1 / 8) / (1 / 2 - 1 / 8))
 
 
@@ -46,7 +46,7 @@ def test_captures_within_an_attitude_throughout_are_scored_by_the_peak() -> None
         + played("expert", [0.5] * 4)
         + played("mine", [0.5, 0.5, 0.5, None], peak_attitude=2.0)
     )
-    scores = normalised_scores(records, {"expert"}, np.random.default_rng(0))[entrant("mine")]
+    scores = normalised_scores(records, {"expert"}, np.random.default_rng(0))[entry("mine")]
     for name, value in (("capture@1deg", 0.75), ("kept@5deg", 0.75), ("kept@1deg", 0.0)):
         found = scores[name].estimate
         assert found is not None and found.value == pytest.approx(value), name
@@ -61,7 +61,7 @@ def test_normalised_cost_by_hand() -> None:
         + played("mine", [4.0, 4.0, None, 10.0])
     )
     scores = normalised_scores(records, {"expert"}, np.random.default_rng(0))
-    mine, hold, best = (scores[entrant(p)]["final_attitude"].estimate for p in ("mine", "hold", "expert"))
+    mine, hold, best = (scores[entry(p)]["final_attitude"].estimate for p in ("mine", "hold", "expert"))
     assert mine is not None and hold is not None and best is not None
     assert mine.value == pytest.approx((1 / 4) / (3 / 4))
     assert 0 <= mine.low < mine.value < mine.high
@@ -76,7 +76,7 @@ def test_normalised_time_by_hand() -> None:
         + played("slow", [1.0] * 3, time_to_capture=15.0, steps=150)
     )
     scores = normalised_scores(records, {"expert"}, np.random.default_rng(0))
-    slow = scores[entrant("slow")]["time_to_capture"].estimate
+    slow = scores[entry("slow")]["time_to_capture"].estimate
     assert slow is not None and slow.value == pytest.approx(0.25 / 0.5)
 
 

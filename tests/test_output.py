@@ -18,7 +18,7 @@ from agents.commands.train import main as train
 from agents.demonstrations import making as demonstrations
 from reproduce.__main__ import main as reproduce
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.records.folders import read_folder
+from space_envs.evaluation.results.folders import read_folder
 from space_envs.robots.export import main as export
 from space_envs.system.output import MARK, held, holder
 
@@ -168,7 +168,7 @@ def test_one_process_writes_at_a_time(tmp_path: Path, capsys: pytest.CaptureFixt
 def test_a_running_evaluation_is_told_from_an_interrupted_one(tmp_path: Path) -> None:
     folder = tmp_path / "out"
     (folder / "parts").mkdir(parents=True)
-    plan = '{"entrants": [["a"], ["b"]], "episodes": 60, "seeds": [0, 1]}'
+    plan = '{"entries": [["a"], ["b"]], "episodes": 60, "seeds": [0, 1]}'
     (folder / "run.json").write_text(plan)
     (folder / "parts" / "one.npz").write_text("")
     with pytest.raises(ConfigurationError, match="was interrupted; run the same command with --resume"):
@@ -189,7 +189,7 @@ def test_a_running_evaluation_is_told_from_an_interrupted_one(tmp_path: Path) ->
     assert "was interrupted" in read_folder(folder).notes[0]
 
 
-@pytest.mark.parametrize("content", ["[]", "null", "5", "[" * 100_000, "{", '{"entrants": 3}', "{}"])
+@pytest.mark.parametrize("content", ["[]", "null", "5", "[" * 100_000, "{", '{"entries": 3}', "{}"])
 def test_a_damaged_plan_is_an_error_of_one_line(
     content: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -23,7 +23,7 @@ from promp.storage import load_arrays
 from space_envs.errors import ConfigurationError, PolicyError, SpaceEnvsError
 from space_envs.evaluation.datasets.card import CARD, read_card
 from space_envs.evaluation.datasets.storage import Dataset
-from space_envs.evaluation.records.record import read_records
+from space_envs.evaluation.records.storage import read_records
 from space_envs.evaluation.replay.states import States
 from space_envs.evaluation.replay.traces import Traces
 from space_envs.system.reading import parse_arrays, read_arrays, read_object

@@ -13,13 +13,9 @@ from hypothesis import strategies as st
 from synthetic_results import CHARACTERS, make_record, make_result, make_traces
 
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.records.record import (
-    UNTIMED,
-    EpisodeRecord,
-    read_records,
-    records_without_timing,
-    write_records,
-)
+from space_envs.evaluation.records.episode import EpisodeRecord
+from space_envs.evaluation.records.storage import read_records, records_without_timing, write_records
+from space_envs.evaluation.records.timing import UNTIMED
 from space_envs.evaluation.replay.traces import Traces
 
 FAILED = {"captured": False, "outcome": "timeout", "time_to_capture": None}

@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 from result_folders import configuration, episodes, write_folder
+from synthetic_results import changed
 
 from agents.commands import replay as command
 from agents.commands.show import main as show
 from agents.commands.show import of_tasks, sorted_rows
 from space_envs.errors import ConfigurationError, RenderingError
-from space_envs.evaluation.records.folders import read_folder
-from space_envs.evaluation.records.record import EpisodeRecord
+from space_envs.evaluation.records.episode import EpisodeRecord
+from space_envs.evaluation.results.folders import read_folder
 from space_envs.evaluation.statistics.leaderboard import build_rows
 from space_envs.system import opengl
 from space_envs.system.opengl import missing_gl
@@ -146,8 +147,8 @@ def test_figures_of_the_episode_are_said(folder: Path) -> None:
     assert first.startswith("promp (joint_velocity) on SpaceCapture/SingleArm-v0, medium, test split")
     assert first.endswith("episode 0 of seed 1, goal 10")
     assert second == "timeout: base turned, 9 steps"
-    assert "attitude at the end 4.5 deg" in third and "eq. 20 cost 60 cm^2/s" in third
-    none = replace(record, final_attitude=None, reason="a\x1b[31m\nb", checksum="")
+    assert "final attitude 4.5 deg" in third and "base disturbance (eq. 20) 60 cm^2/s" in third
+    none = changed(record, final_attitude=None, reason="a\x1b[31m\nb")
     assert "at the end" not in command.said(none)[2].split(";")[0]
     assert "\x1b" not in command.said(none)[1] and "\n" not in command.said(none)[1]
 

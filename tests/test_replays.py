@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from synthetic_results import HOSTILE, make_played, make_record
+from synthetic_results import HOSTILE, changed, make_played, make_record
 
 from space_envs.errors import ConfigurationError
 from space_envs.evaluation.replay.exports import write_videos
@@ -26,7 +26,7 @@ from space_envs.evaluation.replay.packing import (
 from space_envs.evaluation.replay.replay import Replay, make_replays
 from space_envs.evaluation.replay.scenes import make_motion, make_scene
 from space_envs.evaluation.replay.solids import Solid, box, capsule, cylinder, ellipsoid, geom_solid
-from space_envs.evaluation.report.page_replays import REPLAY_LETTERS
+from space_envs.evaluation.report.page.replays import REPLAY_LETTERS
 from space_envs.registration import ENTRIES, make_task
 from space_envs.rendering import missing_gl
 
@@ -58,7 +58,7 @@ def test_best_median_and_worst_by_hand() -> None:
     played = make_played("hold", episodes=5)
     ends = [(True, 3.0), (False, 0.1), (True, 1.0), (True, 2.0), (False, 0.0)]
     records = [
-        replace(
+        changed(
             record,
             captured=captured,
             outcome="captured" if captured else "timeout",
@@ -66,14 +66,13 @@ def test_best_median_and_worst_by_hand() -> None:
             time_to_capture=1.0 if captured else None,
             time_to_envelope=0.0 if captured else None,
             final_attitude=attitude,
-            checksum="",
         )
         for record, (captured, attitude) in zip(played.records, ends, strict=True)
     ]
     chosen = make_replays(played.task, played.rollout, records)
     # In order: 2, 3, 0, then the failures 4 and 1; a failure is worse than any capture.
     assert [(one.label, one.episode) for one in chosen] == [("best", 2), ("median", 0), ("worst", 1)]
-    tied = [replace(record, final_attitude=0.0, attitude_cost=0.0, checksum="") for record in records]
+    tied = [changed(record, final_attitude=0.0, attitude_cost=0.0) for record in records]
     assert make_replays(played.task, played.rollout, tied)[0].episode == 0
 
 
@@ -240,10 +239,10 @@ def test_json_text_ends_no_script() -> None:
 def test_many_replays_lose_frames_and_fit(
     replays: tuple[Replay, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from space_envs.evaluation.report import page_replays
+    from space_envs.evaluation.report.page.html import replays as page_replays
 
     motions = {
-        make_played("minimum_jerk", 3).records[0].entrant: [
+        make_played("minimum_jerk", 3).records[0].entry: [
             (one, make_motion(one, make_scene(one.task.render_model))) for one in replays
         ]
     }
@@ -263,12 +262,12 @@ def test_video_of_a_replay(replays: tuple[Replay, ...], tmp_path: Path) -> None:
     import imageio.v3 as iio
 
     short = replace(replays[0], scene=replays[0].scene[::12])
-    entrant, path = make_record().entrant, tmp_path / "best.mp4"
-    written, note = write_videos({entrant: (short, path)})
+    entry, path = make_record().entry, tmp_path / "best.mp4"
+    written, note = write_videos({entry: (short, path)})
     if missing_gl() is not None:
         assert written == {} and note.startswith("There are no videos: ") and not list(tmp_path.iterdir())
         return
-    assert (written, note) == ({entrant: path}, "")
+    assert (written, note) == ({entry: path}, "")
     shown = iio.imread(path)
     assert len(shown) == len(short.scene) and shown.shape[1:] == (720, 960, 3)
     assert np.abs(shown[0].astype(int) - shown[-1]).max() > 60

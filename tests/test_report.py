@@ -19,29 +19,28 @@ import pytest
 from matplotlib.colors import to_rgb
 from PIL import Image
 from rich.console import Console
-from synthetic_results import CHARACTERS, HOSTILE, Character, entrant, make_record, make_result, timed
+from synthetic_results import CHARACTERS, HOSTILE, Character, entry, make_record, make_result, timed
 
 from space_envs.errors import ConfigurationError
+from space_envs.evaluation.records.causes import CAUSES
+from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.records.names import csv_name, display_name, file_name, latex_name, markdown_name
-from space_envs.evaluation.records.record import (
-    CAUSES,
-    EpisodeRecord,
-    EvaluationResult,
-    read_records,
-    records_without_timing,
-)
+from space_envs.evaluation.records.storage import read_records, records_without_timing
+from space_envs.evaluation.replay.stills import Still
 from space_envs.evaluation.replay.traces import Traces
 from space_envs.evaluation.report import figures
 from space_envs.evaluation.report.drawing import Panel
-from space_envs.evaluation.report.page import SCRIPTS, highlights, make_plots, to_html
-from space_envs.evaluation.report.page_pictures import NO_PICTURES, NONE_HERE, NOTHING_CAPTURED, TOO_MANY
-from space_envs.evaluation.report.page_scores import all_scores
-from space_envs.evaluation.report.report import ReportPaths, entrant_stem, write_report
-from space_envs.evaluation.report.stills import Still
+from space_envs.evaluation.report.folder import ReportPaths, write_report
+from space_envs.evaluation.report.page.html import SCRIPTS, highlights, make_plots, to_html
+from space_envs.evaluation.report.page.pictures import NO_PICTURES, NONE_HERE, NOTHING_CAPTURED, TOO_MANY
+from space_envs.evaluation.report.page.scores import all_scores
 from space_envs.evaluation.report.tables import to_csv, to_latex, to_markdown, to_terminal
 from space_envs.evaluation.report.templating import breakable
+from space_envs.evaluation.results.result import EvaluationResult, entry_stem
 from space_envs.evaluation.statistics.columns import COLUMNS, RULES
-from space_envs.evaluation.statistics.leaderboard import FIGURES, Row, build_rows
+from space_envs.evaluation.statistics.figures import FIGURES
+from space_envs.evaluation.statistics.leaderboard import build_rows
+from space_envs.evaluation.statistics.row import Row
 
 WICKED = "$x_$ | `a` *b* [c](http://d) & é\x1b[31m\n<script>alert(1)</script>"
 
@@ -89,7 +88,7 @@ def test_terminal_table_in_a_pipe_has_all_columns_and_no_colours(rows: list[Row]
     assert HOSTILE in text
 
 
-@pytest.mark.parametrize("width", [60, 80, 120, 280])
+@pytest.mark.parametrize("width", [60, 80, 120, 300])
 def test_terminal_table_fits_its_terminal(rows: list[Row], width: int) -> None:
     file = io.StringIO()
     to_terminal(rows, Console(file=file, force_terminal=True, color_system="standard", width=width))
@@ -98,7 +97,7 @@ def test_terminal_table_fits_its_terminal(rows: list[Row], width: int) -> None:
     lines = re.sub(r"\x1b\[[0-9;]*m", "", text).splitlines()
     assert max(map(len, lines)) <= width
     assert any(re.search(r"\d\s+mpc\s+0\.\d+ \[", line) for line in lines)
-    assert ("Not shown at this width" in text) == (width < 280)
+    assert ("Not shown at this width" in text) == (width < 300)
 
 
 def test_terminal_table_in_ascii(rows: list[Row]) -> None:
@@ -152,14 +151,14 @@ def test_latex_is_a_table_whatever_the_names(rows: list[Row]) -> None:
     assert latex_name("a_b~c\\d") == r"a\_b\textasciitilde{}c\textbackslash{}d"
 
 
-def test_files_of_entrants_never_share_a_name() -> None:
+def test_files_of_entries_never_share_a_name() -> None:
     records = [
         make_record(policy=policy, control_mode=mode, difficulty=difficulty)
         for policy in ("a", "A", "a-b", "x" * 200, "../..", HOSTILE)
         for mode in ("joint_velocity", "b-joint_velocity")
         for difficulty in ("easy", "hard")
     ]
-    stems = [entrant_stem(record.entrant) for record in records]
+    stems = [entry_stem(record.entry) for record in records]
     assert len({stem.lower() for stem in stems}) == len(records)
     assert all(re.fullmatch(r"[a-z0-9_-]{1,80}\.[0-9a-f]{12}", stem) for stem in stems)
 
@@ -237,7 +236,7 @@ def test_normalised_scores_are_drawn_where_both_references_were_played() -> None
     assert {panel.key for panel in plot.panels} >= {"scores-success", "scores-final_attitude"}
     alt = {panel.key: panel.alt for panel in plot.panels}
     assert "random 0" in alt["scores-success"] and "mpc 1" in alt["scores-success"]
-    gjm = scores[entrant("gjm")]["success"].estimate
+    gjm = scores[entry("gjm")]["success"].estimate
     assert gjm is not None and f"gjm {gjm.value:.3g}" in alt["scores-success"]
     without = [record for record in made.records if record.policy != "random"]
     left = [row for row in rows if row.policy != "random"]
@@ -547,7 +546,7 @@ def test_room_for_pictures_is_shared_among_tasks(tmp_path: Path) -> None:
     records.append(make_record(env_id="SpaceCapture/DualArmSpatial-v0"))
     records.append(failed(env_id="SpaceCapture/DualArmSpatial-v0", difficulty="hard"))
     rows = rows_of(records)
-    stills = {row.entrant: [Still(0.0, noise)] * 4 for row in rows if "Spatial" not in row.task.env_id}
+    stills = {row.entry: [Still(0.0, noise)] * 4 for row in rows if "Spatial" not in row.task.env_id}
     text = to_html(EvaluationResult(records, pictures=stills), rows, {row.task: [] for row in rows})
     assert len(text) < 2_000_000
     shown = [len(part.split("</section>")[0].split("<img")) - 1 for part in text.split('id="pictures-')[1:]]
@@ -556,7 +555,7 @@ def test_room_for_pictures_is_shared_among_tasks(tmp_path: Path) -> None:
     assert NONE_HERE in text and NOTHING_CAPTURED in text
     assert NO_PICTURES not in text and TOO_MANY not in text
     # A page for which even the smallest are too large says so, and does not blame the machine.
-    many = {row.entrant: [Still(0.0, noise)] * 30 for row in rows}
+    many = {row.entry: [Still(0.0, noise)] * 30 for row in rows}
     text = to_html(EvaluationResult(records, pictures=many), rows, {row.task: [] for row in rows})
     assert text.count(TOO_MANY) == 8 and "OpenGL" not in text and "<img" not in text
 
@@ -580,7 +579,7 @@ def test_eq_20_has_one_name_and_one_unit(paths: ReportPaths, drawn: dict[str, fi
     text = paths.html.read_text(encoding="utf-8") + paths.markdown.read_text(encoding="utf-8")
     text += paths.latex.read_text(encoding="utf-8")
     text += "".join(panel.svg + panel.alt + plot.caption for plot in drawn.values() for panel in plot.panels)
-    assert "eq. 20 cost" in text and "cm²/s" in text
+    assert "base disturbance (eq. 20)" in text and "cm²/s" in text
     assert not re.search(r"attitude cost", text, re.IGNORECASE)
     assert not re.search(r"(?<![a-z])m(\^2|²)/s", text)
 
@@ -608,7 +607,7 @@ def test_highlights_name_ties_and_only_able_policies() -> None:
     tiles = {tile["label"]: tile for tile in highlights(rows_of(records))}
     assert tiles["Highest kept-attitude score"]["names"] == "b, a"
     assert tiles["Most captures"]["names"] == tiles["Lowest final attitude error"]["names"] == "b, a"
-    assert (tiles["Lowest final attitude error"]["value"], tiles["Lowest eq. 20 cost"]["names"]) == (
+    assert (tiles["Lowest final attitude error"]["value"], tiles["Least base disturbance"]["names"]) == (
         "2.0",
         "b",
     )
@@ -623,7 +622,7 @@ def test_what_cannot_be_reported_leaves_the_folder_as_it_was(tmp_path: Path) -> 
         (dataclasses.replace(result, provenance={"rate": math.nan}), "plain JSON"),
         (
             dataclasses.replace(
-                result, pictures={entrant("mpc"): [Still(0.0, np.zeros((4, 4), dtype=np.uint8))]}
+                result, pictures={entry("mpc"): [Still(0.0, np.zeros((4, 4), dtype=np.uint8))]}
             ),
             "uint8",
         ),

@@ -23,25 +23,22 @@ from space_envs.evaluation.play.chunks import CHUNK, Part, built, play
 from space_envs.evaluation.play.policy_process import TimeLimits
 from space_envs.evaluation.play.rollout import PolicyTime, roll_out
 from space_envs.evaluation.play.runner import Evaluation, collect, play_missing, prepare, timings
-from space_envs.evaluation.records.record import (
-    UNTIMED,
-    EpisodeRecord,
-    Task,
-    read_records,
-    records_without_timing,
-)
+from space_envs.evaluation.records.entry import EvaluatedTask
+from space_envs.evaluation.records.episode import EpisodeRecord
+from space_envs.evaluation.records.storage import read_records, records_without_timing
+from space_envs.evaluation.records.timing import UNTIMED
 from space_envs.registration import make_task
 from space_envs.system.parallel import backend, check_backend
 
 ROOT = Path(__file__).resolve().parents[1]
-SINGLE = Task("SpaceCapture/SingleArm-v0", "medium", "validation")
-PLANAR = Task("SpaceCapture/DualArmPlanar-v0", "medium", "validation")
+SINGLE = EvaluatedTask("SpaceCapture/SingleArm-v0", "medium", "validation")
+PLANAR = EvaluatedTask("SpaceCapture/DualArmPlanar-v0", "medium", "validation")
 HARNESS = "harness_policies"
 
 
 def evaluation(
     *names: str,
-    task: Task = SINGLE,
+    task: EvaluatedTask = SINGLE,
     episodes: int = 4,
     seeds: tuple[int, ...] = (0,),
     limits: TimeLimits | None = None,
@@ -61,7 +58,7 @@ def records_of(
 
 def finished(evaluated: Evaluation, folder: Path, timed: bool = False) -> list[EpisodeRecord]:
     units = evaluated.units()
-    times = timings(units, folder)[0] if timed else {unit.entrant: UNTIMED for unit in units}
+    times = timings(units, folder)[0] if timed else {unit.entry: UNTIMED for unit in units}
     return [record for played in collect(units, times, folder) for record in played.records]
 
 
@@ -179,7 +176,7 @@ def test_a_resumed_evaluation_is_the_same_one(tmp_path: Path) -> None:
     prepare(evaluation("gjm"), tmp_path, resume=False)
     with pytest.raises(ConfigurationError, match=r"holds another evaluation: .*episodes was 4, is 5"):
         prepare(evaluation("gjm", episodes=5), tmp_path, resume=True)
-    with pytest.raises(ConfigurationError, match="entrants was"):
+    with pytest.raises(ConfigurationError, match="entries was"):
         prepare(evaluation("gjm", "hold"), tmp_path, resume=True)
 
 
@@ -223,10 +220,11 @@ def test_a_policy_loses_only_the_episodes_that_it_spoils(
             assert (record.outcome, record.captured) == ("policy_error", False)
             assert record.reason == reason
             at = getattr(harness_policies, name).at
-            assert record.steps in (at, at + 1)
+            assert record.metrics["steps"] in (at, at + 1)
         else:
             assert record.outcome == undisturbed.outcome
-            assert record.attitude_cost == pytest.approx(undisturbed.attitude_cost, rel=1e-9)
+            cost = undisturbed.metrics["attitude_cost"]
+            assert record.metrics["attitude_cost"] == pytest.approx(cost, rel=1e-9)
 
 
 def test_a_policy_that_closes_all_files_ends_without_a_traceback(
@@ -253,7 +251,7 @@ def test_limits_that_are_kept_change_nothing(tmp_path: Path) -> None:
     held = records_of(limited, tmp_path / "held", timed=True)
     for one, other in zip(held, free, strict=True):
         assert one.outcome == other.outcome
-        assert one.attitude_cost == pytest.approx(other.attitude_cost, rel=1e-9)
+        assert one.metrics["attitude_cost"] == pytest.approx(other.metrics["attitude_cost"], rel=1e-9)
     assert held[0].timing["action_ms"] is not None
 
 
@@ -342,7 +340,7 @@ def test_the_fastest_of_several_rounds_is_its_time(
         return PolicyTime(*one)
 
     monkeypatch.setattr(runner, "elsewhere", timed)
-    found = {entrant.policy: timing for entrant, timing in timings(units, tmp_path)[0].items()}
+    found = {entry.policy: timing for entry, timing in timings(units, tmp_path)[0].items()}
     assert (found["gjm"]["planning_ms"], found["gjm"]["action_ms"]) == (planning, action)
     assert (found["hold"]["planning_ms"], found["hold"]["action_ms"]) == (None, 1.0)
     # One after the other rather than all of one policy, and no more of one that failed.
@@ -357,9 +355,9 @@ def test_several_ids_splits_and_seeds_in_one_run(tmp_path: Path, capsys: pytest.
     policies = ["--policy", "gjm", "hold"]
     assert main(["--env", *ids, *policies, *more, "--output", str(tmp_path), "--jobs", "1"]) == 0
     records = read_records(tmp_path / "records.jsonl")
-    entrants = {(record.env_id, record.split, record.policy) for record in records}
+    entries = {(record.env_id, record.split, record.policy) for record in records}
     # gjm is made for one arm alone.
-    assert entrants == {(ids[0], split, p) for split in ("validation", "train") for p in ("gjm", "hold")} | {
+    assert entries == {(ids[0], split, p) for split in ("validation", "train") for p in ("gjm", "hold")} | {
         (ids[1], split, "hold") for split in ("validation", "train")
     }
     assert len(records) == 6 * 2 * 2

@@ -25,7 +25,7 @@ from agents.policies.learned.sb3_policy import StableBaselinesPolicy, load_netwo
 from agents.policies.resolve import ResolvedPolicy, resolve_policy
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import PolicyError
-from space_envs.evaluation.records.record import read_records
+from space_envs.evaluation.records.storage import read_records
 from space_envs.policy import PolicyContext
 
 ENV_ID = "SpaceCapture/SingleArm-v0"

@@ -8,21 +8,15 @@ import jsonschema
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from synthetic_results import make_record, make_result
+from synthetic_results import make_record, make_result, record_of
 
 from docs.generate import DOCS
-from docs.reading import comments
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.records.record import (
-    CAUSES,
-    NO_PLAN_CAUSES,
-    OUTCOMES,
-    SCHEMA_VERSION,
-    UNTIMED,
-    EpisodeRecord,
-    Timing,
-)
-from space_envs.evaluation.records.schema import DESCRIPTIONS, record_schema, schema_text
+from space_envs.evaluation.records.causes import CAUSES, NO_PLAN_CAUSES, OUTCOMES
+from space_envs.evaluation.records.episode import SCHEMA_VERSION, EpisodeRecord
+from space_envs.evaluation.records.metrics import METRICS
+from space_envs.evaluation.records.schema import record_schema, schema_text
+from space_envs.evaluation.records.timing import UNTIMED
 
 VALIDATOR = jsonschema.Draft202012Validator(record_schema())
 FAILED = {"captured": False, "outcome": "timeout", "time_to_capture": None}
@@ -45,7 +39,7 @@ NAMES = "env_id policy control_mode difficulty split config_hash".split()
 def accepted_by_class(values: Mapping[str, Any]) -> bool:
     """Whether there is such a record, if its checksum is the right one: that is beyond a schema."""
     try:
-        EpisodeRecord(**{name: value for name, value in values.items() if name != "checksum"})
+        record_of({name: value for name, value in values.items() if name != "checksum"})
     except (ConfigurationError, TypeError):  # of unknown and of missing fields
         return False
     return "checksum" in values
@@ -60,15 +54,28 @@ def test_the_published_file_is_that_of_the_code() -> None:
     assert schema["$id"].endswith(f":{SCHEMA_VERSION}")
 
 
-def test_every_field_is_described_with_the_unit_of_its_comment() -> None:
-    names = {*comments(EpisodeRecord), *EpisodeRecord.__annotations__, *Timing.__annotations__}
-    assert set(DESCRIPTIONS) == names
-    schema = record_schema()
-    timing = schema["properties"]["timing"]
-    assert all(each["description"] for each in {**schema["properties"], **timing["properties"]}.values())
-    for name in POSITIVE:
-        unit = comments(EpisodeRecord)[name].split(",")[0].split(" or ")[0]
-        assert unit in DESCRIPTIONS[name], name
+def test_every_field_is_described_and_metrics_with_their_units() -> None:
+    properties = record_schema()["properties"]
+    assert list(properties) == list(json.loads(make_record().to_json()))
+    timing = properties["timing"]["properties"]
+    assert all(len(each["description"]) > 5 for each in {**properties, **timing}.values())
+    for metric in METRICS:
+        assert properties[metric.name]["description"].startswith(f"{metric.unit}, " if metric.unit else ""), (
+            metric
+        )
+
+
+def test_metrics_of_a_task_of_its_own_are_numbers_after_the_others() -> None:
+    own = make_record(env_id="Own/Task-v0", closeness=0.25, missing=None)
+    values = json.loads(own.to_json())
+    VALIDATOR.validate(values)
+    assert list(values)[-4:] == ["closeness", "missing", "timing", "checksum"]
+    assert EpisodeRecord.from_json(own.to_json()) == own
+    for value in ("near", True, [], {}):
+        assert not accepted_by_class(values | {"closeness": value})
+        assert not VALIDATOR.is_valid(values | {"closeness": value})
+    with pytest.raises(ConfigurationError, match="unknown field 'closeness'"):
+        make_record(closeness=0.25)  # an id whose task is known and has no such metric
 
 
 @pytest.mark.parametrize("name", RECORDS)
@@ -101,7 +108,7 @@ def mutations() -> list[tuple[str, str, Any]]:
         wrong += [("timing", {**UNTIMED, name: value}) for value in (-1.0, "1", True)]
     wrong += [("timing", {**UNTIMED, "processor": value}) for value in ("", 3)]
     wrong += [("timing", {**UNTIMED, "threads": value}) for value in (-1, 1.5, "1")]
-    wrong += [("an_unknown_field", 1), ("policy ", "x")]
+    wrong += [("an_unknown_field", "1"), ("policy ", "x")]
     return [(record, name, value) for record in RECORDS for name, value in wrong]
 
 

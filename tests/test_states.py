@@ -16,8 +16,8 @@ from space_envs.errors import ConfigurationError
 from space_envs.evaluation.play.chunks import task_keywords
 from space_envs.evaluation.play.rollout import roll_out
 from space_envs.evaluation.play.runner import Played
-from space_envs.evaluation.records.metrics import episode_records
-from space_envs.evaluation.records.record import Entrant, Task
+from space_envs.evaluation.records.entry import EvaluatedTask, LeaderboardEntry
+from space_envs.evaluation.records.making import episode_records
 from space_envs.evaluation.replay.frames import model_states
 from space_envs.evaluation.replay.replay import make_replays, replay_of
 from space_envs.evaluation.replay.states import ABOUT, States, concatenate, states_of
@@ -51,13 +51,13 @@ def played(env_id: str, variant: str | None = None) -> Played:
     rollout = roll_out(
         lambda context: Turning(context.model.nu), environment, "ood", np.array([70, 3]), seed=0
     )
-    entrant = Entrant(Task(env_id, "easy", "ood"), "turning", "joint_velocity")
-    records = episode_records(rollout, make_task(env_id, keywords), entrant, seed=0)
-    return Played(entrant, variant, tuple(records), rollout, pace=(1.0,))
+    entry = LeaderboardEntry(EvaluatedTask(env_id, "easy", "ood"), "turning", "joint_velocity")
+    records = episode_records(rollout, make_task(env_id, keywords), entry, seed=0)
+    return Played(entry, variant, tuple(records), rollout, pace=(1.0,))
 
 
 def task_of(done: Played) -> CaptureTask:
-    return make_task(done.entrant.task.env_id, task_keywords(done.entrant.task, done.variant))
+    return make_task(done.entry.task.env_id, task_keywords(done.entry.task, done.variant))
 
 
 @pytest.fixture(scope="module")
@@ -124,7 +124,7 @@ def test_states_of_every_id_say_what_was_played(env_id: str, one: Played) -> Non
         assert made.row(record.seed, record.episode) == row
         assert (made.outcome[row], made.length[row], made.index[row]) == (
             record.outcome,
-            record.steps,
+            record.metrics["steps"],
             record.index,
         )
 

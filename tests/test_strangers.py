@@ -19,7 +19,7 @@ from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import PolicyError
 from space_envs.evaluation.play.policy_process import PolicyProcess
 from space_envs.evaluation.play.rollout import ask, roll_out
-from space_envs.evaluation.records.record import read_records
+from space_envs.evaluation.records.storage import read_records
 from space_envs.policy import PolicyContext
 from space_envs.strangers import described
 
@@ -223,7 +223,7 @@ def test_a_stranger_reaches_neither_the_environment_nor_the_harness(
     for mine in (records[:2], records[2:4]):
         assert [record.reason for record in mine] == [None] * 2
         for one, other in zip(mine, hold, strict=True):  # it did nothing, as far as its episodes go
-            assert (one.outcome, one.peak_attitude) == (other.outcome, other.peak_attitude)
+            assert (one.outcome, one.metrics) == (other.outcome, other.metrics)
     assert Path.cwd() == tmp_path
     assert os.environ.get("PATH")
     assert (tmp_path / "out" / "report.html").stat().st_mode & 0o400

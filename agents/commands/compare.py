@@ -8,10 +8,10 @@ from pathlib import Path
 from agents.commands.choice import expert_names
 from agents.commands.show import show
 from space_envs.errors import ConfigurationError, unknown_name
-from space_envs.evaluation.records.folders import read_folder
-from space_envs.evaluation.records.merging import Source, merge
-from space_envs.evaluation.records.record import RECORDS
-from space_envs.evaluation.report.report import write_report
+from space_envs.evaluation.records.episode import RECORDS
+from space_envs.evaluation.report.folder import write_report
+from space_envs.evaluation.results.folders import read_folder
+from space_envs.evaluation.results.merge import Source, merge
 from space_envs.registration import ENTRIES, find
 from space_envs.system.command_line import AppendValues, Parser, exit_status, output_path
 from space_envs.system.output import check_free, held

@@ -20,8 +20,8 @@ from space_envs.errors import ConfigurationError, unknown_name
 from space_envs.evaluation.datasets.card import read_card
 from space_envs.evaluation.datasets.minari import ROOT_VARIABLE, require_minari
 from space_envs.evaluation.play.chunks import task_keywords
+from space_envs.evaluation.records.entry import EvaluatedTask
 from space_envs.evaluation.records.names import display_name
-from space_envs.evaluation.records.record import Task
 from space_envs.evaluation.report.tables import print_at, width_of
 from space_envs.registration import ENTRIES, make_task
 from space_envs.robots.parameters import VARIANTS
@@ -142,7 +142,7 @@ def _requests(options: argparse.Namespace) -> list[Request]:
     formats = tuple(name for name in FORMATS if name in options.format)
     requests = [
         Request(
-            Task(env_id, options.difficulty or make_task(env_id, {}).difficulty, options.split),
+            EvaluatedTask(env_id, options.difficulty or make_task(env_id, {}).difficulty, options.split),
             policy,
             options.episodes,
             options.seed,

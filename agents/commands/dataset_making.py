@@ -22,7 +22,7 @@ from space_envs.evaluation.datasets.recording import Recorded, record
 from space_envs.evaluation.datasets.storage import Dataset
 from space_envs.evaluation.play.chunks import CHUNK, Unit, task_keywords
 from space_envs.evaluation.play.rollout import split_indices
-from space_envs.evaluation.records.record import Task
+from space_envs.evaluation.records.entry import EvaluatedTask
 from space_envs.registration import find
 from space_envs.system.parallel import ProcessDiedError, backend
 from space_envs.system.provenance import provenance
@@ -37,7 +37,7 @@ class Request:
     `control_mode` and `variant` are those that were asked for; without, the policy's own and the paper's.
     """
 
-    task: Task
+    task: EvaluatedTask
     policy: ResolvedPolicy
     episodes: int
     seed: int

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Iterable
 
 from agents.policies.registry import POLICIES
-from space_envs.evaluation.records.record import EpisodeRecord
+from space_envs.evaluation.records.episode import EpisodeRecord
 
 # What ends an episode without a fault: a user's time limit, and a planner that says it found no plan.
 EXPECTED = ("no action within ", "no first action within ", "it raised PlanningError: ")

@@ -8,19 +8,19 @@ from tqdm import tqdm
 from space_envs.evaluation.play.chunks import Unit, play
 from space_envs.evaluation.play.rates import REPORT, Seconds, playing, recorded, remember, timing
 from space_envs.evaluation.play.runner import ROUNDS, TIMED_EPISODES
-from space_envs.evaluation.records.record import Entrant
+from space_envs.evaluation.records.entry import LeaderboardEntry
 
 TRIAL = 2  # episodes that are played of a policy of which nothing was measured
 _WIDE = (0.5, 3.0)  # of what so few say, the interval
 _STEPS = 0.1  # share of an episode's steps that is timed, beside its plan
-_UNMEASURED_REPORT = Seconds(1.0, 3.0, 10.0)  # s an entrant, until one was written
+_UNMEASURED_REPORT = Seconds(1.0, 3.0, 10.0)  # s an entry, until one was written
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """Seconds of an evaluation: an episode of each entrant on one core, and of all that is done."""
+    """Seconds of an evaluation: an episode of each entry on one core, and of all that is done."""
 
-    episode: dict[Entrant, Seconds]
+    episode: dict[LeaderboardEntry, Seconds]
     playing: Seconds
     timing: Seconds
     report: Seconds
@@ -33,18 +33,18 @@ class Estimate:
 
 def estimate(units: Sequence[Unit], jobs: int) -> Estimate:
     """What an evaluation will take; a few episodes are played of policies of which nothing was measured."""
-    first = {unit.entrant: unit for unit in reversed(units)}
-    unknown = [entrant for entrant in first if recorded(playing(entrant)) is None]
-    for entrant in tqdm(unknown, unit="policy", desc="measuring", leave=False):
-        remember({playing(entrant): _measured(first[entrant])})
+    first = {unit.entry: unit for unit in reversed(units)}
+    unknown = [entry for entry in first if recorded(playing(entry)) is None]
+    for entry in tqdm(unknown, unit="policy", desc="measuring", leave=False):
+        remember({playing(entry): _measured(first[entry])})
     nothing = Seconds(0.0, 0.0, 0.0)
-    episode = {entrant: recorded(playing(entrant)) or nothing for entrant in first}
-    work = [episode[unit.entrant] * len(unit.indices) for unit in units]
+    episode = {entry: recorded(playing(entry)) or nothing for entry in first}
+    work = [episode[unit.entry] * len(unit.indices) for unit in units]
     share = sum(work, nothing) * (1.0 / min(jobs, len(units)))
     # Nothing is done before its longest part.
     longest = Seconds(*(max(getattr(one, name) for one in work) for name in ("least", "usual", "most")))
     played = Seconds(*(max(getattr(one, n) for one in (share, longest)) for n in ("least", "usual", "most")))
-    timed = sum((_timing(entrant, episode[entrant]) for entrant in first), nothing)
+    timed = sum((_timing(entry, episode[entry]) for entry in first), nothing)
     return Estimate(episode, played, timed, (recorded(REPORT) or _UNMEASURED_REPORT) * len(first))
 
 
@@ -54,8 +54,8 @@ def _measured(unit: Unit) -> Seconds:
     return Seconds(_WIDE[0] * seconds, seconds, _WIDE[1] * seconds)
 
 
-def _timing(entrant: Entrant, episode: Seconds) -> Seconds:
-    known = recorded(timing(entrant))
+def _timing(entry: LeaderboardEntry, episode: Seconds) -> Seconds:
+    known = recorded(timing(entry))
     if known is not None:
         return known
     # Between an episode that is all plan, and one that is all steps; one more is played to warm up.

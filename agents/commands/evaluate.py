@@ -18,7 +18,7 @@ from space_envs.errors import ConfigurationError, positive
 from space_envs.evaluation.play.chunks import task_keywords
 from space_envs.evaluation.play.policy_process import TimeLimits
 from space_envs.evaluation.play.runner import EVALUATION, Evaluation
-from space_envs.evaluation.records.record import Task
+from space_envs.evaluation.records.entry import EvaluatedTask
 from space_envs.registration import ENTRIES, make_task
 from space_envs.robots.parameters import VARIANTS
 from space_envs.system.command_line import AppendValues, Parser, exit_status, output_path
@@ -141,15 +141,15 @@ def _checked(options: argparse.Namespace, arguments: list[str]) -> tuple[Evaluat
     check_backend(options.jobs, options.backend, options.address)
     limits = _limits(options)
     check_free(options.output, EVALUATION)
-    entrants: list[tuple[Task, ResolvedPolicy]] = []
+    entries: list[tuple[EvaluatedTask, ResolvedPolicy]] = []
     for env_id in env_ids:
         tasks = _tasks(env_id, options)
         policies = choose_policies(options.policy, env_id, env_ids, options.control_mode)
         for policy in policies:
             check_fit(policy, env_id, task_keywords(tasks[0], options.variant))
-        entrants += [(task, policy) for task in tasks for policy in policies]
+        entries += [(task, policy) for task in tasks for policy in policies]
     evaluation = Evaluation(
-        tuple(entrants),
+        tuple(entries),
         options.episodes,
         parse_seeds(options.seeds),
         options.variant,
@@ -170,10 +170,12 @@ def _checked(options: argparse.Namespace, arguments: list[str]) -> tuple[Evaluat
     return evaluation, chosen
 
 
-def _tasks(env_id: str, options: argparse.Namespace) -> list[Task]:
+def _tasks(env_id: str, options: argparse.Namespace) -> list[EvaluatedTask]:
     """An id's tasks, by difficulty and then by split; errors as in `make_task`."""
     difficulties = options.difficulty or [make_task(env_id, {}).difficulty]
-    tasks = [Task(env_id, difficulty, split) for difficulty in difficulties for split in options.split]
+    tasks = [
+        EvaluatedTask(env_id, difficulty, split) for difficulty in difficulties for split in options.split
+    ]
     for task in tasks:
         make_task(env_id, task_keywords(task, options.variant))
     return tasks

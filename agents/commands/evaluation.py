@@ -21,7 +21,6 @@ from agents.commands.estimate import estimate
 from agents.commands.show import show
 from agents.policies.registry import POLICIES
 from space_envs.evaluation.play.chunks import Unit, task_keywords
-from space_envs.evaluation.play.pictures import capture_pictures
 from space_envs.evaluation.play.rates import REPORT, Seconds, playing, recorded, remember, timing
 from space_envs.evaluation.play.runner import (
     EVALUATION,
@@ -33,15 +32,18 @@ from space_envs.evaluation.play.runner import (
     prepare,
     timings,
 )
-from space_envs.evaluation.records.folders import read_folder
-from space_envs.evaluation.records.metrics import config_hash, configuration, episode_traces
+from space_envs.evaluation.records.configuration import config_hash, configuration
+from space_envs.evaluation.records.entry import LeaderboardEntry
+from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.records.names import counted, display_name
-from space_envs.evaluation.records.record import Entrant, EpisodeRecord, EvaluationResult
 from space_envs.evaluation.replay.replay import Replay, make_replays
 from space_envs.evaluation.replay.states import States, states_of
-from space_envs.evaluation.replay.traces import Traces
-from space_envs.evaluation.report.report import BOOTSTRAP_SEED, ReportPaths, write_report
+from space_envs.evaluation.replay.stills import capture_pictures
+from space_envs.evaluation.replay.traces import Traces, episode_traces
+from space_envs.evaluation.report.folder import BOOTSTRAP_SEED, ReportPaths, write_report
 from space_envs.evaluation.report.tables import to_terminal
+from space_envs.evaluation.results.folders import read_folder
+from space_envs.evaluation.results.result import EvaluationResult
 from space_envs.evaluation.statistics.leaderboard import build_rows
 from space_envs.registration import make_task
 from space_envs.system.output import held
@@ -96,10 +98,10 @@ def _held(evaluation: Evaluation, options: Options) -> int:
     return _told(evaluation, result.records)
 
 
-def _remember(played: Sequence[Played], spent: Mapping[Entrant, float], report: float) -> None:
+def _remember(played: Sequence[Played], spent: Mapping[LeaderboardEntry, float], report: float) -> None:
     """What all this took, for a dry run of another evaluation."""
-    rates = {playing(one.entrant): Seconds.of(one.pace) for one in played}
-    rates |= {timing(entrant): Seconds.of([seconds]) for entrant, seconds in spent.items()}
+    rates = {playing(one.entry): Seconds.of(one.pace) for one in played}
+    rates |= {timing(entry): Seconds.of([seconds]) for entry, seconds in spent.items()}
     before = recorded(REPORT)
     known = [report] if before is None else [report, before.least, before.most]
     remember(rates | {REPORT: Seconds(min(known), report, max(known))})
@@ -108,7 +110,7 @@ def _remember(played: Sequence[Played], spent: Mapping[Entrant, float], report: 
 def _told(evaluation: Evaluation, records: Sequence[EpisodeRecord]) -> int:
     """The exit status, after what is wrong with built-in policies was printed."""
     built_in = [
-        policy.name for _, policy in evaluation.entrants if getattr(policy, "source", None) in POLICIES
+        policy.name for _, policy in evaluation.entries if getattr(policy, "source", None) in POLICIES
     ]
     found = defects(records, built_in)
     for line in found:
@@ -123,19 +125,19 @@ def _result(
 ) -> EvaluationResult:
     """Everything that the report is made from."""
     records: list[EpisodeRecord] = []
-    traces: dict[Entrant, Traces] = {}
-    replays: dict[Entrant, tuple[Replay, ...]] = {}
-    states: dict[Entrant, States] = {}
-    pictures: dict[Entrant, Any] = {}
+    traces: dict[LeaderboardEntry, Traces] = {}
+    replays: dict[LeaderboardEntry, tuple[Replay, ...]] = {}
+    states: dict[LeaderboardEntry, States] = {}
+    pictures: dict[LeaderboardEntry, Any] = {}
     notes: set[str] = set()
     for one in played:
-        task = make_task(one.entrant.task.env_id, task_keywords(one.entrant.task, one.variant))
+        task = make_task(one.entry.task.env_id, task_keywords(one.entry.task, one.variant))
         records += one.records
-        traces[one.entrant] = episode_traces(one.rollout, task)
-        replays[one.entrant] = make_replays(task, one.rollout, one.records)
-        states[one.entrant] = states_of(one, task)
+        traces[one.entry] = episode_traces(one.rollout, task)
+        replays[one.entry] = make_replays(task, one.rollout, one.records)
+        states[one.entry] = states_of(one, task)
         if options.pictures:
-            frames, note = capture_pictures(task, {one.entrant: one.rollout})
+            frames, note = capture_pictures(task, {one.entry: one.rollout})
             pictures |= frames
             notes |= {note} if note else set()
     note = "Pictures were switched off with --no-pictures."
@@ -149,7 +151,7 @@ def _about(evaluation: Evaluation, units: list[Unit], options: Options, started:
     """Provenance: what a reader needs to repeat the evaluation, and to know whether another is comparable."""
     command = shlex.join(["evaluate.py", *options.arguments])
     configurations = {}
-    for unit in {unit.entrant: unit for unit in units}.values():
+    for unit in {unit.entry: unit for unit in units}.values():
         task, mode = make_task(unit.task.env_id, unit.keywords), unit.player.control_mode
         configurations[config_hash(unit.task.env_id, mode, task)] = configuration(
             unit.task.env_id, mode, task
@@ -174,11 +176,11 @@ def dry_run(evaluation: Evaluation, options: Options) -> None:
         table = Table("policy", box=box.SIMPLE_HEAD, title=str(task), title_justify="left")
         for title in ("episodes", "s an episode", "s on one core"):
             table.add_column(title, justify="right")
-        for entrant in dict.fromkeys(unit.entrant for unit in units if unit.task == task):
-            episodes = sum(len(unit.indices) for unit in units if unit.entrant == entrant)
-            seconds = told.episode[entrant].usual
+        for entry in dict.fromkeys(unit.entry for unit in units if unit.task == task):
+            episodes = sum(len(unit.indices) for unit in units if unit.entry == entry)
+            seconds = told.episode[entry].usual
             cells = (str(episodes), f"{seconds:.3g}", f"{seconds * episodes:.3g}")
-            table.add_row(Text(display_name(entrant.policy)), *cells)
+            table.add_row(Text(display_name(entry.policy)), *cells)
         console.print(table)
     total = told.total
     console.print(

@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from space_envs.errors import ConfigurationError, RenderingError, unknown_name
-from space_envs.evaluation.records.folders import ResultFolder, read_folder
+from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.records.names import display_name
-from space_envs.evaluation.records.record import EpisodeRecord
 from space_envs.evaluation.replay.exports import write_video
 from space_envs.evaluation.replay.frames import model_states
 from space_envs.evaluation.replay.replay import Replay, replay_of
+from space_envs.evaluation.results.folders import ResultFolder, read_folder
 from space_envs.registration import find
 from space_envs.rendering import Renderer
 from space_envs.system.command_line import Parser, check_replaceable, exit_status, output_path
@@ -118,10 +118,10 @@ def recorded(folder: ResultFolder, record: EpisodeRecord) -> Replay:
     Raises:
         ConfigurationError: if there are none, or not of a task of this version.
     """
-    states = folder.states(record.entrant)
+    states = folder.states(record.entry)
     if states is None:
         raise ConfigurationError(
-            f"{folder.path} has no recorded states of {record.policy!r} on {record.entrant.task}; they are "
+            f"{folder.path} has no recorded states of {record.policy!r} on {record.entry.task}; they are "
             "written by evaluate.py"
         )
     row = states.row(record.seed, record.episode)
@@ -131,21 +131,24 @@ def recorded(folder: ResultFolder, record: EpisodeRecord) -> Replay:
 def said(record: EpisodeRecord) -> list[str]:
     """Outcome and figures of an episode, as lines for the terminal."""
     reason = f": {display_name(record.explanation, 200)}" if record.explanation else ""
-    seconds = "" if record.time_to_capture is None else f" after {record.time_to_capture:.1f} s"
-    figures = [
-        ("attitude at the end", record.final_attitude, 1.0, "deg"),
-        ("largest", record.peak_attitude, 1.0, "deg"),
-        ("eq. 20 cost", record.attitude_cost, 1e4, "cm^2/s"),
-        ("position error when it ended", record.position_error, 1e3, "mm"),
-        ("work", record.mechanical_work, 1.0, "J"),
-    ]
+    time, steps = record.metrics["time_to_capture"], record.metrics["steps"]
+    seconds = "" if time is None else f" after {time:.1f} s"
+    figures = (
+        ("final attitude", "final_attitude", 1.0, "deg"),
+        ("peak", "peak_attitude", 1.0, "deg"),
+        ("base disturbance (eq. 20)", "attitude_cost", 1e4, "cm^2/s"),
+        ("position error when it ended", "position_error", 1e3, "mm"),
+        ("work", "mechanical_work", 1.0, "J"),
+    )
     shown = [
-        f"{name} {scale * value:.3g} {unit}" for name, value, scale, unit in figures if value is not None
+        f"{title} {scale * value:.3g} {unit}"
+        for title, name, scale, unit in figures
+        if (value := record.metrics[name]) is not None
     ]
     return [
-        f"{display_name(record.policy)} ({record.control_mode}) on {record.entrant.task}: "
+        f"{display_name(record.policy)} ({record.control_mode}) on {record.entry.task}: "
         f"episode {record.episode} of seed {record.seed}, goal {record.index}",
-        f"{record.outcome}{seconds}{reason}, {record.steps} steps",
+        f"{record.outcome}{seconds}{reason}, {steps} steps",
         "; ".join(shown),
     ]
 

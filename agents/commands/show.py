@@ -11,12 +11,13 @@ import numpy as np
 from rich.console import Console
 
 from space_envs.errors import unknown_name
-from space_envs.evaluation.records.folders import read_folder
-from space_envs.evaluation.records.record import RECORDS, REPORT, EpisodeRecord
-from space_envs.evaluation.report.report import BOOTSTRAP_SEED
+from space_envs.evaluation.records.episode import RECORDS, REPORT, EpisodeRecord
+from space_envs.evaluation.report.folder import BOOTSTRAP_SEED
 from space_envs.evaluation.report.tables import by_task, to_terminal
-from space_envs.evaluation.statistics.columns import COLUMNS, column_named
-from space_envs.evaluation.statistics.leaderboard import Row, build_rows
+from space_envs.evaluation.results.folders import read_folder
+from space_envs.evaluation.statistics.columns import COLUMNS, column_named, columns_of
+from space_envs.evaluation.statistics.leaderboard import build_rows
+from space_envs.evaluation.statistics.row import Row
 from space_envs.system.command_line import AppendValues, Parser, exit_status
 
 DESCRIPTION = "Print the table of a folder that evaluate.py, or evaluate.py compare, left."
@@ -74,7 +75,7 @@ def sorted_rows(rows: Sequence[Row], name: str) -> list[Row]:
     Raises:
         ConfigurationError: for a column that there is not.
     """
-    column = column_named(name)
+    column = column_named(name, columns_of(rows[0].metrics) if rows else COLUMNS)
     sign = 1 if column.better == "lower" else -1
 
     def place(row: Row) -> tuple[bool, float]:
@@ -113,6 +114,6 @@ def of_tasks(records: Sequence[EpisodeRecord], words: Sequence[str]) -> list[Epi
         )
     ]
     if not found:
-        tasks = dict.fromkeys(str(record.entrant.task) for record in records)
+        tasks = dict.fromkeys(str(record.entry.task) for record in records)
         raise unknown_name("task", " ".join(words), tasks)
     return found

@@ -11,7 +11,7 @@ from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError
 from space_envs.evaluation.datasets.recording import LeftOut
 from space_envs.evaluation.datasets.storage import SCHEMA_VERSION, Dataset
-from space_envs.evaluation.records.metrics import configuration, configuration_hash
+from space_envs.evaluation.records.configuration import configuration, configuration_hash
 from space_envs.system.files import atomic_write_text
 from space_envs.system.reading import read_object
 

@@ -20,8 +20,10 @@ from threadpoolctl import threadpool_limits
 from space_envs.errors import ConfigurationError
 from space_envs.evaluation.play.policy_process import TimeLimits
 from space_envs.evaluation.play.rollout import PolicyTime, Rollout, roll_out, time_policy
-from space_envs.evaluation.records.metrics import episode_records
-from space_envs.evaluation.records.record import UNTIMED, Entrant, EpisodeRecord, Task
+from space_envs.evaluation.records.entry import EvaluatedTask, LeaderboardEntry
+from space_envs.evaluation.records.episode import EpisodeRecord
+from space_envs.evaluation.records.making import episode_records
+from space_envs.evaluation.records.timing import UNTIMED
 from space_envs.policy import Policy, PolicyContext
 from space_envs.registration import find, make_task
 from space_envs.system.files import atomic_write
@@ -68,7 +70,7 @@ class Unit:
     """
 
     player: Player
-    task: Task
+    task: EvaluatedTask
     variant: str | None
     seed: int
     first: int
@@ -80,9 +82,9 @@ class Unit:
         object.__setattr__(self, "env", find(self.task.env_id).name)
 
     @property
-    def entrant(self) -> Entrant:
+    def entry(self) -> LeaderboardEntry:
         """The row of the leaderboard that it counts in."""
-        return Entrant(self.task, self.player.name, self.player.control_mode)
+        return LeaderboardEntry(self.task, self.player.name, self.player.control_mode)
 
     @property
     def policy_seed(self) -> int:
@@ -159,7 +161,7 @@ class Part:
         return cls(records, Rollout(goals=goals, **ends, **arrays), seconds)
 
 
-def task_keywords(task: Task, variant: str | None) -> dict[str, Any]:
+def task_keywords(task: EvaluatedTask, variant: str | None) -> dict[str, Any]:
     """Keywords of the environment that a task is played in."""
     usual = {"difficulty": task.difficulty, "split": task.split}
     return usual if variant is None else {**usual, "variant": variant}
@@ -179,7 +181,7 @@ def play(unit: Unit, apart: bool = False) -> Part:
             apart or unit.player.foreign,
         )
         task = make_task(unit.task.env_id, unit.keywords)
-        records = episode_records(rollout, task, unit.entrant, unit.seed, unit.first, UNTIMED)
+        records = episode_records(rollout, task, unit.entry, unit.seed, unit.first, UNTIMED)
         return Part(tuple(records), rollout, perf_counter() - before)
 
 

@@ -8,12 +8,12 @@ from typing import Any, Self
 
 from space_envs.codegen.cache import LibraryError, cache_folder, private_folder
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.records.record import Entrant
+from space_envs.evaluation.records.entry import LeaderboardEntry
 from space_envs.system.files import atomic_write_text
 from space_envs.system.reading import read_object
 
 FILE = "rates.json"
-REPORT = "report"  # what takes as long for every entrant: pictures, plots, tables
+REPORT = "report"  # what takes as long for every entry: pictures, plots, tables
 
 
 @dataclass(frozen=True)
@@ -36,14 +36,14 @@ class Seconds:
         return Seconds(factor * self.least, factor * self.usual, factor * self.most)
 
 
-def playing(entrant: Entrant) -> str:
-    """Name of the rate at which an entrant's episodes are played; it takes about as long on any split."""
-    return f"{entrant.task.env_id} {entrant.task.difficulty} {entrant.policy} {entrant.control_mode}"
+def playing(entry: LeaderboardEntry) -> str:
+    """Name of the rate at which an entry's episodes are played; it takes about as long on any split."""
+    return f"{entry.task.env_id} {entry.task.difficulty} {entry.policy} {entry.control_mode}"
 
 
-def timing(entrant: Entrant) -> str:
+def timing(entry: LeaderboardEntry) -> str:
     """Name of the rate at which it is timed."""
-    return f"timing {playing(entrant)}"
+    return f"timing {playing(entry)}"
 
 
 def remember(rates: Mapping[str, Seconds]) -> None:

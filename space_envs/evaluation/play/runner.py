@@ -18,17 +18,10 @@ from space_envs.errors import ConfigurationError, PolicyError
 from space_envs.evaluation.play.chunks import CHUNK, Part, Player, Unit, play, task_keywords, time_unit
 from space_envs.evaluation.play.policy_process import TimeLimits
 from space_envs.evaluation.play.rollout import Rollout, join, split_indices
+from space_envs.evaluation.records.entry import EvaluatedTask, LeaderboardEntry
+from space_envs.evaluation.records.episode import RECORDS, SCHEMA_VERSION, SUMMARY, EpisodeRecord
 from space_envs.evaluation.records.names import counted
-from space_envs.evaluation.records.record import (
-    RECORDS,
-    SCHEMA_VERSION,
-    SUMMARY,
-    UNTIMED,
-    Entrant,
-    EpisodeRecord,
-    Task,
-    Timing,
-)
+from space_envs.evaluation.records.timing import UNTIMED, Timing
 from space_envs.registration import make_task
 from space_envs.system.files import atomic_write_text
 from space_envs.system.output import remove_files
@@ -47,12 +40,12 @@ class Evaluation:
     """What is played.
 
     Attributes:
-        entrants: pairs of a task and a policy, in the order of the records.
+        entries: pairs of a task and a policy, in the order of the records.
         episodes: different goals of each split. seeds: of goals, policies and environments; each is a
             stratum of the intervals. variant: of the models, or None. limits: of the policies' calls, if any.
     """
 
-    entrants: tuple[tuple[Task, Player], ...]
+    entries: tuple[tuple[EvaluatedTask, Player], ...]
     episodes: int
     seeds: tuple[int, ...]
     variant: str | None = None
@@ -64,8 +57,8 @@ class Evaluation:
         Raises:
             ConfigurationError: if a split has fewer goals, or a task cannot be made.
         """
-        goals: dict[tuple[Task, int], Any] = {}
-        for task in dict.fromkeys(task for task, _ in self.entrants):
+        goals: dict[tuple[EvaluatedTask, int], Any] = {}
+        for task in dict.fromkeys(task for task, _ in self.entries):
             made = make_task(task.env_id, task_keywords(task, self.variant))
             for seed in self.seeds:
                 goals[task, seed] = split_indices(made, task.split, self.episodes, seed).tolist()
@@ -79,7 +72,7 @@ class Evaluation:
                 tuple(goals[task, seed][first : first + CHUNK]),
                 self.limits,
             )
-            for task, player in self.entrants
+            for task, player in self.entries
             for seed in self.seeds
             for first in range(0, self.episodes, CHUNK)
         ]
@@ -88,7 +81,7 @@ class Evaluation:
         """What decides the records, as plain JSON values."""
         return {
             "schema": SCHEMA_VERSION,
-            "entrants": [[*asdict(task).values(), p.name, p.control_mode] for task, p in self.entrants],
+            "entries": [[*asdict(task).values(), p.name, p.control_mode] for task, p in self.entries],
             "episodes": self.episodes,
             "seeds": list(self.seeds),
             "variant": self.variant,
@@ -100,9 +93,9 @@ class Evaluation:
 
 @dataclass(frozen=True, eq=False)
 class Played:
-    """All episodes of an entrant, rows and records in one order: by seed, then by number of the episode."""
+    """All episodes of an entry, rows and records in one order: by seed, then by number of the episode."""
 
-    entrant: Entrant
+    entry: LeaderboardEntry
     variant: str | None
     records: tuple[EpisodeRecord, ...]
     rollout: Rollout
@@ -159,7 +152,7 @@ def progress(folder: Path) -> str:
     done = len(list((folder / PARTS).glob("*.npz")))
     try:
         plan = read_object(folder / PLAN)
-        total = len(plan["entrants"]) * len(plan["seeds"]) * -(-plan["episodes"] // CHUNK)
+        total = len(plan["entries"]) * len(plan["seeds"]) * -(-plan["episodes"] // CHUNK)
     except (OSError, ConfigurationError, KeyError, TypeError):
         return f"{counted(done, 'chunk')} of {CHUNK} episodes evaluated"
     phase = "; timing" if done >= total else ""
@@ -206,21 +199,23 @@ def _played(number: int, unit: Unit, apart: bool) -> tuple[int, Part]:
     return number, play(unit, apart)
 
 
-def timings(units: Sequence[Unit], folder: Path) -> tuple[dict[Entrant, Timing], dict[Entrant, float]]:
-    """Planning time and time per action of each entrant, one episode at a time on one thread.
+def timings(
+    units: Sequence[Unit], folder: Path
+) -> tuple[dict[LeaderboardEntry, Timing], dict[LeaderboardEntry, float]]:
+    """Planning time and time per action of each entry, one episode at a time on one thread.
 
     All are timed in turn, ROUNDS times, and the fastest round of each counts. A policy that raises, takes too
     long or ends its process where it is timed has none. Returns the times, and the seconds that it took to
     find them.
     """
-    first = {unit.entrant: unit for unit in reversed(units)}
-    rounds: dict[Entrant, list[Timing]] = {unit.entrant: [] for unit in units}
+    first = {unit.entry: unit for unit in reversed(units)}
+    rounds: dict[LeaderboardEntry, list[Timing]] = {unit.entry: [] for unit in units}
     spent = dict.fromkeys(rounds, 0.0)
-    turns = [(number, entrant) for number in range(ROUNDS) for entrant in rounds]
-    for number, entrant in tqdm(turns, unit="policy", desc="timing", leave=False):
-        if UNTIMED in rounds[entrant]:
+    turns = [(number, entry) for number in range(ROUNDS) for entry in rounds]
+    for number, entry in tqdm(turns, unit="policy", desc="timing", leave=False):
+        if UNTIMED in rounds[entry]:
             continue  # it may have taken all the time that it had
-        unit = replace(first[entrant], indices=first[entrant].indices[:TIMED_EPISODES])
+        unit = replace(first[entry], indices=first[entry].indices[:TIMED_EPISODES])
         path = folder / PARTS / f"{unit.key}-timing-{number}.json"
         if not path.exists():
             before = perf_counter()
@@ -234,11 +229,11 @@ def timings(units: Sequence[Unit], folder: Path) -> tuple[dict[Entrant, Timing],
             atomic_write_text(path, json.dumps({"seconds": perf_counter() - before, "timing": made}))
         try:
             told = read_object(path)
-            rounds[entrant].append(Timing(**told["timing"]))
-            spent[entrant] += float(told["seconds"])
+            rounds[entry].append(Timing(**told["timing"]))
+            spent[entry] += float(told["seconds"])
         except (OSError, ValueError, TypeError, KeyError) as error:
             raise ConfigurationError(f"{path} is damaged: {error}; remove it, then --resume") from None
-    return {entrant: fastest(told) for entrant, told in rounds.items()}, spent
+    return {entry: fastest(told) for entry, told in rounds.items()}, spent
 
 
 def fastest(rounds: Sequence[Timing]) -> Timing:
@@ -255,19 +250,19 @@ def fastest(rounds: Sequence[Timing]) -> Timing:
     )
 
 
-def collect(units: Sequence[Unit], times: dict[Entrant, Timing], folder: Path) -> Iterator[Played]:
-    """The entrants one after the other, in the order of the units.
+def collect(units: Sequence[Unit], times: dict[LeaderboardEntry, Timing], folder: Path) -> Iterator[Played]:
+    """The entries one after the other, in the order of the units.
 
     Raises:
         ConfigurationError: if a part has gone since it was played.
     """
-    for entrant in dict.fromkeys(unit.entrant for unit in units):
-        own = [unit for unit in units if unit.entrant == entrant]
+    for entry in dict.fromkeys(unit.entry for unit in units):
+        own = [unit for unit in units if unit.entry == entry]
         parts = [Part.load(_path(folder, unit), unit) for unit in own]
-        records = [replace(r, timing=times[entrant]) for part in parts for r in part.records]
+        records = [replace(r, timing=times[entry]) for part in parts for r in part.records]
         rollout = join([part.rollout for part in parts])
         pace = tuple(part.seconds / len(part.records) for part in parts)
-        yield Played(entrant, own[0].variant, tuple(records), rollout, pace)
+        yield Played(entry, own[0].variant, tuple(records), rollout, pace)
 
 
 def finish(folder: Path) -> None:

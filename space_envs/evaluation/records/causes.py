@@ -8,8 +8,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from space_envs.evaluation.records.record import NO_PLAN_CAUSES, OWN_CAUSES
-from space_envs.tasks.outcome import Outcome
+from space_envs.errors import ConfigurationError, unknown_name
+from space_envs.tasks.outcome import ENDED, Outcome
+
+OUTCOMES = tuple(outcome.value for outcome in ENDED)
+# Why a policy has no plan; the last is for policies that give no cause, or another one.
+NO_PLAN_CAUSES = (
+    "infeasible",
+    "singular",
+    "joint_limit",
+    "out_of_reach",
+    "clearance",
+    "solver",
+    "inaccurate",
+    "no_plan",
+)
+# Of a failed episode: why there was no plan, else how it ended.
+CAUSES = (*NO_PLAN_CAUSES, *OUTCOMES[1:])
+# Outcomes that a missing plan does not explain.
+OWN_CAUSES = (Outcome.DIVERGED.value, Outcome.POLICY_ERROR.value)
 
 _OTHER = NO_PLAN_CAUSES[-1]
 _LONGEST = 1000  # letters of a reason that are kept
@@ -87,3 +104,21 @@ def cause_of(outcome: str, plan: MissingPlan | None) -> str | None:
     if outcome == Outcome.CAPTURED:
         return None
     return outcome if plan is None or outcome in OWN_CAUSES else plan.cause
+
+
+def causes_of(outcome: str) -> tuple[str, ...]:
+    """Causes that a failed episode may have which ended so."""
+    return (outcome,) if outcome in OWN_CAUSES else (outcome, *NO_PLAN_CAUSES)
+
+
+def check_cause(captured: bool, outcome: str, cause: str | None) -> None:
+    """ConfigurationError unless there is such an outcome, and `captured` and the cause fit it."""
+    if outcome not in OUTCOMES:
+        raise unknown_name("outcome", outcome, OUTCOMES)
+    if captured != (outcome == Outcome.CAPTURED):
+        raise ConfigurationError(f"captured is {captured} but outcome is {outcome!r}")
+    if captured:
+        if cause is not None:
+            raise ConfigurationError(f"cause is {cause!r} but the episode captured; a capture has none")
+    elif cause not in causes_of(outcome):
+        raise unknown_name(f"cause of outcome {outcome!r}:", cause, causes_of(outcome))

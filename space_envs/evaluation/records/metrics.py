@@ -1,112 +1,211 @@
-"""From recorded episodes to the metrics of each."""
+"""Table of the metrics that every task has, and the function of each."""
 
-import json
-from collections.abc import Mapping
-from dataclasses import asdict, fields
-from hashlib import sha256
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from space_envs.dynamics.rotations import Array, logarithm
+from space_envs.dynamics.rotations import Array
 from space_envs.dynamics.trajectories import attitude_cost
-from space_envs.evaluation.play.integrals import Totals
-from space_envs.evaluation.play.rollout import Rollout
-from space_envs.evaluation.records.record import SCHEMA_VERSION, UNTIMED, Entrant, EpisodeRecord, Timing
-from space_envs.evaluation.replay.traces import Traces
-from space_envs.tasks.base import CaptureTask
+from space_envs.errors import ConfigurationError
+from space_envs.metric import Display, Metric
+from space_envs.registration import ENTRIES
 from space_envs.tasks.outcome import Outcome
 
-TRACED = 30  # episodes of a policy whose course in time is kept
+
+def time_to_capture(episodes: Any, task: Any) -> Array:
+    """Time (K,) until the capture, s."""
+    return _of_captures(episodes, episodes.length * task.control_period)
 
 
-def config_hash(env_id: str, control_mode: str, task: CaptureTask) -> str:
-    """Twelve hexadecimal digits that change with anything that defines the task."""
-    return configuration_hash(configuration(env_id, control_mode, task))
+def time_to_envelope(episodes: Any, task: Any) -> Array:
+    """Time (K,) until the capture envelope was entered for good, s."""
+    return _of_captures(episodes, (episodes.length - task.hold_steps) * task.control_period)
 
 
-def configuration_hash(config: Mapping[str, Any]) -> str:
-    """The same of a task's `configuration`, also after it was written as JSON and read again."""
-    return sha256(json.dumps(config, sort_keys=True).encode()).hexdigest()[:12]
+def base_disturbance(episodes: Any, task: Any) -> Array:
+    """Cost (K,) of eq. 20 of shyam2020 times dt, m^2/s.
 
-
-def configuration(env_id: str, control_mode: str, task: CaptureTask) -> dict[str, Any]:
-    """Everything that defines a task, apart from its split, as plain values."""
-    settings = {**asdict(task), "timestep": task.step_size}
-    del settings["split"]
-    return {"env_id": env_id, "task_version": task.version, "control_mode": control_mode, **settings}
-
-
-def episode_metrics(rollout: Rollout, task: CaptureTask) -> dict[str, Array]:
-    """Metrics (K,) of recorded episodes: what they add up to (`Totals`), how they end, and attitude_cost.
-
-    attitude_cost: eq. 20 times dt, from the base twist after each control period, as in the reward, m^2/s;
-        docs/physics.md says how near the time integral that is.
+    From the base twist after each control period, as in the reward; docs/physics.md says how near the time
+    integral that is.
     """
-    alive = np.arange(rollout.torque.shape[1]) < rollout.length[:, None]  # (K, T) steps before the end
-    twist = rollout.qvel[:, 1:, :6] * alive[..., None]  # rotation of the axes does not change eq. 20
-    return {
-        **{item.name: getattr(rollout, item.name) for item in fields(Totals)},
-        "attitude_cost": attitude_cost(twist, task.control_period, task.c),
-        "position_error": rollout.position_error[:, -1],
-        "orientation_error": rollout.orientation_error[:, -1],
-        "final_attitude": rollout.attitude[:, -1],
-    }
+    alive = np.arange(episodes.torque.shape[1]) < episodes.length[:, None]  # (K, T) steps before the end
+    twist = episodes.qvel[:, 1:, :6] * alive[..., None]  # rotation of the axes does not change eq. 20
+    return attitude_cost(twist, task.control_period, task.c)
 
 
-def episode_records(
-    rollout: Rollout, task: CaptureTask, entrant: Entrant, seed: int, first: int = 0, timing: Timing = UNTIMED
-) -> list[EpisodeRecord]:
-    """One record an episode, whose numbers within the seed begin with `first`."""
-    metrics = episode_metrics(rollout, task)
-    config = config_hash(entrant.task.env_id, entrant.control_mode, task)
-    records = []
-    for row in range(len(rollout.index)):
-        captured = rollout.outcome[row] == Outcome.CAPTURED
-        values: dict[str, Any] = {name: float(value[row]) for name, value in metrics.items()}
-        steps = int(rollout.length[row])
-        entered = steps - task.hold_steps
-        records.append(
-            EpisodeRecord(
-                schema=SCHEMA_VERSION,
-                env_id=entrant.task.env_id,
-                policy=entrant.policy,
-                control_mode=entrant.control_mode,
-                difficulty=entrant.task.difficulty,
-                split=entrant.task.split,
-                index=int(rollout.index[row]),
-                episode=first + row,
-                seed=seed,
-                config_hash=config,
-                task_version=task.version,
-                captured=captured,
-                outcome=rollout.outcome[row],
-                cause=rollout.cause[row],
-                reason=rollout.reason[row],
-                time_to_capture=steps * task.control_period if captured else None,
-                time_to_envelope=entered * task.control_period if captured else None,
-                steps=steps,
-                episode_return=float(rollout.episode_return[row]),
-                collisions=int(rollout.outcome[row] == "collision"),  # it ends the episode
-                clipped_actions=int(rollout.clipped[row]),
-                timing=timing,
-                **values,
+def collisions(episodes: Any, task: Any) -> NDArray[np.int64]:
+    """Number (K,) of collisions; the first ends the episode."""
+    return np.array([outcome == Outcome.COLLISION for outcome in episodes.outcome], dtype=np.int64)
+
+
+def _of_captures(episodes: Any, values: Array) -> Array:
+    captured = np.array([outcome == Outcome.CAPTURED for outcome in episodes.outcome], dtype=bool)
+    return np.where(captured, values, np.nan)
+
+
+def _recorded(name: str) -> Callable[[Any, Any], Any]:
+    """What the episodes have under this name."""
+    return lambda episodes, task: getattr(episodes, name)
+
+
+def _final(name: str) -> Callable[[Any, Any], Array]:
+    """The last of what the episodes have over time (K, T + 1) under this name."""
+    return lambda episodes, task: getattr(episodes, name)[:, -1]
+
+
+METRICS: tuple[Metric, ...] = (
+    Metric(
+        "time_to_capture",
+        "s",
+        "time until the capture",
+        time_to_capture,
+        Display("time to capture", "lower", "median", room="paper", priority=11, order=5),
+        of_captures=True,
+    ),
+    Metric(
+        "time_to_envelope",
+        "s",
+        "until the envelope was entered for good: time_to_capture without the time for which it is held",
+        time_to_envelope,
+        of_captures=True,
+    ),
+    Metric("steps", "", "control steps until the end", _recorded("length"), whole=True),
+    Metric(
+        "episode_return", "", "sum of the rewards", _recorded("episode_return"), signed=True, optional=True
+    ),
+    Metric(
+        "position_error",
+        "m",
+        "when the episode ended: for a capture, at the capture, not where it settles later",
+        _final("position_error"),
+        Display(
+            "position error at capture",
+            "lower",
+            unit="mm",
+            scale=1000,
+            key="position_error_at_capture",
+            priority=15,
+            order=6,
+        ),
+    ),
+    Metric(
+        "orientation_error",
+        "deg",
+        "when the episode ended, as the position error",
+        _final("orientation_error"),
+        Display(key="orientation_error_at_capture", order=7),
+    ),
+    Metric(
+        "peak_attitude",
+        "deg",
+        "largest angle of the base from its initial attitude, at any step of the simulation",
+        _recorded("peak_attitude"),
+        Display("peak attitude", "lower", room="paper", priority=2, order=2),
+    ),
+    Metric(
+        "final_attitude",
+        "deg",
+        "angle of the base from its initial attitude, at the end",
+        _final("attitude"),
+        Display("final attitude", "lower", room="readme", priority=4, order=1),
+    ),
+    Metric(
+        "attitude_cost",
+        "m^2/s",
+        "eq. 20 of Shyam et al. 2020 times the control period, summed; a slower motion has less",
+        base_disturbance,
+        Display(
+            "base disturbance (eq. 20)",
+            "lower",
+            unit="cm^2/s",
+            scale=10000.0,
+            room="paper",
+            priority=8,
+            order=3,
+        ),
+    ),
+    Metric(
+        "base_angular_impulse",
+        "N m s",
+        "total variation of the base's angular momentum about its centre of mass, at every simulation step",
+        _recorded("base_angular_impulse"),
+        Display(order=8),
+    ),
+    Metric(
+        "kinetic_energy_integral",
+        "J s",
+        "integral of twice the kinetic energy: C of shah2013",
+        _recorded("kinetic_energy_integral"),
+        Display(order=9),
+    ),
+    Metric(
+        "mechanical_work",
+        "J",
+        "sum over joints and steps of the simulation of |torque times angle|",
+        _recorded("mechanical_work"),
+        Display(order=10),
+        signed=True,
+        optional=True,
+    ),
+    Metric(
+        "peak_power",
+        "W",
+        "largest sum over joints of |torque times rate|, at any step of the simulation",
+        _recorded("peak_power"),
+        Display(order=11),
+    ),
+    Metric(
+        "collisions",
+        "",
+        "how often the robot touched what it must not; the first ends the episode",
+        collisions,
+        whole=True,
+    ),
+    Metric("clipped_actions", "", "steps whose action lay outside [-1, 1]", _recorded("clipped"), whole=True),
+    Metric(
+        "linear_momentum_drift",
+        "N s",
+        "largest change of the robot's total linear momentum since the start",
+        _recorded("linear_momentum_drift"),
+        Display(statistic="largest", over="all"),
+    ),
+    Metric(
+        "angular_momentum_drift",
+        "N m s",
+        "largest change of the robot's total angular momentum since the start",
+        _recorded("angular_momentum_drift"),
+        Display(statistic="largest", over="all"),
+    ),
+)
+
+
+def metrics_of(env_id: str) -> tuple[Metric, ...]:
+    """Metrics of an id's episodes in the order of the records: those of every task, then its own."""
+    return METRICS + (ENTRIES[env_id].task.metrics if env_id in ENTRIES else ())
+
+
+def is_registered(env_id: str) -> bool:
+    """Whether this process knows the task of an id, and so all metrics that its episodes have."""
+    return env_id in ENTRIES
+
+
+def episode_metrics(episodes: Any, task: Any) -> dict[str, NDArray[Any]]:
+    """Values (K,) of all metrics of recorded episodes of a task, by name; NaN where an episode has none.
+
+    Raises:
+        ConfigurationError: if a metric of the task has the name of another, or gives no K numbers.
+    """
+    count, values = len(episodes.index), {}
+    for metric in (*METRICS, *task.metrics):
+        if metric.name in values:
+            raise ConfigurationError(f"{type(task).__name__} has two metrics of the name {metric.name!r}")
+        found = np.asarray(metric.of(episodes, task))
+        if found.shape != (count,) or found.dtype.kind not in "biuf":
+            raise ConfigurationError(
+                f"metric {metric.name!r} of {type(task).__name__} must give {count} numbers, "
+                f"got {found.dtype} {found.shape}"
             )
-        )
-    return records
-
-
-def episode_traces(rollout: Rollout, task: CaptureTask) -> Traces:
-    """The course of the first episodes in time."""
-    k = slice(0, TRACED)
-    position = rollout.qpos[k, :, :3]
-    return Traces(
-        time=task.control_period * np.arange(rollout.qpos.shape[1]),
-        length=rollout.length[k],
-        attitude=rollout.attitude[k],
-        base_rotation=np.rad2deg(logarithm(rollout.qpos[k, :, 3:7])),
-        base_position=position - position[:, :1],
-        position_error=rollout.position_error[k],
-        orientation_error=rollout.orientation_error[k],
-        joint_position=rollout.qpos[k, :, 7:],
-    )
+        values[metric.name] = found.astype(np.int64 if metric.whole else np.float64)
+    return values

@@ -1,25 +1,20 @@
 """The published JSON schema of a record: one line of records.jsonl.
 
-Types, names and ranges come from `EpisodeRecord`, so that the schema cannot say something else; what a field
-means stands here. Three rules are beyond a schema and are checked where records are read: the checksum is
-that of the fields, a whole number is written without a point, and no key stands twice.
+Types, names and ranges come from `EpisodeRecord` and the table of metrics, so that the schema cannot say
+something else; what the other fields mean stands here. Four rules are beyond a schema and are checked where
+records are read: the checksum is that of the fields, a whole number is written without a point, no key stands
+twice, and metrics beyond those of every task are those of the id's own task.
 """
 
-import dataclasses
 import json
-import types
-from typing import Any, Union, get_args, get_origin, get_type_hints
+from typing import Any, get_type_hints
 
-from space_envs.evaluation.records.record import (
-    CAUSES,
-    NONNEGATIVE,
-    OUTCOMES,
-    SCHEMA_VERSION,
-    TIMES,
-    EpisodeRecord,
-    Timing,
-    causes_of,
-)
+from space_envs.evaluation.records.causes import CAUSES, OUTCOMES, causes_of
+from space_envs.evaluation.records.episode import FIELDS, MAY_BE_EMPTY, PLAIN, SCHEMA_VERSION
+from space_envs.evaluation.records.metrics import METRICS
+from space_envs.evaluation.records.timing import Timing
+from space_envs.evaluation.records.values import plain_kind
+from space_envs.metric import Metric
 
 SCHEMA_ID = f"urn:space-capture:schema:record:{SCHEMA_VERSION}"
 DESCRIPTIONS = {
@@ -40,25 +35,6 @@ DESCRIPTIONS = {
     "outcome": "How the episode ended.",
     "cause": "Why it failed: without a plan the planner's cause, else the outcome; null for a capture.",
     "reason": "The cause in a sentence, where the policy or the harness says more.",
-    "time_to_capture": "s; null without a capture.",
-    "time_to_envelope": "s, until the envelope was entered for good: time_to_capture without the time for "
-    "which it is held.",
-    "steps": "Control steps until the end.",
-    "episode_return": "Sum of the rewards.",
-    "position_error": "m, when the episode ended: for a capture, at the capture, not where it settles later.",
-    "orientation_error": "deg, likewise.",
-    "peak_attitude": "deg, largest angle of the base from where it started, at any step of the simulation.",
-    "final_attitude": "deg, angle of the base from where it started, at the end.",
-    "attitude_cost": "m^2/s, eq. 20 of shyam2020 times the control period: a sum over control periods.",
-    "base_angular_impulse": "N m s, total variation of the base's angular momentum about its centre of mass, "
-    "over the steps of the simulation.",
-    "kinetic_energy_integral": "J s, integral of twice the kinetic energy: C of shah2013.",
-    "mechanical_work": "J, sum over joints and steps of the simulation of |torque times angle|.",
-    "peak_power": "W, largest sum over joints of |torque times rate|, at any step of the simulation.",
-    "collisions": "How often the robot touched what it must not; the first ends the episode.",
-    "clipped_actions": "Steps whose action lay outside [-1, 1].",
-    "linear_momentum_drift": "N s, largest change of the robot's total linear momentum since the start.",
-    "angular_momentum_drift": "N m s, largest change of the robot's total angular momentum since the start.",
     "timing": "What a clock decided; not a part of the checksum.",
     "checksum": "First 16 hexadecimal digits of the SHA-256 of all fields but timing and itself, in their "
     "order, as Python's json.dumps writes them.",
@@ -73,28 +49,32 @@ _TYPES = {bool: "boolean", int: "integer", float: "number", str: "string"}
 
 def record_schema() -> dict[str, Any]:
     """JSON schema (draft 2020-12) of one record, as plain values."""
-    timing = get_type_hints(Timing)
-    properties = {name: _property(name, kind) for name, kind in get_type_hints(EpisodeRecord).items()}
+    properties: dict[str, Any] = {}
+    for name in FIELDS:
+        if name == "metrics":
+            properties |= {metric.name: _metric(metric) for metric in METRICS}
+        elif name != "timing":
+            properties[name] = _property(name, PLAIN[name], empty=name in MAY_BE_EMPTY)
+        else:
+            timing = {each: _property(each, kind) for each, kind in get_type_hints(Timing).items()}
+            properties[name] = {**_object(timing), "description": DESCRIPTIONS[name]}
     properties["schema"] = {"const": SCHEMA_VERSION, **properties["schema"]}
     properties["outcome"] = {"enum": list(OUTCOMES), "description": DESCRIPTIONS["outcome"]}
     properties["cause"] = {"enum": [None, *CAUSES], "description": DESCRIPTIONS["cause"]}
     properties["checksum"] = {**properties["checksum"], "pattern": "^[0-9a-f]{16}$"}
-    properties["timing"] = {
-        **_object({name: _property(name, kind) for name, kind in timing.items()}),
-        "description": DESCRIPTIONS["timing"],
-    }
-    captured = {"captured": {"const": True}}
-    numbers = {name: {"type": "number"} for name in (*TIMES, *NONNEGATIVE)}
+    of_captures = [metric.name for metric in METRICS if metric.of_captures]
+    numbers = {m.name: {"type": "number"} for m in METRICS if not (m.whole or m.optional)}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "$id": SCHEMA_ID,
         "title": f"Record of an episode, version {SCHEMA_VERSION}",
         "description": "One line of records.jsonl. A quantity that does not exist for an episode is null.",
-        **_object({item.name: properties[item.name] for item in dataclasses.fields(EpisodeRecord)}),
-        "if": {"properties": captured},
+        **_object(properties),
+        "additionalProperties": {"type": ["number", "null"], "description": "Metric of the task's own."},
+        "if": {"properties": {"captured": {"const": True}}},
         "then": {"properties": {"outcome": {"const": "captured"}, "cause": {"type": "null"}, **numbers}},
         "else": {
-            "properties": {name: {"type": "null"} for name in TIMES},
+            "properties": {name: {"type": "null"} for name in of_captures},
             "anyOf": [
                 {"properties": {"outcome": {"const": outcome}, "cause": {"enum": list(causes_of(outcome))}}}
                 for outcome in OUTCOMES[1:]
@@ -117,15 +97,17 @@ def _object(properties: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _property(name: str, kind: Any) -> dict[str, Any]:
-    optional = get_origin(kind) in (types.UnionType, Union)
-    if optional:
-        (kind,) = (option for option in get_args(kind) if option is not types.NoneType)
-    if kind not in _TYPES:  # an object, described by the caller
-        return {}
+def _metric(metric: Metric) -> dict[str, Any]:
+    kind: dict[str, Any] = {"type": "integer" if metric.whole else ["number", "null"]}
+    return kind | ({} if metric.signed else {"minimum": 0}) | {"description": metric.description}
+
+
+def _property(name: str, kind: Any, empty: bool = False) -> dict[str, Any]:
+    """A field of the record or of its timing, none of whose numbers is negative."""
+    kind, optional = plain_kind(kind)
     found: dict[str, Any] = {"type": [_TYPES[kind], "null"] if optional else _TYPES[kind]}
-    if kind is int or name in (*NONNEGATIVE, *TIMES, *get_type_hints(Timing)) and kind is float:
+    if kind in (int, float):
         found["minimum"] = 0
-    if kind is str and name not in ("reason", "checksum"):
+    if kind is str and not empty:
         found["minLength"] = 1
     return {**found, "description": DESCRIPTIONS[name]}

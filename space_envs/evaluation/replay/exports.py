@@ -1,6 +1,6 @@
-"""Plots and videos as files beside the page."""
+"""Videos of replays."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -8,45 +8,25 @@ import numpy as np
 from tqdm import tqdm
 
 from space_envs.errors import ConfigurationError, RenderingError
-from space_envs.evaluation.records.names import file_name, joined_file_name
-from space_envs.evaluation.records.record import Entrant, Task
+from space_envs.evaluation.records.entry import LeaderboardEntry
 from space_envs.evaluation.replay.frames import model_states
 from space_envs.evaluation.replay.replay import Replay
-from space_envs.evaluation.report.figures import Plot
-from space_envs.system.files import atomic_write, atomic_write_text
+from space_envs.system.files import atomic_write
 
 WIDTH, HEIGHT = 960, 720  # of videos
 
 
-def write_plots(plots: Mapping[Task, Sequence[Plot]], folder: Path) -> list[Path]:
-    """Write each panel as SVG and as PNG into a folder for each task; older plots there are removed."""
-    panels = [
-        (folder / joined_file_name(task.env_id, task.difficulty, task.split), panel)
-        for task, group in plots.items()
-        for plot in group
-        for panel in plot.panels
-    ]
-    written = []
-    for place, panel in tqdm(panels, unit="plot", desc="plots", leave=False):
-        path = place / f"{file_name(panel.key)}.svg"
-        atomic_write_text(path, panel.standalone_svg())
-        with atomic_write(path.with_suffix(".png")) as temporary:
-            temporary.write_bytes(panel.png())
-        written += [path, path.with_suffix(".png")]
-    for path in {*folder.glob("*/*.svg"), *folder.glob("*/*.png")} - set(written):
-        path.unlink()
-    return written
-
-
-def write_videos(targets: Mapping[Entrant, tuple[Replay, Path]]) -> tuple[dict[Entrant, Path], str]:
-    """Write an mp4 of each entrant's replay; where this machine cannot, say why in one sentence."""
-    written: dict[Entrant, Path] = {}
-    for entrant, (replay, path) in tqdm(targets.items(), unit="video", desc="videos", leave=False):
+def write_videos(
+    targets: Mapping[LeaderboardEntry, tuple[Replay, Path]],
+) -> tuple[dict[LeaderboardEntry, Path], str]:
+    """Write an mp4 of each entry's replay; where this machine cannot, say why in one sentence."""
+    written: dict[LeaderboardEntry, Path] = {}
+    for entry, (replay, path) in tqdm(targets.items(), unit="video", desc="videos", leave=False):
         try:
             write_video(replay, path)
         except (RenderingError, ConfigurationError) as error:
             return written, f"There are no videos: {error}"
-        written[entrant] = path
+        written[entry] = path
     return written, ""
 
 

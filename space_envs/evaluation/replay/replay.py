@@ -12,7 +12,7 @@ from space_envs.tasks.base import CaptureTask
 
 if TYPE_CHECKING:  # both know what a replay is
     from space_envs.evaluation.play.rollout import Rollout
-    from space_envs.evaluation.records.record import EpisodeRecord
+    from space_envs.evaluation.records.episode import EpisodeRecord
     from space_envs.evaluation.replay.states import States
 
 LABELS = ("best", "median", "worst")
@@ -50,8 +50,8 @@ def make_replays(
     """The best, the median and the worst episode; fewer where there are fewer episodes.
 
     Episodes are ordered as the leaderboard orders policies: captures before failures, then by final
-    attitude, then by eq. 20 cost. So the worst is a failure where there is one, and the median stands in the
-    middle of that order.
+    attitude, then by base disturbance. So the worst is a failure where there is one, and the median stands in
+    the middle of that order.
 
     Args:
         task: that was played. rollout: K episodes. records: K, of the rollout's rows.
@@ -75,7 +75,8 @@ def make_replays(
 
 def _merit(record: "EpisodeRecord") -> tuple[Any, ...]:
     """Smaller is better; what does not exist is worse than any number."""
-    figures = [np.inf if f is None else f for f in (record.final_attitude, record.attitude_cost)]
+    numbers = (record.metrics[name] for name in ("final_attitude", "attitude_cost"))
+    figures = [np.inf if number is None else number for number in numbers]
     return (not record.captured, *figures, record.seed, record.episode)
 
 

@@ -1,4 +1,4 @@
-"""Recorded states: every episode of an entrant as qpos over time, in npz files without pickles."""
+"""Recorded states: every episode of an entry as qpos over time, in npz files without pickles."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -165,15 +165,15 @@ class States:
 
 
 def states_of(played: "Played", task: CaptureTask) -> States:
-    """The states of all episodes that an entrant played on a task."""
-    rollout, records, entrant = played.rollout, played.records, played.entrant
+    """The states of all episodes that an entry played on a task."""
+    rollout, records, entry = played.rollout, played.records, played.entry
     return States(
         about={
-            "env_id": entrant.task.env_id,
-            "difficulty": entrant.task.difficulty,
-            "split": entrant.task.split,
-            "policy": entrant.policy,
-            "control_mode": entrant.control_mode,
+            "env_id": entry.task.env_id,
+            "difficulty": entry.task.difficulty,
+            "split": entry.task.split,
+            "policy": entry.policy,
+            "control_mode": entry.control_mode,
             "variant": played.variant or "",
         },
         period=task.control_period,
@@ -193,7 +193,7 @@ def concatenate(parts: Sequence[States]) -> States:
     """The episodes of several, one after the other.
 
     Raises:
-        ConfigurationError: if there are none, they are not of one entrant, or an episode stands twice.
+        ConfigurationError: if there are none, they are not of one entry, or an episode stands twice.
     """
     if not parts:
         raise ConfigurationError("states: there are none to put together")

@@ -6,9 +6,14 @@ from typing import Self
 
 import numpy as np
 
+from space_envs.dynamics.rotations import logarithm
 from space_envs.errors import ConfigurationError
+from space_envs.evaluation.play.rollout import Rollout
 from space_envs.system.files import atomic_write
 from space_envs.system.reading import read_arrays
+from space_envs.tasks.base import CaptureTask
+
+TRACED = 30  # episodes of a policy whose course in time is kept
 
 # Shape of each array in terms of K episodes, T steps and n joints.
 _SHAPES: dict[str, tuple[str | int, ...]] = {
@@ -84,3 +89,19 @@ class Traces:
             return cls(**arrays)
         except (OSError, ConfigurationError) as error:
             raise ConfigurationError(f"{path}: not a file of traces: {error}") from error
+
+
+def episode_traces(rollout: Rollout, task: CaptureTask) -> Traces:
+    """The course of the first episodes in time."""
+    k = slice(0, TRACED)
+    position = rollout.qpos[k, :, :3]
+    return Traces(
+        time=task.control_period * np.arange(rollout.qpos.shape[1]),
+        length=rollout.length[k],
+        attitude=rollout.attitude[k],
+        base_rotation=np.rad2deg(logarithm(rollout.qpos[k, :, 3:7])),
+        base_position=position - position[:, :1],
+        position_error=rollout.position_error[k],
+        orientation_error=rollout.orientation_error[k],
+        joint_position=rollout.qpos[k, :, 7:],
+    )

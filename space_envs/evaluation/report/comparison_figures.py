@@ -12,8 +12,8 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.records.names import display_name, figure_name
-from space_envs.evaluation.records.record import EpisodeRecord
 from space_envs.evaluation.report.drawing import INK, LONE, Panel, draw_panel, label_points
 from space_envs.evaluation.report.figures import BLUE, ORANGE, Look, Plot, heading_of
 from space_envs.evaluation.report.tables import row_name
@@ -25,14 +25,15 @@ from space_envs.evaluation.statistics.comparison import (
     FRONT,
     Improvement,
     Standing,
-    by_entrant,
+    by_entry,
     episode_costs,
     improvements,
     pareto_front,
     profiles,
 )
+from space_envs.evaluation.statistics.figures import HEADLINE
 from space_envs.evaluation.statistics.intervals import Estimates
-from space_envs.evaluation.statistics.leaderboard import HEADLINE, Row
+from space_envs.evaluation.statistics.row import Row
 
 _POINTS = 81  # of a profile
 _ROOMY = 8  # policies up to which a cell of the matrix has room for its interval
@@ -70,11 +71,11 @@ def profiles_plot(
     """Share of episodes that captured with at most a cost, against that cost; None where nobody captured."""
     panels = []
     for metric in COSTS:
-        costs = np.concatenate([episode_costs(played, metric) for played in by_entrant(records).values()])
+        costs = np.concatenate([episode_costs(played, metric) for played in by_entry(records).values()])
         tau = _grid(costs)
         if tau is not None:
             found = profiles(records, metric, tau, generator, resamples)
-            panels.append(_profile_panel(rows, metric, tau, [found[row.entrant] for row in rows], shade))
+            panels.append(_profile_panel(rows, metric, tau, [found[row.entry] for row in rows], shade))
     caption = (
         "Share of all episodes that captured with at most the value below; higher and more left is better. "
         "A curve ends at the policy's success. Bands are pointwise 95 % intervals. "
@@ -101,10 +102,20 @@ def _profile_panel(
             look = shade[row.policy]
             low, value, high = (100 * end for end in (share.low, share.value, share.high))
             axes.fill_between(
-                column.scale * tau, low, high, color=look.colour, alpha=min(0.2, 0.7 / len(rows)), lw=0
+                column.scale * tau,
+                low,
+                high,
+                color=look.colour,
+                alpha=min(0.2, 0.7 / len(rows)),
+                lw=0,
             )
             lines += axes.plot(
-                column.scale * tau, value, color=look.colour, ls=look.dash, lw=1.8, label=figure_name(name)
+                column.scale * tau,
+                value,
+                color=look.colour,
+                ls=look.dash,
+                lw=1.8,
+                label=figure_name(name),
             )
         axes.set(xscale="log" if wide else "linear", xlim=column.scale * tau[[0, -1]], ylim=(-2, 102))
         if wide:
@@ -150,7 +161,7 @@ def improvement_plot(rows: Sequence[Row], metric: str, found: Improvement) -> Pl
     `found` is in the metric, one of IMPROVED. Cells of a cost have the number of goals that both captured.
     """
     count = len(rows)
-    place = np.array([found.entrants.index(row.entrant) for row in rows])
+    place = np.array([found.entries.index(row.entry) for row in rows])
     cells = np.ix_(place, place)
     value, low, high = (
         end[cells] for end in (found.probability.value, found.probability.low, found.probability.high)
@@ -223,7 +234,7 @@ def pareto_plot(rows: Sequence[Row], shade: Mapping[str, Look]) -> Plot | None:
     logarithmic; None where nothing that captured was timed."""
     names, standings = [row_name(row, rows) for row in rows], pareto_front(rows)
     shown = [
-        (name, shade[standing.entrant.policy], standing)
+        (name, shade[standing.entry.policy], standing)
         for name, standing in zip(names, standings, strict=True)
         if 0 < standing.wait < math.inf and standing.score > 0
     ]
@@ -261,7 +272,7 @@ def pareto_plot(rows: Sequence[Row], shade: Mapping[str, Look]) -> Plot | None:
         with matplotlib.rc_context({"font.size": 10 if len(labels) <= _ROOMY else 8.5}):
             label_points(axes, labels)
 
-    by_name = {row.entrant: display_name(name) for row, name in zip(rows, names, strict=True)}
+    by_name = {row.entry: display_name(name) for row, name in zip(rows, names, strict=True)}
 
     def place(standing: Standing) -> str:
         if standing.on_front:
@@ -275,7 +286,7 @@ def pareto_plot(rows: Sequence[Row], shade: Mapping[str, Look]) -> Plot | None:
         f"{100 * standing.success:.0f} % captured, {place(standing)}"
         for name, _, standing in shown
     )
-    left = [by_name[each.entrant] for each in standings if each.score > 0 and not math.isfinite(each.wait)]
+    left = [by_name[each.entry] for each in standings if each.score > 0 and not math.isfinite(each.wait)]
     caption = (
         f"{FRONT} Filled and joined: the front. Larger marks capture more; those that miss some have their "
         "success beside them. Lower and more left is better. A triangle at the lower edge: nothing missing."

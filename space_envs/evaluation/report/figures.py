@@ -21,9 +21,10 @@ from space_envs.evaluation.report.tables import row_name
 from space_envs.evaluation.report.templating import shown_unit
 from space_envs.evaluation.report.ticks import is_wide, log_ticks, wide_scale
 from space_envs.evaluation.statistics.columns import column_named
+from space_envs.evaluation.statistics.figures import HEADLINE
 from space_envs.evaluation.statistics.intervals import Estimate
-from space_envs.evaluation.statistics.leaderboard import HEADLINE, Row
 from space_envs.evaluation.statistics.normalised import SCORES, Scores
+from space_envs.evaluation.statistics.row import Row
 from space_envs.tasks.outcome import Outcome
 
 # Okabe and Ito without yellow, which white pages swallow, and without black, which dark ones do.
@@ -119,9 +120,9 @@ def intervals_plot(rows: Sequence[Row], shade: Mapping[str, Look]) -> Plot:
 def scores_plot(rows: Sequence[Row], scores: Scores, shade: Mapping[str, Look]) -> Plot | None:
     """Normalised scores with their 95 % intervals, one panel for each score that exists."""
     panels = []
-    scored = [row for row in rows if row.entrant in scores]
+    scored = [row for row in rows if row.entry in scores]
     for name in SCORES:
-        estimates = [scores[row.entrant][name].estimate for row in scored]
+        estimates = [scores[row.entry][name].estimate for row in scored]
         found = [estimate for estimate in estimates if estimate is not None]
         if not scored or len(found) < len(scored):
             continue
@@ -217,7 +218,7 @@ def outcomes_plot(rows: Sequence[Row]) -> Plot:
 
 
 def cost_plot(rows: Sequence[Row], shade: Mapping[str, Look]) -> Plot | None:
-    """Eq. 20 cost against planning time, both logarithmic; None where no row has both."""
+    """Base disturbance against planning time, both logarithmic; None where no row has both."""
     points = []
     for row, name in zip(rows, (row_name(row, rows) for row in rows), strict=True):
         planning, action = row.timing["planning_ms"], row.timing["action_ms"]
@@ -258,7 +259,7 @@ def cost_plot(rows: Sequence[Row], shade: Mapping[str, Look]) -> Plot | None:
     )
     caption = (
         "Filled: the time to make the plan. Hollow: policies without a plan, at the time of one action. "
-        "A triangle at the lower edge: no cost at all. Low and left is better, for policies that capture."
+        "A triangle at the lower edge: none at all. Low and left is better, for policies that capture."
     )
     panel = draw_panel("cost", draw, alt, width=LONE, height=4.0)
     return Plot("cost", "Cost against planning time", caption, (panel,))

@@ -5,7 +5,7 @@ import io
 import math
 from collections import Counter
 from collections.abc import Sequence
-from itertools import groupby
+from itertools import chain, groupby
 from textwrap import wrap
 from typing import Literal, cast
 
@@ -14,31 +14,25 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from space_envs.evaluation.records.causes import CAUSES, OUTCOMES
+from space_envs.evaluation.records.entry import EvaluatedTask
 from space_envs.evaluation.records.names import csv_name, display_name, latex_name, markdown_name
-from space_envs.evaluation.records.record import CAUSES, OUTCOMES, Task
-from space_envs.evaluation.statistics.columns import COLUMNS, NOTE, RULES, Column, column_named, leaders
-from space_envs.evaluation.statistics.leaderboard import DRIFTS, FIGURES, HEADLINE, TIMINGS, Row
+from space_envs.evaluation.statistics.columns import NOTE, RANK, RULES, Column, columns_of, leaders
+from space_envs.evaluation.statistics.figures import FIGURES, HEADLINE, TIMINGS
+from space_envs.evaluation.statistics.intervals import MISSING
+from space_envs.evaluation.statistics.row import Row
 from space_envs.tasks.outcome import Outcome
 
 _TERMINAL_NAME, _NARROW_NAME = 40, 24  # letters of a policy's name that a terminal shows
 _NARROW = 100  # columns below which a terminal is narrow
 _PIPE_WIDTH = 400
 _TITLE = 9  # letters of a line of a column's head, unless a word is longer
-# What a page of a paper has room for, after the rank.
-_IN_PAPERS = (
-    HEADLINE,
-    "success",
-    "peak_attitude",
-    "attitude_cost",
-    "cost_times_duration",
-    "time_to_capture",
-    "captures",
-)
 _WITH_INTERVALS = (HEADLINE, "success")  # where there is no room for all
+# Words for causes in a count, of one and of several.
 _CALLED = {outcome.value: (outcome.label, outcome.plural) for outcome in Outcome}
 
 
-def by_task(rows: Sequence[Row]) -> list[tuple[Task, list[Row]]]:
+def by_task(rows: Sequence[Row]) -> list[tuple[EvaluatedTask, list[Row]]]:
     """Rows of each task together, in the order of `build_rows`."""
     return [(task, list(group)) for task, group in groupby(rows, key=lambda row: row.task)]
 
@@ -94,15 +88,16 @@ def to_terminal(rows: Sequence[Row], console: Console | None = None) -> None:
     for task, group in by_task(rows):
         width = width_of(console)
         longest = _TERMINAL_NAME if width >= _NARROW else _NARROW_NAME
-        columns, table = list(COLUMNS), _rich_table(group, COLUMNS, longest)
+        everything = columns_of(group[0].metrics)
+        columns, table = list(everything), _rich_table(group, everything, longest)
         options = console.options.update(max_width=_PIPE_WIDTH)
         while console.measure(table, options=options).maximum > width and len(columns) > 1:
-            columns.remove(max(columns, key=lambda column: column.priority))
+            columns.remove(max(columns, key=lambda column: column.display.priority))
             table = _rich_table(group, columns, longest)
         told = f"{task}, {modes_told(group)}; {counts_told(group)}"
         print_at(console, Text(display_name(told, 200), style="bold"), width)
         print_at(console, table, width)
-        hidden = [column.title for column in COLUMNS if column not in columns]
+        hidden = [column.title for column in everything if column not in columns]
         if hidden:
             print_at(console, Text(f"Not shown at this width: {', '.join(hidden)}.", style="dim"), width)
         for name, failures in failures_told(group):
@@ -125,7 +120,8 @@ def to_markdown(rows: Sequence[Row]) -> str:
 
 def markdown_table(rows: Sequence[Row], brief: bool = False) -> str:
     """The table of one task, its failures and the rules under it; all columns and intervals, or a few."""
-    rank, *others = [column for column in COLUMNS if column.brief or not brief]
+    every = columns_of(rows[0].metrics)
+    rank, *others = [column for column in every if not brief or column.display.room != "full"]
     heads = [rank.heading, "policy", *(column.heading for column in others)]
     parts = [f"| {' | '.join(heads)} |\n", "| ---: | --- |" + " ---: |" * len(others) + "\n"]
     for row in rows:
@@ -142,16 +138,18 @@ def to_csv(rows: Sequence[Row]) -> str:
     """Every figure with its interval in the units of the records; rates in 0..1, empty where none exists."""
     head = ["rank", "env_id", "difficulty", "split", "policy", "control_mode", "config_hash", "task_version"]
     head += ["episodes", "captures", "seeds"]
-    for key in FIGURES:
+    figures = dict.fromkeys(chain(FIGURES, *(row.figures for row in rows)))
+    largest = dict.fromkeys(chain.from_iterable(row.largest for row in rows))
+    for key in figures:
         head += [key, f"{key}_low", f"{key}_high"]
-    head += [*(f"{key}_max" for key in DRIFTS), *OUTCOMES, *(f"cause_{cause}" for cause in CAUSES)]
+    head += [*(f"{key}_max" for key in largest), *OUTCOMES, *(f"cause_{cause}" for cause in CAUSES)]
     head += [f"timing_{key}" for key in TIMINGS]
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(head)
     for row in rows:
-        numbers = [end for key in FIGURES for end in vars(row.figures[key]).values()]
-        numbers += [row.drift[key] for key in DRIFTS]
+        numbers = [end for key in figures for end in vars(row.figures.get(key, MISSING)).values()]
+        numbers += [row.largest.get(key, math.nan) for key in largest]
         names = (row.task.env_id, row.task.difficulty, row.task.split, row.policy, row.control_mode)
         cells: list[object] = ["" if row.rank is None else row.rank, *map(csv_name, names)]
         cells += [csv_name(row.config_hash), row.task_version, row.episodes, row.captures, len(row.seeds)]
@@ -166,9 +164,9 @@ def to_csv(rows: Sequence[Row]) -> str:
 
 def to_latex(rows: Sequence[Row]) -> str:
     """One table (booktabs) for each task to \\input into a paper, the best figures of each column bold."""
-    rank, columns = column_named("rank"), [column for column in COLUMNS if column.key in _IN_PAPERS]
     parts = ["% \\usepackage{booktabs} in the preamble.\n"]
     for task, group in by_task(rows):
+        columns = [c for c in columns_of(group[0].metrics) if c.display.room == "paper"]
         caption = f"{latex_name(str(task))}: {counts_told(group)}, 95\\,\\% intervals in brackets. "
         caption += f"Control mode: {latex_name(modes_told(group))}."
         heads = [latex_name(column.title) for column in columns]
@@ -177,12 +175,12 @@ def to_latex(rows: Sequence[Row]) -> str:
             "\\begin{table}\n  \\centering\\small\n",
             f"  \\caption{{{caption}}}\n",
             f"  \\begin{{tabular}}{{rl{'r' * len(columns)}}}\n    \\toprule\n",
-            f"    {rank.title} & policy & {' & '.join(heads)} \\\\\n",
+            f"    {RANK.title} & policy & {' & '.join(heads)} \\\\\n",
             f"    & & {' & '.join(units)} \\\\\n    \\midrule\n",
         ]
         for row in group:
             cells = [_latex_cell(column, row, group) for column in columns]
-            cells = [rank.value(row), latex_name(row_name(row, group)), *cells]
+            cells = [RANK.value(row), latex_name(row_name(row, group)), *cells]
             parts.append(f"    {' & '.join(cells)} \\\\\n")
         parts.append("    \\bottomrule\n  \\end{tabular}\n")
         parts.append(f"  \\par\\smallskip\\footnotesize {' '.join(RULES)}\n\\end{{table}}\n")

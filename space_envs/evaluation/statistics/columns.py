@@ -1,23 +1,24 @@
-"""The columns of a leaderboard: the one definition of each figure's name, unit and digits, for every table,
-page and plot."""
+"""Columns of a leaderboard: name, unit and digits of each figure, for every table, page and plot."""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 from space_envs.errors import unknown_name
+from space_envs.evaluation.statistics.figures import BUILT_IN, HEADLINE, TIMINGS, MetricFigure
 from space_envs.evaluation.statistics.intervals import CONFIDENCE, Estimate
-from space_envs.evaluation.statistics.leaderboard import HEADLINE, TIMINGS, Row
+from space_envs.evaluation.statistics.rounding import interval, rounded, supported_decimals
+from space_envs.evaluation.statistics.row import Row
+from space_envs.metric import Better, Display
 
 ABLE = 0.9  # success from which a policy competes for the gentlest and the fastest capture
 RULES = (
     "Ranked by the kept-attitude score: the mean over all episodes of captured / (1 + peak attitude / 1 deg),"
-    " so that a failure counts 0 and a capture that never turns the satellite 1.",
-    "Attitude, cost, time and errors are over captures alone, whose number stands in a column of its own; "
-    "hold, random and policies without a capture have no rank and are never marked best.",
-    "The eq. 20 cost falls with slowness: the same path in twice the time costs half. Cost x duration, with "
-    "the time until the envelope is entered, does not.",
+    " so that a failure counts 0 and a capture that never rotates the satellite 1.",
+    "Attitude, base disturbance, time and errors are over captures alone, whose number stands in a column of "
+    "its own; hold, random and policies without a capture have no rank and are never marked best.",
+    "The base disturbance (eq. 20 of Shyam et al. 2020) falls with slowness: the same path in twice the time "
+    "has half of it. Disturbance x duration, with the time until the envelope is entered, does not.",
 )  # stand under every table
 NOTE = (
     f"Brackets: {100 * CONFIDENCE:.0f} % intervals (Wilson for rates, stratified bootstrap for the others, "
@@ -29,17 +30,31 @@ NOTE = (
 
 @dataclass(frozen=True)
 class Column:
-    """A column of the leaderboard: `scale` takes the figure from the record's unit to the one shown."""
+    """Column of a leaderboard: a figure of each row, and how it is displayed."""
 
     key: str
-    title: str
-    unit: str
-    better: Literal["higher", "lower"] | None
     meaning: str
-    scale: float = 1.0
-    decimals: int | None = None  # None: as many as the interval supports
-    priority: int = 0  # columns with larger numbers leave a narrow terminal first
-    brief: bool = False  # whether the README has room for it
+    display: Display
+
+    @property
+    def title(self) -> str:
+        """Heading without its unit."""
+        return self.display.title
+
+    @property
+    def unit(self) -> str:
+        """Of the numbers shown."""
+        return self.display.unit
+
+    @property
+    def scale(self) -> float:
+        """Factor from the unit of the records to the one shown."""
+        return self.display.scale
+
+    @property
+    def better(self) -> Better | None:
+        """Whether a higher or a lower figure is better."""
+        return self.display.better
 
     @property
     def heading(self) -> str:
@@ -48,22 +63,25 @@ class Column:
 
     @property
     def share(self) -> bool:
-        """Whether failures count in it: a share of all episodes, or the score."""
-        return self.unit == "%" or self.key == HEADLINE
+        """Whether failures count in it: a share of all episodes, the score, or a metric of all episodes."""
+        return self.unit == "%" or self.key == HEADLINE or self.display.over == "all"
 
     def estimate(self, row: Row) -> Estimate:
         """The figure in the unit shown; what does not exist, and ends where there is no interval, are NaN."""
         if self.key in row.figures:
             raw = row.figures[self.key]
             return Estimate(*(self.scale * end for end in (raw.value, raw.low, raw.high)))
+        if self.key in row.largest:
+            return Estimate(self.scale * row.largest[self.key], math.nan, math.nan)
         if self.key in TIMINGS:
             return Estimate(row.timing[self.key], math.nan, math.nan)
-        number = getattr(row, self.key)
+        number = getattr(row, self.key, None)
         return Estimate(math.nan if number is None else float(number), math.nan, math.nan)
 
     def digits(self, estimate: Estimate) -> int:
         """Decimals with which a figure and its interval are shown."""
-        return supported_decimals(estimate) if self.decimals is None else self.decimals
+        decimals = self.display.decimals
+        return supported_decimals(estimate) if decimals is None else decimals
 
     def value(self, row: Row) -> str:
         """The figure alone."""
@@ -72,134 +90,71 @@ class Column:
 
     def interval(self, row: Row) -> str:
         """`[low, high]`, or nothing where the figure has no interval."""
-        return interval(self.estimate(row), self.decimals)
+        return interval(self.estimate(row), self.display.decimals)
 
 
-def interval(estimate: Estimate, decimals: int | None = None) -> str:
-    """`[low, high]` with such decimals, or those supported; nothing where an end does not exist."""
-    if not all(map(math.isfinite, (estimate.value, estimate.low, estimate.high))):
-        return ""
-    decimals = supported_decimals(estimate) if decimals is None else decimals
-    return f"[{rounded(estimate.low, decimals)}, {rounded(estimate.high, decimals)}]"
-
-
-def supported_decimals(estimate: Estimate) -> int:
-    """Decimals that a figure's interval supports; negative to round to tens.
-
-    The last digit shown is the first of half the interval's width, or its second where the first is 1 or 2.
-    At least one significant digit of the figure is shown, and three at most; two where it has no interval.
-    """
-    half = (estimate.high - estimate.low) / 2
-    if estimate.value == 0 or not math.isfinite(estimate.value):
-        first = 0 if not 0 < half < math.inf else math.floor(math.log10(half))
-        return 1 - first
-    size = math.floor(math.log10(abs(estimate.value)))
-    if not math.isfinite(half):
-        return 1 - size
-    if half <= 0:
-        return 2 - size
-    first = math.floor(math.log10(half))
-    by_interval = -first + (half < 3 * 10.0**first)
-    return min(max(by_interval, -size), 2 - size)
-
-
-def rounded(value: float, decimals: int) -> str:
-    """A number with such decimals, with an exponent where they are more than six; - if it is not finite."""
-    if not math.isfinite(value):
-        return "-"
-    near = round(value, decimals)
-    if near == 0:
-        return "0"
-    if decimals > 6 or abs(near) >= 1e6:
-        return f"{near:.{max(0, math.floor(math.log10(abs(near))) + decimals)}e}"
-    return f"{near:.{max(0, decimals)}f}"
-
-
-def _share(key: str, meaning: str, priority: int = 0, brief: bool = False) -> Column:
+def _share(key: str, meaning: str, priority: int = 0, room: str = "full") -> Column:
     """A share of all episodes."""
-    return Column(key, key, "%", "higher", meaning, 100.0, 0, priority, brief)
+    display = Display(key, "higher", unit="%", scale=100.0, decimals=0, priority=priority, room=room)
+    return Column(key, meaning, display)
 
 
-COLUMNS: tuple[Column, ...] = (
-    Column("rank", "rank", "", "lower", "by the kept-attitude score", decimals=0, priority=-2, brief=True),
+def _number(key: str, meaning: str, better: Better | None, priority: int, room: str = "readme") -> Column:
+    return Column(key, meaning, Display(key, better, decimals=0, priority=priority, room=room))
+
+
+RANK = _number("rank", "by the kept-attitude score", "lower", -2)
+_FIRST = (
+    RANK,
     Column(
         HEADLINE,
-        "kept-attitude score",
-        "",
-        "higher",
         "mean of captured / (1 + peak attitude / 1 deg) over all episodes",
-        priority=-1,
-        brief=True,
+        Display("kept-attitude score", "higher", room="paper", priority=-1),
     ),
-    _share("success", "share of all episodes that captured", brief=True),
-    _share("capture@5deg", "captured, at most 5 deg left at the end", priority=12),
-    _share("capture@1deg", "captured, at most 1 deg left at the end", priority=9),
-    _share("capture@0.1deg", "captured, at most 0.1 deg left at the end", priority=5),
-    _share("kept@5deg", "captured, never turned by more than 5 deg", priority=16),
-    _share("kept@1deg", "captured, never turned by more than 1 deg", priority=3, brief=True),
-    _share("kept@0.1deg", "captured, never turned by more than 0.1 deg", priority=6),
+    _share("success", "share of all episodes that captured", room="paper"),
+    _share("capture@5deg", "captured, final attitude at most 5 deg", 12),
+    _share("capture@1deg", "captured, final attitude at most 1 deg", 9),
+    _share("capture@0.1deg", "captured, final attitude at most 0.1 deg", 5),
+    _share("kept@5deg", "captured, peak attitude at most 5 deg", 16),
+    _share("kept@1deg", "captured, peak attitude at most 1 deg", 3, "readme"),
+    _share("kept@0.1deg", "captured, peak attitude at most 0.1 deg", 6),
+)
+_LAST = (
     Column(
-        "final_attitude",
-        "final attitude",
-        "deg",
-        "lower",
-        "of the base from where it started, at the end",
-        priority=4,
-        brief=True,
+        "planning_ms",
+        "median, - without a plan",
+        Display("planning", "lower", unit="ms", priority=7, room="readme"),
     ),
     Column(
-        "peak_attitude",
-        "peak attitude",
-        "deg",
-        "lower",
-        "of the base from where it started, the largest",
-        priority=2,
-        brief=True,
+        "action_ms",
+        "median time to choose one action",
+        Display("per action", "lower", unit="ms", priority=13, room="readme"),
     ),
-    Column(
-        "attitude_cost",
-        "eq. 20 cost",
-        "cm^2/s",
-        "lower",
-        "eq. 20 of shyam2020 times dt; falls with slowness",
-        scale=10000.0,
-        priority=8,
-        brief=True,
-    ),
-    Column(
-        "cost_times_duration",
-        "cost x duration",
-        "m^2",
-        "lower",
-        "eq. 20 cost times the time until the envelope is entered",
-        priority=10,
-        brief=True,
-    ),
-    Column("time_to_capture", "time to capture", "s", "lower", "median", priority=11, brief=True),
-    Column(
-        "position_error_at_capture",
-        "position error at capture",
-        "mm",
-        "lower",
-        "a policy may settle nearer later",
-        scale=1000,
-        priority=15,
-    ),
-    Column("planning_ms", "planning", "ms", "lower", "median, - without a plan", priority=7, brief=True),
-    Column(
-        "action_ms", "per action", "ms", "lower", "median time to choose one action", priority=13, brief=True
-    ),
-    Column("captures", "captures", "", None, "number of captures", decimals=0, priority=1, brief=True),
-    Column("episodes", "episodes", "", None, "number of episodes", decimals=0, priority=14),
+    _number("captures", "number of captures", None, 1, "paper"),
+    _number("episodes", "number of episodes", None, 14, "full"),
 )
 
 
-def column_named(name: str) -> Column:
+def columns_of(metrics: Sequence[MetricFigure]) -> tuple[Column, ...]:
+    """All columns of a table whose task has these figures."""
+    shown = [figure for figure in metrics if figure.display.title]
+    return (*_FIRST, *(Column(each.key, _meaning(each), each.display) for each in shown), *_LAST)
+
+
+def _meaning(figure: MetricFigure) -> str:
+    statistic = figure.display.statistic
+    return figure.meaning + ("" if statistic == "interquartile mean" else f"; {statistic}")
+
+
+COLUMNS = columns_of(BUILT_IN)  # of every task
+
+
+def column_named(name: str, columns: Sequence[Column] = COLUMNS) -> Column:
     """The column of a key or a title; ConfigurationError with the nearest key if there is none."""
-    for column in COLUMNS:
+    for column in columns:
         if name in (column.key, column.title):
             return column
-    raise unknown_name("column", name, [column.key for column in COLUMNS])
+    raise unknown_name("column", name, [column.key for column in columns])
 
 
 def leaders(column: Column, rows: Sequence[Row]) -> list[Row]:

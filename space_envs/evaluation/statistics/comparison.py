@@ -15,7 +15,9 @@ from typing import Any
 import numpy as np
 
 from space_envs.errors import ConfigurationError, unknown_name
-from space_envs.evaluation.records.record import Entrant, EpisodeRecord
+from space_envs.evaluation.records.entry import LeaderboardEntry
+from space_envs.evaluation.records.episode import EpisodeRecord
+from space_envs.evaluation.statistics.figures import HEADLINE, metric_values
 from space_envs.evaluation.statistics.intervals import (
     CONFIDENCE,
     MISSING,
@@ -29,7 +31,7 @@ from space_envs.evaluation.statistics.intervals import (
     share_bootstrap,
     strata_groups,
 )
-from space_envs.evaluation.statistics.leaderboard import HEADLINE, Row
+from space_envs.evaluation.statistics.row import Row
 
 COSTS = ("final_attitude", "attitude_cost", "time_to_capture")
 COMPARED = (HEADLINE, *COSTS)
@@ -45,14 +47,14 @@ class Improvement:
     """How likely one policy is better than another, for each pair of p policies.
 
     Attributes:
-        entrants: the p policies, in order. probability: (p, p), entry [i, j] that i beats j, ties counted
+        entries: the p policies, in order. probability: (p, p), entry [i, j] that i beats j, ties counted
             half; the diagonal is 1/2, NaN where there is nothing to compare.
         paired: (p, p) bool, whether both played the same goals, so that the comparison is goal by goal.
         count: (p, p) int, goals that are compared: for a cost those that both captured. Where the goals are
             not the same, episodes of i that are compared with those of j.
     """
 
-    entrants: tuple[Entrant, ...]
+    entries: tuple[LeaderboardEntry, ...]
     probability: Estimates
     paired: np.ndarray
     count: np.ndarray
@@ -62,12 +64,12 @@ class Improvement:
 class Standing:
     """Where a policy stands in the kept-attitude score and waiting time, and who keeps it off the front."""
 
-    entrant: Entrant
+    entry: LeaderboardEntry
     score: float  # 0..1
     success: float  # 0..1
     wait: float  # ms from goal to first action: planning and one action; +infinity where nothing was timed
     competes: bool  # as `Row.competes`
-    dominated_by: tuple[Entrant, ...]  # those of what competes
+    dominated_by: tuple[LeaderboardEntry, ...]  # those of what competes
 
     @property
     def on_front(self) -> bool:
@@ -177,7 +179,7 @@ def pareto_front(rows: Sequence[Row]) -> list[Standing]:
     In the order of the rows; FRONT says in words who is on the front. A policy that makes no plan waits for
     its action alone.
     """
-    _one_task([row.entrant for row in rows])
+    _one_task([row.entry for row in rows])
     score = np.array([row.figures[HEADLINE].value for row in rows])
     times = [[value for value in row.timing.values() if not math.isnan(value)] for row in rows]
     wait = np.array([sum(known) if known else math.inf for known in times])
@@ -185,12 +187,12 @@ def pareto_front(rows: Sequence[Row]) -> list[Standing]:
     better = dominance(np.stack([-score, wait], axis=1)) & competes[:, None]
     return [
         Standing(
-            row.entrant,
+            row.entry,
             float(score[number]),
             row.figures["success"].value,
             float(wait[number]),
             row.competes,
-            tuple(other.entrant for other, above in zip(rows, better[:, number], strict=True) if above),
+            tuple(other.entry for other, above in zip(rows, better[:, number], strict=True) if above),
         )
         for number, row in enumerate(rows)
     ]
@@ -202,16 +204,16 @@ def profiles(
     tau: np.ndarray,
     generator: np.random.Generator,
     resamples: int = 5000,
-) -> dict[Entrant, Estimates]:
+) -> dict[LeaderboardEntry, Estimates]:
     """The performance profile of each policy of one task; metric is one of COSTS, tau in its unit.
 
     A profile does not depend on which other policies there are.
     """
     entropy = int(generator.integers(2**63))
     found = {}
-    for entrant, played in by_entrant(records).items():
-        stream = named_generator(entropy, metric, *words(entrant))
-        found[entrant] = performance_profile(
+    for entry, played in by_entry(records).items():
+        stream = named_generator(entropy, metric, *words(entry))
+        found[entry] = performance_profile(
             episode_costs(played, metric), seeds_of(played), tau, stream, resamples
         )
     return found
@@ -227,16 +229,16 @@ def improvements(
     are.
     """
     entropy = int(generator.integers(2**63))
-    players = by_entrant(records)
-    entrants = tuple(players)
+    players = by_entry(records)
+    entries = tuple(players)
     values = [_compared(played, metric) for played in players.values()]
     seeds = [seeds_of(played) for played in players.values()]
     goals = [tuple((record.seed, record.index) for record in played) for played in players.values()]
-    number = len(entrants)
+    number = len(entries)
     square, paired = _square(number), np.zeros((number, number), dtype=bool)
     count = np.diag([int(np.isfinite(each).sum()) for each in values])
     for i, j in zip(*np.triu_indices(number, 1), strict=True):
-        stream = named_generator(entropy, metric, *words(entrants[i]), *words(entrants[j]))
+        stream = named_generator(entropy, metric, *words(entries[i]), *words(entries[j]))
         there = [np.isfinite(values[each]) for each in (i, j)]
         # A goal that stands twice under one seed cannot be matched with its like.
         if goals[i] == goals[j] and len(set(goals[i])) == len(goals[i]):
@@ -250,7 +252,7 @@ def improvements(
             )
             found = _improvement(first, second, bool(paired[i, j]), stream, resamples)
         _fill(square, i, j, found)
-    return Improvement(entrants, square, paired, count)
+    return Improvement(entries, square, paired, count)
 
 
 def _improvement(
@@ -267,15 +269,15 @@ def _improvement(
     return Estimate(*(float(end[0, 1]) for end in (found.value, found.low, found.high)))
 
 
-def by_entrant(records: Sequence[EpisodeRecord]) -> dict[Entrant, list[EpisodeRecord]]:
+def by_entry(records: Sequence[EpisodeRecord]) -> dict[LeaderboardEntry, list[EpisodeRecord]]:
     """Records of each policy, in the order of seed and goal. ConfigurationError for several tasks."""
-    players: dict[Entrant, list[EpisodeRecord]] = {}
+    players: dict[LeaderboardEntry, list[EpisodeRecord]] = {}
     for record in records:
-        players.setdefault(record.entrant, []).append(record)
+        players.setdefault(record.entry, []).append(record)
     _one_task(players)
     return {
-        entrant: sorted(players[entrant], key=lambda record: (record.seed, record.index, record.episode))
-        for entrant in sorted(players)
+        entry: sorted(players[entry], key=lambda record: (record.seed, record.index, record.episode))
+        for entry in sorted(players)
     }
 
 
@@ -283,15 +285,15 @@ def episode_costs(records: Sequence[EpisodeRecord], metric: str) -> np.ndarray:
     """One of COSTS of each episode (n,), +infinity where it did not capture."""
     if metric not in COSTS:
         raise unknown_name("cost", metric, COSTS)
-    return np.array([getattr(record, metric) if record.captured else math.inf for record in records])
+    return np.where([record.captured for record in records], metric_values(records, metric), math.inf)
 
 
 def _compared(records: Sequence[EpisodeRecord], metric: str) -> np.ndarray:
     """What of each episode is compared (n,), lower for better, +infinity where there is nothing."""
     if metric != HEADLINE:
         return episode_costs(records, metric)
-    peak = np.array([math.inf if r.peak_attitude is None else r.peak_attitude for r in records])
-    return -kept_attitude(np.array([r.captured for r in records]), peak)
+    captured = np.array([record.captured for record in records])
+    return -kept_attitude(captured, metric_values(records, "peak_attitude"))
 
 
 def seeds_of(records: Sequence[EpisodeRecord]) -> np.ndarray:
@@ -299,10 +301,10 @@ def seeds_of(records: Sequence[EpisodeRecord]) -> np.ndarray:
     return np.array([record.seed for record in records])
 
 
-def words(entrant: Entrant) -> tuple[str, ...]:
+def words(entry: LeaderboardEntry) -> tuple[str, ...]:
     """All names of a policy and its task, to name its random numbers by."""
-    task = entrant.task
-    return (task.env_id, task.difficulty, task.split, entrant.policy, entrant.control_mode)
+    task = entry.task
+    return (task.env_id, task.difficulty, task.split, entry.policy, entry.control_mode)
 
 
 def _square(count: int) -> Estimates:
@@ -316,8 +318,8 @@ def _fill(square: Estimates, i: Any, j: Any, found: Estimate | Estimates) -> Non
     square.value[j, i], square.low[j, i], square.high[j, i] = 1 - found.value, 1 - found.high, 1 - found.low
 
 
-def _one_task(entrants: Collection[Entrant]) -> None:
-    tasks = sorted({entrant.task for entrant in entrants})
+def _one_task(entries: Collection[LeaderboardEntry]) -> None:
+    tasks = sorted({entry.task for entry in entries})
     if len(tasks) > 1:
         raise ConfigurationError(
             f"policies of different tasks cannot be compared: {'; '.join(map(str, tasks))}"

@@ -4,8 +4,8 @@ A policy's score s is the mean of its episodes' scores in 0..1, more being bette
 score is captured / (1 + peak attitude / 1 deg). For `success`, `capture@N deg` and `kept@N deg` it scores 1
 where it captured (and ended, or stayed, within that attitude), else 0. For a cost it scores
 max(0, 1 - cost / worst), and 0 where it did not capture, so that nothing is worse than a failure. The worst
-final attitude and the worst eq. 20 cost are the interquartile means of random's episodes as they ended; the
-worst time to capture is the length of the longest episode of random and the experts.
+final attitude and the worst base disturbance are the interquartile means of random's episodes as they ended;
+the worst time to capture is the length of the longest episode of random and the experts.
 
 The normalised score is (s - s_random) / (s_expert - s_random): below 0 the policy is worse than random, above
 1 better than every expert. The best expert is found for each score by itself.
@@ -17,8 +17,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from space_envs.evaluation.records.record import Entrant, EpisodeRecord
-from space_envs.evaluation.statistics.comparison import COSTS, by_entrant, episode_costs, seeds_of, words
+from space_envs.evaluation.records.entry import LeaderboardEntry
+from space_envs.evaluation.records.episode import EpisodeRecord
+from space_envs.evaluation.statistics.comparison import COSTS, by_entry, episode_costs, seeds_of, words
+from space_envs.evaluation.statistics.figures import HEADLINE, capture_key, kept_key, metric_values
 from space_envs.evaluation.statistics.intervals import (
     ATTITUDE_LIMITS,
     Estimate,
@@ -28,7 +30,6 @@ from space_envs.evaluation.statistics.intervals import (
     share_bootstrap,
     stratified_bootstrap,
 )
-from space_envs.evaluation.statistics.leaderboard import HEADLINE, capture_key, kept_key
 
 # Name of a rate -> the record's field and the limit on it, deg.
 RATES: Mapping[str, tuple[str, float]] = {
@@ -53,13 +54,13 @@ class NormalisedScore:
     reason: str | None
 
 
-Scores = Mapping[Entrant, Mapping[str, NormalisedScore]]
-"""Of each entrant, by the names in SCORES."""
+Scores = Mapping[LeaderboardEntry, Mapping[str, NormalisedScore]]
+"""Of each entry, by the names in SCORES."""
 
 
 @dataclass(frozen=True)
 class _Scale:
-    merits: Mapping[Entrant, np.ndarray]  # score of each episode
+    merits: Mapping[LeaderboardEntry, np.ndarray]  # score of each episode
     zero: float
     one: float
     expert: str
@@ -70,47 +71,47 @@ def normalised_scores(
     experts: Collection[str],
     generator: np.random.Generator,
     resamples: int = 5000,
-) -> dict[Entrant, dict[str, NormalisedScore]]:
+) -> dict[LeaderboardEntry, dict[str, NormalisedScore]]:
     """Each of SCORES of each policy of one task; MAIN_SCORE is the one for a single number.
 
-    `experts` are names of policies; those without records do not count. Where several entrants are called
+    `experts` are names of policies; those without records do not count. Where several entries are called
     `random` (in several control modes), the best of them has 0. Raises ConfigurationError for records of
     several tasks.
     """
     entropy = int(generator.integers(2**63))
-    players = by_entrant(records)
-    scores: dict[Entrant, dict[str, NormalisedScore]] = {entrant: {} for entrant in players}
+    players = by_entry(records)
+    scores: dict[LeaderboardEntry, dict[str, NormalisedScore]] = {entry: {} for entry in players}
     for name in SCORES:
         scale = _scale(name, players, experts)
-        for entrant, played in players.items():
+        for entry, played in players.items():
             if isinstance(scale, str):
-                scores[entrant][name] = NormalisedScore(None, None, scale)
+                scores[entry][name] = NormalisedScore(None, None, scale)
                 continue
-            stream = named_generator(entropy, name, *words(entrant))
-            raw = _mean(scale.merits[entrant], seeds_of(played), stream, resamples, name in RATES)
+            stream = named_generator(entropy, name, *words(entry))
+            raw = _mean(scale.merits[entry], seeds_of(played), stream, resamples, name in RATES)
             ends = ((end - scale.zero) / (scale.one - scale.zero) for end in (raw.value, raw.low, raw.high))
-            scores[entrant][name] = NormalisedScore(Estimate(*ends), scale.expert, None)
+            scores[entry][name] = NormalisedScore(Estimate(*ends), scale.expert, None)
     return scores
 
 
 def _scale(
-    name: str, players: Mapping[Entrant, list[EpisodeRecord]], experts: Collection[str]
+    name: str, players: Mapping[LeaderboardEntry, list[EpisodeRecord]], experts: Collection[str]
 ) -> _Scale | str:
     """The scores of all episodes and the two references, or the reason why there is no such scale."""
-    bottom = [entrant for entrant in players if entrant.policy == REFERENCE]
-    top = [entrant for entrant in players if entrant.policy in experts and entrant.policy != REFERENCE]
+    bottom = [entry for entry in players if entry.policy == REFERENCE]
+    top = [entry for entry in players if entry.policy in experts and entry.policy != REFERENCE]
     if not bottom:
         return f"there are no episodes of {REFERENCE!r}, which has the score 0"
     if not top:
         return "there are no episodes of an expert, the best of which has the score 1"
     worst = None
     if name in COSTS:
-        worst = _worst(name, *([r for entrant in side for r in players[entrant]] for side in (bottom, top)))
+        worst = _worst(name, *([r for entry in side for r in players[entry]] for side in (bottom, top)))
         if isinstance(worst, str):
             return worst
-    merits = {entrant: _merit(played, name, worst) for entrant, played in players.items()}
-    zero = max(float(merits[entrant].mean()) for entrant in bottom)
-    best = max(top, key=lambda entrant: merits[entrant].mean())
+    merits = {entry: _merit(played, name, worst) for entry, played in players.items()}
+    zero = max(float(merits[entry].mean()) for entry in bottom)
+    best = max(top, key=lambda entry: merits[entry].mean())
     one = float(merits[best].mean())
     if one <= zero:
         return f"no expert is better than {REFERENCE!r} in {name}"
@@ -120,10 +121,13 @@ def _scale(
 def _worst(name: str, bottom: list[EpisodeRecord], top: list[EpisodeRecord]) -> float | str:
     """The cost from which on an episode scores 0, or the reason why there is none."""
     if name == "time_to_capture":
-        steps = [record.time_to_capture / record.steps for record in top if record.time_to_capture]
-        return max(steps) * max(record.steps for record in bottom + top) if steps else "no expert captured"
-    ended = [getattr(record, name) for record in bottom]
-    worst = float(interquartile_mean(np.array([math.inf if value is None else value for value in ended])))
+        times, steps = metric_values(top, name), metric_values(top, "steps")
+        captured = np.isfinite(times) & (times > 0)
+        if not captured.any():
+            return "no expert captured"
+        longest = metric_values(bottom + top, "steps").max()
+        return float((times[captured] / steps[captured]).max() * longest)
+    worst = float(interquartile_mean(metric_values(bottom, name)))
     if 0 < worst < math.inf:
         return worst
     return f"{name} of {REFERENCE!r} is {'zero' if worst == 0 else 'missing in too many episodes'}"
@@ -134,16 +138,10 @@ def _merit(records: Sequence[EpisodeRecord], name: str, worst: float | None) -> 
     if worst is not None:
         return np.clip(1 - episode_costs(records, name) / worst, 0, 1)
     captured = np.array([record.captured for record in records])
-    attitude = np.array([_attitude(record, RATES.get(name, ("peak_attitude", 0.0))[0]) for record in records])
+    attitude = metric_values(records, RATES.get(name, ("peak_attitude", 0.0))[0])
     if name == HEADLINE:
         return kept_attitude(captured, attitude)
     return (captured & (attitude <= RATES[name][1])).astype(np.float64)
-
-
-def _attitude(record: EpisodeRecord, name: str) -> float:
-    """One of the record's attitudes, deg, +infinity where it does not exist."""
-    value: float | None = getattr(record, name)
-    return math.inf if value is None else value
 
 
 def _mean(

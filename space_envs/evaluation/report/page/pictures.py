@@ -8,11 +8,11 @@ import numpy as np
 from PIL import Image
 
 from space_envs.errors import ConfigurationError
+from space_envs.evaluation.records.entry import EvaluatedTask, LeaderboardEntry
 from space_envs.evaluation.records.names import display_name
-from space_envs.evaluation.records.record import Entrant, Task
-from space_envs.evaluation.report.stills import Still
+from space_envs.evaluation.replay.stills import Still
 from space_envs.evaluation.report.tables import row_name
-from space_envs.evaluation.statistics.leaderboard import Row
+from space_envs.evaluation.statistics.row import Row
 
 PICTURE_LETTERS = 1_000_000  # of a page of ten million
 # How many policies of each task are shown in pictures, and how wide these are, in pixels: the first that fit.
@@ -29,8 +29,8 @@ Film = tuple[str, list[tuple[str, str]]]  # a policy's name; the time in s and t
 
 
 def page_pictures(
-    tasks: Sequence[tuple[Task, list[Row]]], pictures: Mapping[Entrant, Sequence[Still]]
-) -> dict[Task, list[Film]]:
+    tasks: Sequence[tuple[EvaluatedTask, list[Row]]], pictures: Mapping[LeaderboardEntry, Sequence[Still]]
+) -> dict[EvaluatedTask, list[Film]]:
     """Pictures of the first policies of each task: of as many and as large as every task has room for.
 
     Raises:
@@ -44,16 +44,16 @@ def page_pictures(
 
 
 def _films(
-    tasks: Sequence[tuple[Task, list[Row]]],
-    pictures: Mapping[Entrant, Sequence[Still]],
+    tasks: Sequence[tuple[EvaluatedTask, list[Row]]],
+    pictures: Mapping[LeaderboardEntry, Sequence[Still]],
     count: int,
     width: int,
-) -> dict[Task, list[Film]] | None:
+) -> dict[EvaluatedTask, list[Film]] | None:
     """Pictures of `count` policies of each task, `width` pixels wide; None where the page has no room."""
     room = PICTURE_LETTERS
-    films: dict[Task, list[Film]] = {task: [] for task, _ in tasks}
+    films: dict[EvaluatedTask, list[Film]] = {task: [] for task, _ in tasks}
     for task, rows in tasks:
-        pictured = [(row, stills) for row in rows if (stills := pictures.get(row.entrant))]
+        pictured = [(row, stills) for row in rows if (stills := pictures.get(row.entry))]
         for row, stills in pictured[:count]:
             film = [(f"{still.time:.1f}", _jpeg(row.policy, still, width)) for still in stills]
             room -= sum(len(url) for _, url in film)
@@ -63,11 +63,13 @@ def _films(
     return films
 
 
-def why_no_pictures(rows: Sequence[Row], pictures: Mapping[Entrant, Sequence[Still]], note: str) -> str:
+def why_no_pictures(
+    rows: Sequence[Row], pictures: Mapping[LeaderboardEntry, Sequence[Still]], note: str
+) -> str:
     """Why the task of the rows is shown without pictures; `note` says why there are none of any task."""
     if not pictures:
         return note or NO_PICTURES
-    if any(pictures.get(row.entrant) for row in rows):
+    if any(pictures.get(row.entry) for row in rows):
         return TOO_MANY
     return NONE_HERE if any(row.outcomes["captured"] for row in rows) else NOTHING_CAPTURED
 

@@ -5,30 +5,32 @@ from typing import Any
 
 import numpy as np
 
+from space_envs.evaluation.records.entry import EvaluatedTask
+from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.records.names import display_name
-from space_envs.evaluation.records.record import EpisodeRecord, Task
 from space_envs.evaluation.report.tables import row_name
-from space_envs.evaluation.statistics.columns import column_named, interval, rounded, supported_decimals
-from space_envs.evaluation.statistics.leaderboard import Row
+from space_envs.evaluation.statistics.columns import column_named
 from space_envs.evaluation.statistics.normalised import SCORES, NormalisedScore, Scores, normalised_scores
+from space_envs.evaluation.statistics.rounding import interval, rounded, supported_decimals
+from space_envs.evaluation.statistics.row import Row
 
 
 def all_scores(
     records: Sequence[EpisodeRecord], experts: Collection[str], generator: np.random.Generator
 ) -> Scores:
-    """Normalised scores of every entrant, within its own task."""
-    by_task: dict[Task, list[EpisodeRecord]] = {}
+    """Normalised scores of every entry, within its own task."""
+    by_task: dict[EvaluatedTask, list[EpisodeRecord]] = {}
     for record in records:
-        by_task.setdefault(record.entrant.task, []).append(record)
+        by_task.setdefault(record.entry.task, []).append(record)
     return {
-        entrant: scores
+        entry: scores
         for group in by_task.values()
-        for entrant, scores in normalised_scores(group, experts, generator).items()
+        for entry, scores in normalised_scores(group, experts, generator).items()
     }
 
 
 def plain_scores(scores: Mapping[str, NormalisedScore]) -> dict[str, Any]:
-    """An entrant's scores as plain JSON values."""
+    """An entry's scores as plain JSON values."""
     return {
         name: {"reason": score.reason}
         if score.estimate is None
@@ -39,7 +41,7 @@ def plain_scores(scores: Mapping[str, NormalisedScore]) -> dict[str, Any]:
 
 def score_table(rows: Sequence[Row], scores: Scores) -> dict[str, Any] | None:
     """Headings and cells for the rows of one task, and why scores are missing; None if there are none."""
-    found = [(row, scores[row.entrant]) for row in rows if row.entrant in scores]
+    found = [(row, scores[row.entry]) for row in rows if row.entry in scores]
     if not found:
         return None
     first = found[0][1]

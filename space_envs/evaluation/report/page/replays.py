@@ -4,24 +4,24 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from space_envs.evaluation.records.entry import EvaluatedTask, LeaderboardEntry
 from space_envs.evaluation.records.names import display_name
-from space_envs.evaluation.records.record import Entrant, Task
 from space_envs.evaluation.replay.packing import json_text, replay_values, scene_values, size_of
 from space_envs.evaluation.replay.replay import Replay
 from space_envs.evaluation.replay.scenes import Motion, make_motion, make_scene
 from space_envs.evaluation.report.figures import Look
 from space_envs.evaluation.report.tables import row_name
-from space_envs.evaluation.statistics.leaderboard import Row
+from space_envs.evaluation.statistics.row import Row
 
 REPLAY_LETTERS = 3_000_000  # of a page of ten million
 _LONGEST_STRIDE = 50  # steps between two frames; what does not fit then is left as it is
 
 
 def page_replays(
-    tasks: Sequence[tuple[Task, list[Row]]],
-    replays: Mapping[Entrant, Sequence[Replay]],
+    tasks: Sequence[tuple[EvaluatedTask, list[Row]]],
+    replays: Mapping[LeaderboardEntry, Sequence[Replay]],
     shade: Mapping[str, Look],
-) -> dict[Task, dict[str, Any] | None]:
+) -> dict[EvaluatedTask, dict[str, Any] | None]:
     """What the page shows of each task's replays; None where a task has none.
 
     `json` has the policies and their motions. `scene` is the number of the task whose element holds the
@@ -29,44 +29,44 @@ def page_replays(
     replays that they would not fit, only every `stride`-th state is kept.
     """
     owners: dict[str, int] = {}  # by the scene's JSON
-    made: dict[Task, dict[str, Any] | None] = {}
-    motions: dict[Entrant, list[tuple[Replay, Motion]]] = {}
+    made: dict[EvaluatedTask, dict[str, Any] | None] = {}
+    motions: dict[LeaderboardEntry, list[tuple[Replay, Motion]]] = {}
     for number, (task, rows) in enumerate(tasks):
-        shown = [row for row in rows if replays.get(row.entrant)]
+        shown = [row for row in rows if replays.get(row.entry)]
         if not shown:
             made[task] = None
             continue
-        scene = make_scene(replays[shown[0].entrant][0].task.render_model)
+        scene = make_scene(replays[shown[0].entry][0].task.render_model)
         text = json_text(scene_values(scene))
         owner = owners.setdefault(text, number)
         made[task] = {
             "scene": owner,
             "scene_json": text if owner == number else None,
-            "entrants": [row.entrant for row in shown],
+            "entries": [row.entry for row in shown],
             "names": [display_name(row_name(row, rows)) for row in shown],
         }
         for row in shown:
-            motions[row.entrant] = [(replay, make_motion(replay, scene)) for replay in replays[row.entrant]]
+            motions[row.entry] = [(replay, make_motion(replay, scene)) for replay in replays[row.entry]]
     stride, values = _fitting(motions)
-    for entry in filter(None, made.values()):
+    for found in filter(None, made.values()):
         policies = [
-            {"name": name, "colour": shade[entrant.policy].colour, "episodes": values[entrant]}
-            for name, entrant in zip(entry["names"], entry["entrants"], strict=True)
+            {"name": name, "colour": shade[entry.policy].colour, "episodes": values[entry]}
+            for name, entry in zip(found["names"], found["entries"], strict=True)
         ]
-        entry["json"] = json_text({"policies": policies})
-        entry["stride"] = stride
+        found["json"] = json_text({"policies": policies})
+        found["stride"] = stride
     return made
 
 
 def _fitting(
-    motions: Mapping[Entrant, Sequence[tuple[Replay, Motion]]],
-) -> tuple[int, dict[Entrant, list[dict[str, Any]]]]:
+    motions: Mapping[LeaderboardEntry, Sequence[tuple[Replay, Motion]]],
+) -> tuple[int, dict[LeaderboardEntry, list[dict[str, Any]]]]:
     """Every motion's values, with the least stride between states with which all fit into the page."""
     stride = 1
     while True:
         values = {
-            entrant: [_shown(replay_values(*pair, stride)) for pair in pairs]
-            for entrant, pairs in motions.items()
+            entry: [_shown(replay_values(*pair, stride)) for pair in pairs]
+            for entry, pairs in motions.items()
         }
         size = sum(size_of(each) for group in values.values() for each in group)
         if size <= REPLAY_LETTERS or stride >= _LONGEST_STRIDE:

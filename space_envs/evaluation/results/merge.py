@@ -6,15 +6,17 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.records.agreement import check_agreement
-from space_envs.evaluation.records.folders import ResultFolder
-from space_envs.evaluation.records.record import RECORDS, Entrant, EpisodeRecord, EvaluationResult, Task
+from space_envs.evaluation.results.agreement import check_agreement
+from space_envs.evaluation.results.folders import ResultFolder
+from space_envs.evaluation.records.episode import RECORDS, EpisodeRecord
+from space_envs.evaluation.records.entry import LeaderboardEntry, EvaluatedTask
+from space_envs.evaluation.results.result import EvaluationResult
 from space_envs.evaluation.replay.replay import Replay, make_replays
 from space_envs.evaluation.replay.states import States, concatenate
 from space_envs.evaluation.replay.traces import Traces
 
 NO_PICTURES = "Pictures are not merged; those of each result are in its own report."
-_Key = tuple[Entrant, int, int]  # with seed and episode
+_Key = tuple[LeaderboardEntry, int, int]  # with seed and episode
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,9 +30,9 @@ class Source:
         """A policy's name in the merged result."""
         return f"{policy} ({self.name})" if self.name else policy
 
-    def original(self, entrant: Entrant) -> Entrant:
-        """The entrant as the folder calls it, from what the merged result does."""
-        return replace(entrant, policy=entrant.policy.removesuffix(f" ({self.name})" if self.name else ""))
+    def original(self, entry: LeaderboardEntry) -> LeaderboardEntry:
+        """The entry as the folder calls it, from what the merged result does."""
+        return replace(entry, policy=entry.policy.removesuffix(f" ({self.name})" if self.name else ""))
 
     def __str__(self) -> str:
         return str(self.folder.path)
@@ -52,7 +54,7 @@ def merge(
 
     Args:
         provenance: of the merged result; configurations and the sources' own provenance are added to it.
-        separate: as in `space_envs.evaluation.records.agreement.check_agreement`.
+        separate: as in `space_envs.evaluation.results.agreement.check_agreement`.
 
     Raises:
         ConfigurationError: if the folders are not of the same tasks, if an episode stands in two of them
@@ -60,31 +62,31 @@ def merge(
     """
     check_agreement([source.folder for source in sources], separate)
     kept, repeated = _gather(sources)
-    entrants: dict[Entrant, list[_Kept]] = {}
-    for (entrant, _, _), one in kept.items():
-        entrants.setdefault(entrant, []).append(one)
-    for group in entrants.values():
+    entries: dict[LeaderboardEntry, list[_Kept]] = {}
+    for (entry, _, _), one in kept.items():
+        entries.setdefault(entry, []).append(one)
+    for group in entries.values():
         group.sort(key=lambda one: (one.record.seed, one.record.episode))
-    traces: dict[Entrant, Traces] = {}
-    states: dict[Entrant, States] = {}
-    replays: dict[Entrant, Sequence[Replay]] = {}
+    traces: dict[LeaderboardEntry, Traces] = {}
+    states: dict[LeaderboardEntry, States] = {}
+    replays: dict[LeaderboardEntry, Sequence[Replay]] = {}
     unknown: dict[str, None] = {}
-    for entrant, group in entrants.items():
+    for entry, group in entries.items():
         owners = list(dict.fromkeys(one.source for one in group))
-        found = [own for source in owners if (own := source.folder.traces(source.original(entrant)))]
+        found = [own for source in owners if (own := source.folder.traces(source.original(entry)))]
         if found:
-            traces[entrant] = found[0]
-        recorded = _states(entrant, group, owners)
+            traces[entry] = found[0]
+        recorded = _states(entry, group, owners)
         if recorded is not None:
-            states[entrant] = recorded
+            states[entry] = recorded
             try:
-                replays[entrant] = _replays(recorded, group)
+                replays[entry] = _replays(recorded, group)
             except (
                 ConfigurationError
             ) as error:  # a task that is not of this suite, or of another version of it
-                unknown[f"there are no replays of {entrant.task}: {error}"] = None
+                unknown[f"there are no replays of {entry.task}: {error}"] = None
     result = EvaluationResult(
-        records=[one.record for group in entrants.values() for one in group],
+        records=[one.record for group in entries.values() for one in group],
         traces=traces,
         provenance=_provenance(sources, provenance),
         pictures_note=NO_PICTURES,
@@ -92,7 +94,7 @@ def merge(
         states=states,
     )
     read = [note for source in sources for note in source.folder.notes]
-    return result, [*read, *_repetitions(repeated), *_mixtures(entrants), *_coverage(entrants), *unknown]
+    return result, [*read, *_repetitions(repeated), *_mixtures(entries), *_coverage(entries), *unknown]
 
 
 def _gather(sources: Sequence[Source]) -> tuple[dict[_Key, _Kept], Counter[tuple[str, str]]]:
@@ -103,7 +105,7 @@ def _gather(sources: Sequence[Source]) -> tuple[dict[_Key, _Kept], Counter[tuple
         for record in source.folder.records:
             if source.name:
                 record = replace(record, policy=source.renamed(record.policy), checksum="")
-            key = (record.entrant, record.seed, record.episode)
+            key = (record.entry, record.seed, record.episode)
             before = kept.setdefault(key, _Kept(record, source))
             if before.record is record:
                 continue
@@ -118,7 +120,7 @@ def _gather(sources: Sequence[Source]) -> tuple[dict[_Key, _Kept], Counter[tuple
 def _called(record: EpisodeRecord) -> str:
     return (
         f"episode {record.episode} of seed {record.seed} of {record.policy!r} ({record.control_mode}) on "
-        f"{record.entrant.task}"
+        f"{record.entry.task}"
     )
 
 
@@ -134,17 +136,17 @@ def _conflict(one: _Kept, two: _Kept) -> str:
     )
 
 
-def _states(entrant: Entrant, group: Sequence[_Kept], owners: Sequence[Source]) -> States | None:
+def _states(entry: LeaderboardEntry, group: Sequence[_Kept], owners: Sequence[Source]) -> States | None:
     """The recorded states of the episodes that were kept."""
     parts = []
     for source in owners:
-        found = source.folder.states(source.original(entrant))
+        found = source.folder.states(source.original(entry))
         if found is None:
             continue
         recorded = set(zip(found.seed.tolist(), found.episode.tolist(), strict=True))
         own = [(one.record.seed, one.record.episode) for one in group if one.source is source]
         part = found.take([found.row(*pair) for pair in own if pair in recorded])
-        parts.append(replace(part, about={**part.about, "policy": entrant.policy}))
+        parts.append(replace(part, about={**part.about, "policy": entry.policy}))
     return concatenate(parts) if parts else None
 
 
@@ -173,26 +175,26 @@ def _repetitions(repeated: Counter[tuple[str, str]]) -> list[str]:
     ]
 
 
-def _mixtures(entrants: Mapping[Entrant, Sequence[_Kept]]) -> list[str]:
+def _mixtures(entries: Mapping[LeaderboardEntry, Sequence[_Kept]]) -> list[str]:
     """Rows whose episodes are from several folders, which may have meant different policies."""
     notes = []
-    for entrant, group in entrants.items():
+    for entry, group in entries.items():
         counts = Counter(str(one.source) for one in group)
         if len(counts) > 1:
             parts = ", ".join(f"{count} from {name}" for name, count in counts.items())
             notes.append(
-                f"the episodes of {entrant.policy!r} on {entrant.task} are put together ({parts}); if they "
+                f"the episodes of {entry.policy!r} on {entry.task} are put together ({parts}); if they "
                 "are different policies, tell them apart with --name"
             )
     return notes
 
 
-def _coverage(entrants: Mapping[Entrant, Sequence[_Kept]]) -> list[str]:
+def _coverage(entries: Mapping[LeaderboardEntry, Sequence[_Kept]]) -> list[str]:
     """Tables whose policies were not all played on the same goals."""
-    goals: dict[Task, dict[str, frozenset[int]]] = {}
-    for entrant, group in entrants.items():
-        name = f"{entrant.policy} ({entrant.control_mode})"
-        goals.setdefault(entrant.task, {})[name] = frozenset(one.record.index for one in group)
+    goals: dict[EvaluatedTask, dict[str, frozenset[int]]] = {}
+    for entry, group in entries.items():
+        name = f"{entry.policy} ({entry.control_mode})"
+        goals.setdefault(entry.task, {})[name] = frozenset(one.record.index for one in group)
     notes = []
     for task, played in goals.items():
         if len(set(played.values())) > 1:

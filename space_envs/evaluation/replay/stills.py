@@ -1,30 +1,39 @@
 """Pictures of captures for the report, drawn from recorded states."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from space_envs.errors import ConfigurationError, RenderingError
 from space_envs.evaluation.play.rollout import Rollout
-from space_envs.evaluation.records.record import Entrant
-from space_envs.evaluation.report.stills import Still
+from space_envs.evaluation.records.entry import LeaderboardEntry
 from space_envs.tasks.base import CaptureTask
 
 FRAMES = 4
 WIDTH, HEIGHT = 480, 360
 
 
+@dataclass(frozen=True, eq=False)
+class Still:
+    """Picture out of an episode: `time` in s since its start, `frame` (height, width, 3)."""
+
+    time: float
+    frame: NDArray[np.uint8]
+
+
 def capture_pictures(
-    task: CaptureTask, rollouts: Mapping[Entrant, Rollout]
-) -> tuple[dict[Entrant, list[Still]], str]:
+    task: CaptureTask, rollouts: Mapping[LeaderboardEntry, Rollout]
+) -> tuple[dict[LeaderboardEntry, list[Still]], str]:
     """Stills (HEIGHT, WIDTH, 3) of each policy's farthest capture, and a note where there are none."""
     from space_envs.rendering import Renderer  # OpenGL may be missing, and is not needed without pictures
 
     model = task.render_model
     data = mujoco.MjData(model)
     state = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_INTEGRATION))
-    pictures: dict[Entrant, list[Still]] = {}
+    pictures: dict[LeaderboardEntry, list[Still]] = {}
     try:
         renderer = Renderer(model, width=WIDTH, height=HEIGHT, camera="overview")
         for name, rollout in rollouts.items():

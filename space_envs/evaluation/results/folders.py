@@ -8,18 +8,13 @@ from typing import Any
 
 from space_envs.errors import ConfigurationError
 from space_envs.evaluation.play.runner import PARTS, PLAN, progress
-from space_envs.evaluation.records.metrics import configuration_hash
-from space_envs.evaluation.records.record import (
-    RECORDS,
-    SCHEMA_VERSION,
-    SUMMARY,
-    Entrant,
-    EpisodeRecord,
-    read_records,
-)
+from space_envs.evaluation.records.configuration import configuration_hash
+from space_envs.evaluation.records.episode import RECORDS, SCHEMA_VERSION, SUMMARY, EpisodeRecord
+from space_envs.evaluation.records.storage import read_records
+from space_envs.evaluation.records.entry import LeaderboardEntry
 from space_envs.evaluation.replay.states import States
 from space_envs.evaluation.replay.traces import Traces
-from space_envs.evaluation.report.report import entrant_stem
+from space_envs.evaluation.results.result import entry_stem
 from space_envs.system.output import holder
 from space_envs.system.reading import read_bytes, read_object
 
@@ -48,27 +43,27 @@ class ResultFolder:
         """What defines each task, by its hash, as far as the folder says."""
         return self.provenance.get("configurations", {})
 
-    def traces(self, entrant: Entrant) -> Traces | None:
-        """The entrant's traces, if there are any.
+    def traces(self, entry: LeaderboardEntry) -> Traces | None:
+        """The entry's traces, if there are any.
 
         Raises:
             ConfigurationError: if their file is damaged or was edited.
         """
-        path = self._file("traces", entrant)
+        path = self._file("traces", entry)
         return None if path is None else Traces.load(path)
 
-    def states(self, entrant: Entrant) -> States | None:
-        """The entrant's recorded states, if there are any.
+    def states(self, entry: LeaderboardEntry) -> States | None:
+        """The entry's recorded states, if there are any.
 
         Raises:
             ConfigurationError: if their file is damaged, was edited, or is of other episodes.
         """
-        path = self._file("states", entrant)
+        path = self._file("states", entry)
         if path is None:
             return None
         states = States.load(path)
         ends = {
-            (r.seed, r.episode): (r.index, r.outcome, r.steps) for r in self.records if r.entrant == entrant
+            (r.seed, r.episode): (r.index, r.outcome, r.metrics["steps"]) for r in self.records if r.entry == entry
         }
         columns = (states.seed, states.episode, states.index, states.outcome, states.length)
         for seed, episode, *end in zip(*(column.tolist() for column in columns), strict=True):
@@ -78,8 +73,8 @@ class ResultFolder:
                 )
         return states
 
-    def _file(self, kind: str, entrant: Entrant) -> Path | None:
-        name = f"{kind}/{entrant_stem(entrant)}.npz"
+    def _file(self, kind: str, entry: LeaderboardEntry) -> Path | None:
+        name = f"{kind}/{entry_stem(entry)}.npz"
         checksums = self.summary.get("checksums", {})
         # Files that the summary does not know are left from something else that was written here.
         if not (self.path / name).is_file() or (checksums and name not in checksums):

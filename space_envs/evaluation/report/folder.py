@@ -7,25 +7,23 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from tqdm import tqdm
 
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.records.names import joined_file_name
-from space_envs.evaluation.records.record import (
-    RECORDS,
-    REPORT,
-    SCHEMA_VERSION,
-    SUMMARY,
-    Entrant,
-    EvaluationResult,
-    write_records,
-)
-from space_envs.evaluation.replay.exports import write_plots, write_videos
-from space_envs.evaluation.report.page import make_plots, to_html
-from space_envs.evaluation.report.page_scores import all_scores, plain_scores
+from space_envs.evaluation.records.entry import EvaluatedTask, LeaderboardEntry
+from space_envs.evaluation.records.episode import RECORDS, REPORT, SCHEMA_VERSION, SUMMARY
+from space_envs.evaluation.records.names import file_name, joined_file_name
+from space_envs.evaluation.records.storage import write_records
+from space_envs.evaluation.replay.exports import write_videos
+from space_envs.evaluation.report.figures import Plot
+from space_envs.evaluation.report.page.html import make_plots, to_html
+from space_envs.evaluation.report.page.scores import all_scores, plain_scores
 from space_envs.evaluation.report.tables import to_csv, to_latex, to_markdown
-from space_envs.evaluation.statistics.leaderboard import Row, build_rows
+from space_envs.evaluation.results.result import EvaluationResult, entry_stem
+from space_envs.evaluation.statistics.leaderboard import build_rows
 from space_envs.evaluation.statistics.normalised import Scores
-from space_envs.system.files import atomic_write_text
+from space_envs.evaluation.statistics.row import Row
+from space_envs.system.files import atomic_write, atomic_write_text
 
 BOOTSTRAP_SEED = 0
 
@@ -42,15 +40,9 @@ class ReportPaths:
     latex: Path
     html: Path
     plots: Path  # a folder
-    traces: Mapping[Entrant, Path]
-    videos: Mapping[Entrant, Path]
+    traces: Mapping[LeaderboardEntry, Path]
+    videos: Mapping[LeaderboardEntry, Path]
     videos_note: str  # why there are none, if videos were asked for
-
-
-def entrant_stem(entrant: Entrant) -> str:
-    """Stem of the files that belong to an entrant, which no other entrant shares."""
-    task = entrant.task
-    return joined_file_name(task.env_id, task.difficulty, task.split, entrant.policy, entrant.control_mode)
 
 
 def write_report(
@@ -62,7 +54,7 @@ def write_report(
     """Write every file of the report, each whole or not at all, and return their paths.
 
     The same result gives the same bytes, apart from what a clock decided. The bootstrap draws from
-    `generator`, by default a fresh one of seed 0. With `videos`, an mp4 of each entrant's best episode is
+    `generator`, by default a fresh one of seed 0. With `videos`, an mp4 of each entry's best episode is
     written too, where this machine can draw. Raises ConfigurationError where records do not fit together.
     """
     if not result.records:
@@ -73,7 +65,7 @@ def write_report(
     summary_json(result, rows, scores, {})  # refuses provenance that is not plain, before plots take time
     plots = make_plots(result, rows, scores, generator)
     folder = Path(folder)
-    traces = {entrant: folder / "traces" / f"{entrant_stem(entrant)}.npz" for entrant in result.traces}
+    traces = {entry: folder / "traces" / f"{entry_stem(entry)}.npz" for entry in result.traces}
     # All text is made first, so that a result that cannot be reported leaves the folder as it was.
     texts = {
         "leaderboard.md": to_markdown(rows),
@@ -81,11 +73,11 @@ def write_report(
         "leaderboard.tex": to_latex(rows),
         REPORT: to_html(result, rows, plots, scores),
     }
-    for entrant, path in traces.items():
-        result.traces[entrant].save(path)
-    states = {entrant: folder / "states" / f"{entrant_stem(entrant)}.npz" for entrant in result.states}
-    for entrant, path in states.items():
-        result.states[entrant].save(path)
+    for entry, path in traces.items():
+        result.traces[entry].save(path)
+    states = {entry: folder / "states" / f"{entry_stem(entry)}.npz" for entry in result.states}
+    for entry, path in states.items():
+        result.states[entry].save(path)
     write_records(folder / RECORDS, result.records)
     for name, text in texts.items():
         atomic_write_text(folder / name, text)
@@ -96,8 +88,8 @@ def write_report(
     written, note = {}, ""
     if videos:
         targets = {
-            entrant: (replays[0], folder / "videos" / f"{entrant_stem(entrant)}.mp4")
-            for entrant, replays in result.replays.items()
+            entry: (replays[0], folder / "videos" / f"{entry_stem(entry)}.mp4")
+            for entry, replays in result.replays.items()
             if replays
         }
         written, note = write_videos(targets)
@@ -129,8 +121,8 @@ def summary_json(
         "provenance": result.provenance,
         "rows": [
             row.to_dict()
-            | {"normalised": plain_scores(scores[row.entrant])}
-            | {"traces": f"traces/{entrant_stem(row.entrant)}.npz" if row.entrant in result.traces else None}
+            | {"normalised": plain_scores(scores[row.entry])}
+            | {"traces": f"traces/{entry_stem(row.entry)}.npz" if row.entry in result.traces else None}
             for row in rows
         ],
         "checksums": dict(checksums),
@@ -149,3 +141,23 @@ def _remove_others(folder: Path, pattern: str, kept: Iterable[Path]) -> None:
 
 def _sha256(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def write_plots(plots: Mapping[EvaluatedTask, Sequence[Plot]], folder: Path) -> list[Path]:
+    """Write each panel as SVG and as PNG into a folder for each task; older plots there are removed."""
+    panels = [
+        (folder / joined_file_name(task.env_id, task.difficulty, task.split), panel)
+        for task, group in plots.items()
+        for plot in group
+        for panel in plot.panels
+    ]
+    written = []
+    for place, panel in tqdm(panels, unit="plot", desc="plots", leave=False):
+        path = place / f"{file_name(panel.key)}.svg"
+        atomic_write_text(path, panel.standalone_svg())
+        with atomic_write(path.with_suffix(".png")) as temporary:
+            temporary.write_bytes(panel.png())
+        written += [path, path.with_suffix(".png")]
+    for path in {*folder.glob("*/*.svg"), *folder.glob("*/*.png")} - set(written):
+        path.unlink()
+    return written

@@ -14,19 +14,30 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from space_envs.evaluation.records.entry import EvaluatedTask, LeaderboardEntry
+from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.records.names import counted, display_name, plural
-from space_envs.evaluation.records.record import Entrant, EpisodeRecord, EvaluationResult, Task
 from space_envs.evaluation.report import figures
 from space_envs.evaluation.report.comparison_figures import comparison_plots
 from space_envs.evaluation.report.drawing import prefixed
-from space_envs.evaluation.report.page_pictures import page_pictures, why_no_pictures
-from space_envs.evaluation.report.page_replays import page_replays
-from space_envs.evaluation.report.page_scores import score_table
+from space_envs.evaluation.report.page.pictures import page_pictures, why_no_pictures
+from space_envs.evaluation.report.page.replays import page_replays
+from space_envs.evaluation.report.page.scores import score_table
 from space_envs.evaluation.report.tables import by_task, cause_called, failures_told, modes_told, row_name
 from space_envs.evaluation.report.templating import make_environment, read_template, script_hash
-from space_envs.evaluation.statistics.columns import ABLE, COLUMNS, NOTE, RULES, Column, column_named, leaders
-from space_envs.evaluation.statistics.leaderboard import HEADLINE, Row
+from space_envs.evaluation.results.result import EvaluationResult
+from space_envs.evaluation.statistics.columns import (
+    ABLE,
+    NOTE,
+    RULES,
+    Column,
+    column_named,
+    columns_of,
+    leaders,
+)
+from space_envs.evaluation.statistics.figures import HEADLINE
 from space_envs.evaluation.statistics.normalised import Scores
+from space_envs.evaluation.statistics.row import Row
 from space_envs.registration import ENTRIES
 
 SCRIPTS = ("pages.js", "table.js", "scrolling.js", "scene.js", "webgl.js", "painter.js", "player.js")
@@ -35,17 +46,15 @@ PLOT_LETTERS = 4_200_000  # of a page of ten million
 
 def make_plots(
     result: EvaluationResult, rows: Sequence[Row], scores: Scores, generator: np.random.Generator
-) -> dict[Task, list[figures.Plot]]:
+) -> dict[EvaluatedTask, list[figures.Plot]]:
     """Every plot of each task, in the order of the page."""
     shade = _shade(rows)
     plots = {}
     for task, group in by_task(rows):
         named = {row_name(row, group): row for row in group}
-        traces = {
-            name: result.traces[row.entrant] for name, row in named.items() if row.entrant in result.traces
-        }
+        traces = {name: result.traces[row.entry] for name, row in named.items() if row.entry in result.traces}
         coloured = {name: shade[row.policy] for name, row in named.items()}
-        records = [record for record in result.records if record.entrant.task == task]
+        records = [record for record in result.records if record.entry.task == task]
         made = [
             figures.intervals_plot(group, shade),
             figures.scores_plot(group, scores, shade),
@@ -62,7 +71,7 @@ def make_plots(
 def to_html(
     result: EvaluationResult,
     rows: Sequence[Row],
-    plots: Mapping[Task, Sequence[figures.Plot]],
+    plots: Mapping[EvaluatedTask, Sequence[figures.Plot]],
     scores: Scores = MappingProxyType({}),
 ) -> str:
     """The page, self-contained.
@@ -79,7 +88,6 @@ def to_html(
         .render(
             title=display_name(", ".join(env_ids), 200),
             pages=_pages(result, rows, plots, scores),
-            columns=COLUMNS,
             note=NOTE,
             rules=RULES,
             command=None if command is None else display_name(str(command), 20_000),
@@ -97,7 +105,7 @@ def highlights(rows: Sequence[Row]) -> list[dict[str, str]]:
         _tile("Highest kept-attitude score", HEADLINE, rows),
         _tile("Most captures", "success", rows),
         _tile("Lowest final attitude error", "final_attitude", rows),
-        _tile("Lowest eq. 20 cost", "attitude_cost", rows),
+        _tile("Least base disturbance", "attitude_cost", rows),
         _tile("Fastest capture", "time_to_capture", rows),
     ]
     nothing = {"label": "Most captures", "value": "0", "unit": "%", "names": "nobody"}
@@ -107,7 +115,7 @@ def highlights(rows: Sequence[Row]) -> list[dict[str, str]]:
 def _pages(
     result: EvaluationResult,
     rows: Sequence[Row],
-    plots: Mapping[Task, Sequence[figures.Plot]],
+    plots: Mapping[EvaluatedTask, Sequence[figures.Plot]],
     scores: Scores,
 ) -> list[dict[str, Any]]:
     """One page for each id, with a section for each of its tasks."""
@@ -122,7 +130,7 @@ def _pages(
         sections = []
         for number, task, mine in group:
             watched = replays[task]
-            replayed = watched["entrants"] if watched else []
+            replayed = watched["entries"] if watched else []
             section = _section(task, mine, shade, number, replayed) | {
                 "plots": [
                     replace(plot, panels=tuple(prefixed(panel, f"task{number}") for panel in plot.panels))
@@ -148,7 +156,9 @@ def _pages(
     return pages
 
 
-def _fitting(plots: Mapping[Task, Sequence[figures.Plot]]) -> dict[Task, list[figures.Plot]]:
+def _fitting(
+    plots: Mapping[EvaluatedTask, Sequence[figures.Plot]],
+) -> dict[EvaluatedTask, list[figures.Plot]]:
     """The plots for which the page has room, each kind for all tasks or for none.
 
     Kinds in which all policies stand together come before those in which each stands alone.
@@ -174,17 +184,23 @@ def _choices(sections: Sequence[Mapping[str, Any]]) -> dict[str, list[str]]:
 
 
 def _section(
-    task: Task, rows: list[Row], shade: Mapping[str, figures.Look], number: int, replayed: Sequence[Entrant]
+    task: EvaluatedTask,
+    rows: list[Row],
+    shade: Mapping[str, figures.Look],
+    number: int,
+    replayed: Sequence[LeaderboardEntry],
 ) -> dict[str, Any]:
     """What the template shows for one task, apart from plots, replays and pictures.
 
-    `replayed` are the entrants with replays, in the order of the player.
+    `replayed` are the entries with replays, in the order of the player.
     """
     episodes = sorted({row.episodes for row in rows})
-    best = {column.key: leaders(column, rows) for column in COLUMNS}
-    ranges = {column.key: _range(column, rows) for column in COLUMNS}
+    columns = columns_of(rows[0].metrics)
+    best = {column.key: leaders(column, rows) for column in columns}
+    ranges = {column.key: _range(column, rows) for column in columns}
     return {
         "number": number,
+        "columns": columns,
         "task": {name: display_name(value) for name, value in vars(task).items()},
         "modes": display_name(modes_told(rows), 200),
         "episodes": " to ".join(str(end) for end in dict.fromkeys((episodes[0], episodes[-1]))),
@@ -196,9 +212,9 @@ def _section(
             {
                 "name": display_name(row_name(row, rows)),
                 "look": shade[row.policy],
-                "replay": replayed.index(row.entrant) if row.entrant in replayed else None,
+                "replay": replayed.index(row.entry) if row.entry in replayed else None,
                 "cells": [
-                    _cell(column, row, row in best[column.key], ranges[column.key]) for column in COLUMNS
+                    _cell(column, row, row in best[column.key], ranges[column.key]) for column in columns
                 ],
             }
             for row in rows

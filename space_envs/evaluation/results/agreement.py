@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.records.folders import ResultFolder
+from space_envs.evaluation.results.folders import ResultFolder
 
 
 @dataclass(frozen=True)

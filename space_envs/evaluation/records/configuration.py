@@ -1,0 +1,27 @@
+"""Configuration of a task, by whose hash records know each other."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from hashlib import sha256
+from typing import Any
+
+from space_envs.tasks.base import CaptureTask
+
+
+def configuration(env_id: str, control_mode: str, task: CaptureTask) -> dict[str, Any]:
+    """Everything that defines a task, apart from its split, as plain values."""
+    settings = {**asdict(task), "timestep": task.step_size}
+    del settings["split"]
+    return {"env_id": env_id, "task_version": task.version, "control_mode": control_mode, **settings}
+
+
+def configuration_hash(config: Mapping[str, Any]) -> str:
+    """Twelve hexadecimal digits that change with anything in a configuration, also after it was written as
+    JSON and read again."""
+    return sha256(json.dumps(config, sort_keys=True).encode()).hexdigest()[:12]
+
+
+def config_hash(env_id: str, control_mode: str, task: CaptureTask) -> str:
+    """The hash of a task's configuration."""
+    return configuration_hash(configuration(env_id, control_mode, task))

@@ -1,0 +1,24 @@
+"""What a row of the leaderboard is about: a policy on a task."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, order=True)
+class EvaluatedTask:
+    """Set of goals of an id: records of different ones never share a row or a table."""
+
+    env_id: str
+    difficulty: str
+    split: str
+
+    def __str__(self) -> str:
+        return f"{self.env_id}, {self.difficulty}, {self.split} split"
+
+
+@dataclass(frozen=True, order=True)
+class LeaderboardEntry:
+    """Policy in a control mode on a task."""
+
+    task: EvaluatedTask
+    policy: str
+    control_mode: str

@@ -1,0 +1,100 @@
+"""Metric: a number of every episode, computed by one function, recorded and shown as one row says.
+
+`space_envs.evaluation.records.metrics` has the table of those that every task has. A task adds its own by a
+class attribute `metrics: ClassVar[tuple[Metric, ...]]`; their keys stand in its records after the built-in
+ones, and their columns in its tables.
+"""
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from space_envs.errors import ConfigurationError, unknown_name
+
+Better = Literal["higher", "lower"]
+STATISTICS = ("interquartile mean", "median", "mean", "largest")
+ROOMS = ("full", "readme", "paper")
+_NAME = re.compile(r"[a-z][a-z0-9_]*")
+
+
+@dataclass(frozen=True)
+class Display:
+    """Figure of a metric in tables: what is made of the values of all episodes, and how it is written.
+
+    Attributes:
+        title: heading of its column; without one the figure is in leaderboard.csv and summary.json alone.
+        better: whether a higher or a lower figure is better, None where neither is.
+        statistic: one of STATISTICS; `largest` has no interval. over: episodes that it is of.
+        unit, scale: shown, and the factor from the metric's unit to it; empty where it is the metric's.
+        key: of the figure, where it is not the metric's name.
+        decimals: None for as many as the interval supports.
+        room: smallest table that has the column: the full one, that of the README, or that of a paper.
+        priority: columns with larger numbers leave a narrow terminal first.
+        order: among the figures; those of a task stand last.
+    """
+
+    title: str = ""
+    better: Better | None = None
+    statistic: str = "interquartile mean"
+    over: Literal["captures", "all"] = "captures"
+    unit: str = ""
+    scale: float = 1.0
+    key: str = ""
+    decimals: int | None = None
+    room: str = "full"
+    priority: int = 17
+    order: int = 100
+
+    def __post_init__(self) -> None:
+        for kind, value, valid in (
+            ("better", self.better, ("higher", "lower", None)),
+            ("statistic", self.statistic, STATISTICS),
+            ("over", self.over, ("captures", "all")),
+            ("room", self.room, ROOMS),
+        ):
+            if value not in valid:
+                raise unknown_name(f"{kind} of a display", value, valid)
+
+
+@dataclass(frozen=True)
+class Metric:
+    """Number of every episode.
+
+    Attributes:
+        name: key in the records: small letters, digits and underscores.
+        unit: in the records, empty for a number without one.
+        meaning: in a clause, for the schema, the tables and the docs.
+        of: function of recorded episodes and their task; returns (K,) numbers, NaN where an episode has none.
+        display: its figure in tables; None for a metric of the records alone.
+        whole: whether it is a whole number, which every episode has.
+        signed: whether it may be negative. optional: whether a capture may have none.
+        of_captures: whether a capture has one and no other episode.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    of: Callable[[Any, Any], Any]
+    display: Display | None = None
+    whole: bool = False
+    signed: bool = False
+    optional: bool = False
+    of_captures: bool = False
+
+    def __post_init__(self) -> None:
+        if not _NAME.fullmatch(self.name):
+            raise ConfigurationError(
+                f"a metric's name has small letters, digits and underscores, got {self.name!r}"
+            )
+
+    @property
+    def key(self) -> str:
+        """Name of its figure in tables."""
+        return (self.display and self.display.key) or self.name
+
+    @property
+    def description(self) -> str:
+        """Unit and meaning in a sentence."""
+        text = f"{self.unit}, {self.meaning}" if self.unit else self.meaning[:1].upper() + self.meaning[1:]
+        return f"{text}; null without a capture." if self.of_captures else f"{text}."
