@@ -14,6 +14,7 @@ from space_envs.checks import flag
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError, positive, positive_integer, shown, unknown_name
+from space_envs.metric import Metric
 from space_envs.robots.parameters import LEAST_TIMESTEP
 from space_envs.simulation import Simulation
 from space_envs.tasks.common import (
@@ -82,6 +83,7 @@ class CaptureTask:
     collides: ClassVar[bool] = False  # whether there is something to touch
     dense_reward: ClassVar[tuple[RewardTerm, ...]] = DENSE  # terms of reward `dense`
     sparse_reward: ClassVar[tuple[RewardTerm, ...]] = SPARSE  # terms of reward `sparse`
+    metrics: ClassVar[tuple[Metric, ...]] = ()  # of its own, besides those of every task
 
     def __post_init__(self) -> None:
         for kind, value, valid in (
