@@ -20,6 +20,7 @@ __all__ = ["Renderer", "missing_gl"]
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 _MAX_GEOMS = 2000
 MAX_SIDE = 4096
+OVERVIEW = "overview"  # camera that is looked through by default
 _WINDOW_SECONDS = 10.0  # that closing a window may take
 _TRAIL_COLOUR = np.array([0.35, 0.95, 1.0, 0.9], dtype=np.float32)
 _TRAIL_WIDTH = 0.012  # m
@@ -36,11 +37,12 @@ class Renderer:
         model: compiled with `ModelOptions(visual=True)`. It is copied.
         width: of pictures, pixels.
         height: of pictures, pixels.
-        camera: the model's camera to look through when none is named later.
+        camera: the model's camera to look through when none is named later; a model without an `overview` is
+            then seen as a whole.
         shadows: False draws about twice as fast.
 
     Raises:
-        ConfigurationError: for a size that is not between 1 and 4096, a model without cameras, or a camera
+        ConfigurationError: for a size that is not between 1 and 4096, a model without geometry, or a camera
             that the model does not have.
     """
 
@@ -50,7 +52,7 @@ class Renderer:
         *,
         width: int = 480,
         height: int = 480,
-        camera: str = "overview",
+        camera: str = OVERVIEW,
         shadows: bool = True,
     ) -> None:
         width, height = (
@@ -60,9 +62,11 @@ class Renderer:
         self._model = copy.copy(model)
         self._model.vis.global_.offwidth, self._model.vis.global_.offheight = width, height
         self._cameras = {model.cam(index).name: index for index in range(model.ncam)}
-        if not self._cameras:
-            raise ConfigurationError("the model has no cameras; compile it with ModelOptions(visual=True)")
-        self._camera = self._camera_id(camera)
+        if not model.ngeom:
+            raise ConfigurationError(
+                "the model has no geometry to draw; compile it with ModelOptions(visual=True)"
+            )
+        self._camera = self._camera_named(camera)
         self._data = mujoco.MjData(self._model)
         self._state_size = mujoco.mj_stateSize(self._model, _STATE)
         self._view = mujoco.MjrRect(0, 0, width, height)
@@ -94,9 +98,7 @@ class Renderer:
             RenderingError: if this machine cannot draw.
             ConfigurationError: for an unknown camera, a state of another size, or a malformed trail.
         """
-        view = mujoco.MjvCamera()
-        view.type = int(mujoco.mjtCamera.mjCAMERA_FIXED)
-        view.fixedcamid = self._camera if camera is None else self._camera_id(camera)
+        view = self._camera if camera is None else self._camera_named(camera)
         points = _points(trail)
         category = int(mujoco.mjtCatBit.mjCAT_ALL)
         picture = np.empty((self._view.height, self._view.width, 3), dtype=np.uint8)
@@ -165,10 +167,15 @@ class Renderer:
     def __exit__(self, *details: object) -> None:
         self.close()
 
-    def _camera_id(self, name: str) -> int:
-        if not isinstance(name, str) or name not in self._cameras:
+    def _camera_named(self, name: str) -> mujoco.MjvCamera:
+        view = mujoco.MjvCamera()
+        if isinstance(name, str) and name in self._cameras:
+            view.type, view.fixedcamid = int(mujoco.mjtCamera.mjCAMERA_FIXED), self._cameras[name]
+        elif isinstance(name, str) and name == OVERVIEW:
+            mujoco.mjv_defaultFreeCamera(self._model, view)
+        else:
             raise unknown_name("camera", name, self._cameras)
-        return self._cameras[name]
+        return view
 
     def _place(self, state: ArrayLike) -> None:
         """Put the bodies, cameras and lights where a state has them."""
@@ -217,8 +224,7 @@ class Renderer:
         self._window_threads = set(threading.enumerate()) - before
         atexit.register(self.close)
         with window.lock():
-            window.cam.type = int(mujoco.mjtCamera.mjCAMERA_FIXED)
-            window.cam.fixedcamid = self._camera
+            window.cam.type, window.cam.fixedcamid = self._camera.type, self._camera.fixedcamid
         self._shown = (self._data.time, time.monotonic())
         return window
 

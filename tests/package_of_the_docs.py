@@ -25,11 +25,11 @@ def commands() -> list[list[str]]:
     return [shlex.split(command) for command in _COMMAND.findall(PAGE.read_text(encoding="utf-8"))]
 
 
-def forget() -> None:
-    """Make this process one that has not imported the package."""
-    for env_id in [name for name, entry in ENTRIES.items() if entry.module.partition(".")[0] == NAME]:
+def forget(package: str = NAME) -> None:
+    """Make this process one that has not imported a package."""
+    for env_id in [name for name, entry in ENTRIES.items() if entry.module.partition(".")[0] == package]:
         unregister(env_id)
-    for name in [each for each in sys.modules if each.partition(".")[0] == NAME]:
+    for name in [each for each in sys.modules if each.partition(".")[0] == package]:
         del sys.modules[name]
 
 

@@ -5,6 +5,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -13,8 +14,10 @@ import pytest
 from package_of_the_docs import forget, installed
 
 import space_envs
+from agents.commands.evaluate import main
 from space_envs.envs import CaptureEnv, CaptureVectorEnv
 from space_envs.errors import ConfigurationError, UnknownIdError, UnknownKeywordError
+from space_envs.evaluation.records.record import read_records
 from space_envs.registration import ENTRIES, find, make_task, unregister
 from space_envs.tasks.single_arm import SingleArmTask
 
@@ -143,3 +146,26 @@ def test_copies_of_an_environment_find_their_task_in_another_process() -> None:
     given = pickle.dumps((text, pickle.dumps(env.unwrapped)))
     done = subprocess.run([sys.executable, "-c", code], input=given, capture_output=True)
     assert done.returncode == 0, done.stderr.decode()
+
+
+def test_a_task_that_no_table_of_ours_knows_is_evaluated(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its own difficulty and splits, no camera; policies that plan nothing and that do."""
+    words = ["--env", "bare_task:Tests/Bare-v0", "--episodes", "2", "--jobs", "1"]
+    words += ["--output", str(tmp_path / "out")]
+    try:
+        assert main([*words, "--policy", "hold", "random", "gjm", "minimum_jerk", "--videos"]) == 0
+        records = read_records(tmp_path / "out" / "records.jsonl")
+        assert {(r.env_id, r.difficulty, r.outcome) for r in records} == {
+            ("Tests/Bare-v0", "near", "timeout")
+        }
+        assert all(record.timing["action_ms"] is not None for record in records)
+        video = ["--policy", "gjm", "--episode", "0", "--video", str(tmp_path / "a.gif")]
+        assert main(["replay", words[-1], "--env", words[1], *video]) == 0
+        for option, what, valid in (("--difficulty", "hard", "near"), ("--split", "ood", "train', 'test")):
+            assert main([*words, "--policy", "hold", option, what]) == 2
+            message = f"unknown {option[2:]} {what!r}; valid are '{valid}'"
+            assert message in capsys.readouterr().err
+    finally:
+        forget("bare_task")
