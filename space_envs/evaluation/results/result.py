@@ -1,0 +1,40 @@
+"""Everything that a report is made from."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from space_envs.evaluation.records.episode import EpisodeRecord, LeaderboardEntry
+from space_envs.evaluation.records.names import joined_file_name
+from space_envs.evaluation.replay.replay import Replay
+from space_envs.evaluation.replay.states import States
+from space_envs.evaluation.replay.stills import Still
+from space_envs.evaluation.replay.traces import Traces
+
+
+@dataclass(frozen=True)
+class EvaluationResult:
+    """All that `write_report` needs, for one run of `evaluate.py`.
+
+    `provenance` is shown in the report as it is: `command`, `versions`, `machine`, `commit`, ... What a clock
+    or the machine's load decides goes under its key `timing`, so that the rest repeats byte for byte.
+    `pictures` holds stills of a capture for each entry, in order of time; where it is empty,
+    `pictures_note` says why in one sentence. `replays` holds the best, the median and the worst
+    episode of each, `states` the recorded states of all. `experts` are the names of policies among which the
+    best has the normalised score 1.
+    """
+
+    records: Sequence[EpisodeRecord]
+    traces: Mapping[LeaderboardEntry, Traces] = field(default_factory=dict)
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    pictures: Mapping[LeaderboardEntry, Sequence[Still]] = field(default_factory=dict)
+    pictures_note: str = ""
+    replays: Mapping[LeaderboardEntry, Sequence[Replay]] = field(default_factory=dict)
+    states: Mapping[LeaderboardEntry, States] = field(default_factory=dict)
+    experts: Collection[str] = ()
+
+
+def entry_stem(entry: LeaderboardEntry) -> str:
+    """Stem of the files that belong to an entry, which no other entry shares."""
+    task = entry.task
+    return joined_file_name(task.env_id, task.difficulty, task.split, entry.policy, entry.control_mode)
