@@ -9,9 +9,9 @@ from typing import Any
 from space_envs.errors import ConfigurationError
 from space_envs.evaluation.play.runner import PARTS, PLAN, progress
 from space_envs.evaluation.records.configuration import configuration_hash
+from space_envs.evaluation.records.entry import LeaderboardEntry
 from space_envs.evaluation.records.episode import RECORDS, SCHEMA_VERSION, SUMMARY, EpisodeRecord
 from space_envs.evaluation.records.storage import read_records
-from space_envs.evaluation.records.entry import LeaderboardEntry
 from space_envs.evaluation.replay.states import States
 from space_envs.evaluation.replay.traces import Traces
 from space_envs.evaluation.results.result import entry_stem
@@ -63,7 +63,9 @@ class ResultFolder:
             return None
         states = States.load(path)
         ends = {
-            (r.seed, r.episode): (r.index, r.outcome, r.metrics["steps"]) for r in self.records if r.entry == entry
+            (r.seed, r.episode): (r.index, r.outcome, r.metrics["steps"])
+            for r in self.records
+            if r.entry == entry
         }
         columns = (states.seed, states.episode, states.index, states.outcome, states.length)
         for seed, episode, *end in zip(*(column.tolist() for column in columns), strict=True):

@@ -6,14 +6,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.results.agreement import check_agreement
-from space_envs.evaluation.results.folders import ResultFolder
+from space_envs.evaluation.records.entry import EvaluatedTask, LeaderboardEntry
 from space_envs.evaluation.records.episode import RECORDS, EpisodeRecord
-from space_envs.evaluation.records.entry import LeaderboardEntry, EvaluatedTask
-from space_envs.evaluation.results.result import EvaluationResult
 from space_envs.evaluation.replay.replay import Replay, make_replays
 from space_envs.evaluation.replay.states import States, concatenate
 from space_envs.evaluation.replay.traces import Traces
+from space_envs.evaluation.results.agreement import check_agreement
+from space_envs.evaluation.results.folders import ResultFolder
+from space_envs.evaluation.results.result import EvaluationResult
 
 NO_PICTURES = "Pictures are not merged; those of each result are in its own report."
 _Key = tuple[LeaderboardEntry, int, int]  # with seed and episode
