@@ -156,8 +156,6 @@ CASES = [
     *each(controller, "c", NOT_POSITIVE),
     *each(planner, "candidates improved", NO_COUNT),
     *each(ocp, "starts", NO_COUNT),
-    *each(ocp, "time_weight", NEGATIVE),
-    *each(ocp, "free_time", NO_ARRAY | st.sampled_from([(2.0, 1.0), (0.0, 1.0), (1.0, np.inf)])),
     *each(free, "starts", NO_COUNT),
     *each(rested, "from_rest", NO_FLAG),
     *each(feedback, "duration period", NOT_POSITIVE),

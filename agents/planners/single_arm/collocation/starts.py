@@ -1,4 +1,4 @@
-"""Where the joints may be at the end, and motions to start from."""
+"""Final configurations and initial guesses of the collocation program."""
 
 import numpy as np
 
@@ -9,21 +9,21 @@ from space_envs.dynamics import FloatingRobot, attitude_cost, base_twist
 from space_envs.dynamics.rotations import Array, to_matrix
 
 SEARCHES = 64
-SPREAD = (0.0, 1.0, 2.0, 3.0)  # rad, by which the searches' starts lie apart, in turn
-APART = 2.0  # rad, between two ends that count as different
-AWAY = 0.7  # rad, standard deviation of what a random way goes aside
+SPREAD = (0.0, 1.0, 2.0, 3.0)  # rad, ranges of the searches' random starts, in turn
+LEAST_DISTANCE = 2.0  # rad, between two final configurations that count as different
+DETOUR = 0.7  # rad, standard deviation of the displacement halfway along a random path
 _ITERATIONS = 40
-_REACHED = 1e-6  # m and, as a sine, rad
-_DAMPING, _LEAST = 0.03, 1e-9
-_LARGEST = 0.5  # rad, of a joint in one iteration
+_TOLERANCE = 1e-6  # m and, as a sine, rad
+_DAMPING, _LEAST_DAMPING = 0.03, 1e-9
+_LARGEST_STEP = 0.5  # rad, of a joint
 
 
 def end_configurations(
     model: SingleArm, robot: FloatingRobot, reach: Reach, limits: Limits, method: str, seed: int
 ) -> Array | Failure:
-    """Configurations (E, n) that would have the end-effector at the goal were the base's attitude kept.
+    """Configurations (E, n) with the end-effector at the goal if the base keeps its attitude, nearest first.
 
-    Damped Newton iterations from the start and from random displacements of it. The nearest comes first.
+    By damped Newton iterations from the start and from random displacements of it.
     """
     n, start = robot.n_joints, reach.start
     com = model.com(start).full()[:, 0]
@@ -41,18 +41,18 @@ def end_configurations(
     given.append(np.tile(to_matrix(reach.quaternion), SEARCHES))
     wanted = np.concatenate([reach.position, np.zeros(3)])
     for _ in range(_ITERATIONS):
-        left = wanted - value(q.T, *given).full().T
+        error = wanted - value(q.T, *given).full().T
         jacobian = slope(q.T, *given).full().reshape(6, SEARCHES, n + 3)[:, :, :n].swapaxes(0, 1)
-        damping = np.clip(np.abs(left).max(axis=1), _LEAST, _DAMPING)[:, None, None] * np.eye(6)
-        inner = np.linalg.solve(jacobian @ jacobian.swapaxes(1, 2) + damping, left[..., None])
+        damping = np.clip(np.abs(error).max(axis=1), _LEAST_DAMPING, _DAMPING)[:, None, None] * np.eye(6)
+        inner = np.linalg.solve(jacobian @ jacobian.swapaxes(1, 2) + damping, error[..., None])
         step = (jacobian.swapaxes(1, 2) @ inner)[..., 0]
-        step *= np.minimum(_LARGEST / np.maximum(np.abs(step).max(axis=1), 1e-300), 1.0)[:, None]
+        step *= np.minimum(_LARGEST_STEP / np.maximum(np.abs(step).max(axis=1), 1e-300), 1.0)[:, None]
         q = np.clip(q + step, low, high)
     error = np.abs(wanted - value(q.T, *given).full().T).max(axis=1)
-    # Sines vanish at half a turn too.
+    # Sines vanish at half a revolution too.
     axes = robot.end_effector_pose(q)[1]
     aligned = np.trace(to_matrix(reach.quaternion).T @ axes, axis1=1, axis2=2) > 1.0
-    found = q[(error < _REACHED) & aligned]
+    found = q[(error < _TOLERANCE) & aligned]
     if not len(found):
         reason = (
             f"none of {SEARCHES} searches found a configuration within the joint limits that puts the "
@@ -62,28 +62,28 @@ def end_configurations(
     return found[np.argsort(np.linalg.norm(found - start, axis=1))]
 
 
-def starting_paths(
+def initial_paths(
     robot: FloatingRobot, reach: Reach, ends: Array, most: int, seed: int, at: Array
 ) -> list[Array]:
-    """Paths (S, n) at the values `at` (S,) of s, to different ends and, from the second on, by random ways.
+    """Paths (S, n) at values `at` (S,) of s: straight to different ends (E, n), alternating with detours.
 
-    Ends (E, n) come in the order of what the straight ways to them cost by eq. 20.
+    Ends are ordered by the cost of the straight paths to them by eq. 20.
     """
     straight = reach.start + at[:, None] * (ends - reach.start)[:, None, :]
     rate = np.broadcast_to((ends - reach.start)[:, None, :], straight.shape)
     cost = attitude_cost(base_twist(robot, straight, rate), 1.0, reach.c)
-    cheapest = ends[np.argsort(cost)]
-    chosen = [cheapest[0]]
-    for end in cheapest:
-        if min(float(np.linalg.norm(end - other)) for other in chosen) > APART:
+    ordered = ends[np.argsort(cost)]
+    chosen = [ordered[0]]
+    for end in ordered:
+        if min(float(np.linalg.norm(end - other)) for other in chosen) > LEAST_DISTANCE:
             chosen.append(end)
     random = np.random.default_rng(seed)
-    paths, spare = [], 0
+    paths, detours = [], 0
     for number in range(most):
         if number % 2 == 0 and number // 2 < len(chosen):
             paths.append(reach.start + at[:, None] * (chosen[number // 2] - reach.start))
         else:
-            aside = np.sin(np.pi * at)[:, None] * random.normal(0.0, AWAY, robot.n_joints)
-            paths.append(reach.start + at[:, None] * (chosen[spare % len(chosen)] - reach.start) + aside)
-            spare = (spare + 1) % len(chosen)
+            aside = np.sin(np.pi * at)[:, None] * random.normal(0.0, DETOUR, robot.n_joints)
+            paths.append(reach.start + at[:, None] * (chosen[detours % len(chosen)] - reach.start) + aside)
+            detours += 1
     return paths

@@ -1,0 +1,47 @@
+"""Checks of a problem before anything is solved."""
+
+import numpy as np
+
+from agents.planners.common.plans import Cause, Failure, Limits
+from agents.planners.single_arm.problem import Reach
+from space_envs.dynamics import FloatingRobot
+from space_envs.dynamics.rotations import to_matrix
+from space_envs.dynamics.spheres import link_ends, sphere_gaps
+from space_envs.robots.parameters import SINGLE_ARM
+
+NO_ROTATION = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+def infeasible_start(method: str, robot: FloatingRobot, reach: Reach, limits: Limits) -> Failure | None:
+    """Failure if a checked problem starts beyond the limits, or starts or ends in a collision."""
+    return _beyond_limits(method, reach, limits) or _collision(method, robot, reach)
+
+
+def _beyond_limits(method: str, reach: Reach, limits: Limits) -> Failure | None:
+    rate = np.zeros_like(reach.start) if reach.rate is None else reach.rate
+    if limits.position is not None:
+        beyond = np.maximum(limits.position[:, 0] - reach.start, reach.start - limits.position[:, 1])
+        if beyond.max() > 0.0:
+            joint = int(beyond.argmax()) + 1
+            reason = f"joint {joint} starts {beyond.max():.3f} rad beyond its limit"
+            return Failure(method, Cause.JOINT_LIMIT, reason)
+    if limits.rate is not None and np.abs(rate).max() > limits.rate:
+        joint = int(np.abs(rate).argmax())
+        reason = f"joint {joint + 1} starts at {rate[joint]:.3f} rad/s, {limits.rate} are allowed"
+        return Failure(method, Cause.INFEASIBLE, reason)
+    return None
+
+
+def _collision(method: str, robot: FloatingRobot, reach: Reach) -> Failure | None:
+    if reach.spheres is None or not len(reach.spheres):
+        return None
+    ends = link_ends(robot, reach.start, np.zeros(3), NO_ROTATION)
+    # The pose of the last link at the end follows from the goal.
+    _, axes = robot.end_effector_pose(reach.start)
+    last = reach.position + to_matrix(reach.quaternion) @ axes.T @ (ends[-2] - ends[-1])
+    for when, points in (("the start", ends), ("the goal", np.stack([last, reach.position]))):
+        gap = float(sphere_gaps(points, reach.spheres, SINGLE_ARM.link_radius).min())
+        if gap < 0.0:
+            reason = f"{when} is in a collision: a link is {-gap:.3f} m deep in a ball"
+            return Failure(method, Cause.CLEARANCE, reason)
+    return None
