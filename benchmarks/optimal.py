@@ -16,8 +16,8 @@ from agents.planners.single_arm.check import check
 from agents.planners.single_arm.collocation.ocp import plan_ocp
 from agents.planners.single_arm.library import shipped_library
 from agents.planners.single_arm.problem import Reach, ReachPlan
+from agents.planners.single_arm.promp.optimal import OptimalPlanner, predicted_costs
 from agents.planners.single_arm.weights.functions import ArmFunctions
-from agents.planners.single_arm.weights.promp_optimal import Planner, predicted_costs
 from agents.planners.single_arm.weights.shapes import INTERVALS
 from agents.planners.single_arm.weights.sqp import GOAL_TOLERANCE, minimise
 from benchmarks.arguments import check_goals, split, whole
@@ -65,7 +65,7 @@ def best_known(setting: Setting, reach: Reach, number: int, collocation: bool) -
     """Least costs found, m^2/s, by many starts in the weights, and by collocation; infinite if none."""
     robot = SingleArmTask().robot
     library = shipped_library(setting.keep_attitude, setting.limited)
-    planner = Planner(robot, setting.limits, library)
+    planner = OptimalPlanner(robot, setting.limits, library)
     space, bounds, rows = planner.setting(reach)
     near = library.nearest(reach, 3 * NEAR)
     near = near[np.argsort(predicted_costs(space, near, reach.keep_attitude), kind="stable")[:NEAR]]
@@ -146,7 +146,7 @@ def table_of_targets(goals: dict[str, int], split: str, jobs: int, collocation: 
             for keep_attitude in (False, True):
                 setting = Setting(difficulty, keep_attitude, limited)
                 asked = setting.reaches(split, count)
-                planner = Planner(
+                planner = OptimalPlanner(
                     SingleArmTask().robot, setting.limits, shipped_library(keep_attitude, limited)
                 )
                 plans, times = timed(planner.plan, asked)
@@ -178,11 +178,13 @@ def table_of_starts(count: int) -> None:
         asked = setting.reaches("validation", count)
         library, robot = shipped_library(keep_attitude), SingleArmTask().robot
         ways = {
-            "nothing stored": Planner(robot, setting.limits),
-            "the nearest": Planner(robot, setting.limits, library, candidates=1, improved=1),
-            "the best of 8 near": Planner(robot, setting.limits, library, candidates=8, improved=1),
-            "the best 2 of 8 near": Planner(robot, setting.limits, library, candidates=8, improved=2),
-            "the best 4 of 16 near": Planner(robot, setting.limits, library, candidates=16, improved=4),
+            "nothing stored": OptimalPlanner(robot, setting.limits),
+            "the nearest": OptimalPlanner(robot, setting.limits, library, candidates=1, improved=1),
+            "the best of 8 near": OptimalPlanner(robot, setting.limits, library, candidates=8, improved=1),
+            "the best 2 of 8 near": OptimalPlanner(robot, setting.limits, library, candidates=8, improved=2),
+            "the best 4 of 16 near": OptimalPlanner(
+                robot, setting.limits, library, candidates=16, improved=4
+            ),
         }
         results = {name: timed(planner.plan, asked) for name, planner in ways.items()}
         costs = {

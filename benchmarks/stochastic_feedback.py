@@ -9,7 +9,7 @@ import numpy as np
 from agents.demonstrations.optimal.library import model_limits
 from agents.planners.single_arm.library import shipped_library
 from agents.planners.single_arm.problem import Reach
-from agents.planners.single_arm.weights.demonstrated import DemonstratedPlanner
+from agents.planners.single_arm.promp.demonstrated import DemonstratedPlanner
 from agents.planners.single_arm.weights.functions import ArmFunctions
 from agents.planners.single_arm.weights.shapes import INTERVALS
 from agents.policies.single_arm.stochastic_feedback import StochasticFeedback

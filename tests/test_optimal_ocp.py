@@ -10,14 +10,15 @@ import pytest
 
 from agents.planners.common.plans import Cause, Failure, Limits
 from agents.planners.single_arm.check import check
+from agents.planners.single_arm.collocation.assembly import OptionalConstraints
 from agents.planners.single_arm.collocation.mesh import INTERVALS
 from agents.planners.single_arm.collocation.model import SingleArm
 from agents.planners.single_arm.collocation.ocp import plan_ocp
-from agents.planners.single_arm.collocation.program import OptionalConstraints, ReachProgram
+from agents.planners.single_arm.collocation.program import ReachProgram
 from agents.planners.single_arm.collocation.solver import ReachSolution, ReachSolver
 from agents.planners.single_arm.library import shipped_library
 from agents.planners.single_arm.problem import Reach, ReachPlan
-from agents.planners.single_arm.weights.promp_optimal import Planner
+from agents.planners.single_arm.promp.optimal import OptimalPlanner
 from agents.policies.single_arm.optimal import OptimalControl
 from space_envs.dynamics import FloatingRobot, roll_out_base
 from space_envs.dynamics.rotations import rotate
@@ -207,7 +208,7 @@ def test_derivatives_of_the_program_agree_with_differences(loads: tuple[bool, ..
 def test_no_motion_in_weights_costs_less(number: int) -> None:
     """The one that it starts from is fitted closely, base included, and improved."""
     reach = reach_of(number, True).checked(robot())
-    weights = Planner(robot(), drives(), shipped_library(True)).plan(reach)
+    weights = OptimalPlanner(robot(), drives(), shipped_library(True)).plan(reach)
     assert isinstance(weights, ReachPlan)
     solver = ReachSolver(robot(), reach, drives())
     begin = solver.fitted(weights)

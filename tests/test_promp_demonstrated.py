@@ -11,8 +11,8 @@ from agents.planners.common.plans import Cause, Failure
 from agents.planners.single_arm.check import check
 from agents.planners.single_arm.library import shipped_library
 from agents.planners.single_arm.problem import Reach, ReachPlan
-from agents.planners.single_arm.weights.avoiding import AvoidingPlanner
-from agents.planners.single_arm.weights.demonstrated import ADDED_DEVIATION, GROUP, DemonstratedPlanner
+from agents.planners.single_arm.promp.avoiding import AvoidingPlanner
+from agents.planners.single_arm.promp.demonstrated import ADDED_DEVIATION, GROUP, DemonstratedPlanner
 from agents.planners.single_arm.weights.inequalities import Spheres
 from agents.policies.single_arm.promp import ProMPPolicy
 from agents.policies.single_arm.weights import PrompAvoiding, PrompDemonstrated

@@ -6,7 +6,7 @@ import pytest
 from agents.demonstrations.optimal.library import model_limits
 from agents.planners.single_arm.library import shipped_library
 from agents.planners.single_arm.problem import Reach
-from agents.planners.single_arm.weights.demonstrated import DemonstratedPlanner
+from agents.planners.single_arm.promp.demonstrated import DemonstratedPlanner
 from agents.policies.single_arm.stochastic_feedback import StochasticFeedback
 from benchmarks.stochastic_feedback import DURATION, PERIOD, SETTINGS, computed_torque, play
 from promp import ProMP, ViaPoint

@@ -27,7 +27,7 @@ from agents.planners.single_arm.nmpc.controller import Controller
 from agents.planners.single_arm.nmpc.problem import Weights
 from agents.planners.single_arm.problem import Reach
 from agents.planners.single_arm.weights.legendre import LegendreBasis
-from agents.planners.single_arm.weights.promp_optimal import Planner
+from agents.planners.single_arm.promp.optimal import OptimalPlanner
 from agents.planners.single_arm.weights.task_space import PoseTarget
 from agents.policies.single_arm.stochastic_feedback import StochasticFeedback
 from promp import GaussianBasis, ProMP, PrompError, ViaPoint, regress_weights
@@ -78,8 +78,8 @@ def ocp(**values: Any) -> Any:
     return plan_ocp(MODEL, ARM, REACH, Limits(), **values)
 
 
-def planner(**values: Any) -> Planner:
-    return Planner(ARM, **values)
+def planner(**values: Any) -> OptimalPlanner:
+    return OptimalPlanner(ARM, **values)
 
 
 def controller(**values: Any) -> Controller:
@@ -205,7 +205,7 @@ def test_no_value_is_refused_by_name(build: Callable[..., Any], name: str, value
 def test_limits_of_another_robot_are_refused(method: str) -> None:
     limits = Limits(position=np.tile([-1.0, 1.0], (3, 1)))
     calls = [
-        lambda: Planner(ARM, limits),
+        lambda: OptimalPlanner(ARM, limits),
         lambda: Controller(ARM, limits),
         lambda: plan_ocp(MODEL, ARM, REACH, limits),
         lambda: plan_free(ARMS, REST, limits),

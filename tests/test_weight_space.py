@@ -14,10 +14,10 @@ from agents.planners.common.plans import Cause, Failure, Limits
 from agents.planners.single_arm.check import check
 from agents.planners.single_arm.library import Library, shipped_library
 from agents.planners.single_arm.problem import Reach, ReachPlan
+from agents.planners.single_arm.promp.optimal import OptimalPlanner
 from agents.planners.single_arm.weights.bounds import Bounds
 from agents.planners.single_arm.weights.functions import ArmFunctions
 from agents.planners.single_arm.weights.inequalities import Spheres, Torques
-from agents.planners.single_arm.weights.promp_optimal import Planner
 from agents.planners.single_arm.weights.quadratic import QuadraticProgram
 from agents.planners.single_arm.weights.shapes import INTERVALS
 from agents.planners.single_arm.weights.sqp import minimise
@@ -205,9 +205,9 @@ def test_contradicting_bounds_have_no_step() -> None:
 
 
 @cache
-def planner(keep_attitude: bool, limited: bool) -> Planner:
+def planner(keep_attitude: bool, limited: bool) -> OptimalPlanner:
     limits = model_limits() if limited else Limits()
-    return Planner(robot(), limits, shipped_library(keep_attitude, limited), candidates=16, improved=4)
+    return OptimalPlanner(robot(), limits, shipped_library(keep_attitude, limited), candidates=16, improved=4)
 
 
 @pytest.mark.parametrize("keep_attitude", [False, True])
@@ -246,7 +246,7 @@ def test_torque_limit_binds_and_is_kept() -> None:
     assert isinstance(bare, ReachPlan)
     most = 60.0 + check(model, robot(), reach_of(1), model_limits(), bare).violation["torque"]
     limits = replace(model_limits(), torque=0.8 * most)
-    plan = Planner(robot(), limits, shipped_library(False)).plan(reach_of(1))
+    plan = OptimalPlanner(robot(), limits, shipped_library(False)).plan(reach_of(1))
     assert isinstance(plan, ReachPlan)
     assert plan.cost > bare.cost
     assert check(model, robot(), reach_of(1), limits, plan).violation["torque"] < 0.01 * most
@@ -255,7 +255,7 @@ def test_torque_limit_binds_and_is_kept() -> None:
 def test_without_a_library_it_starts_from_rest() -> None:
     for keep_attitude in (False, True):
         reach = reach_of(2, keep_attitude)
-        plan = Planner(robot(), Limits()).plan(reach)
+        plan = OptimalPlanner(robot(), Limits()).plan(reach)
         assert isinstance(plan, ReachPlan)
         assert check(single_arm_model(), robot(), reach, Limits(), plan).violation["position_error"] < 1e-3
 
@@ -271,7 +271,7 @@ def plans_to_goals(keep_attitude: bool) -> list[tuple[Reach, ReachPlan]]:
     found = []
     for position, quaternion in zip(goals.position, goals.quaternion, strict=True):
         reach = Reach(robot().home, position, quaternion, keep_attitude=keep_attitude).checked(robot())
-        plan = Planner(robot(), model_limits(), shipped_library(keep_attitude)).plan(reach)
+        plan = OptimalPlanner(robot(), model_limits(), shipped_library(keep_attitude)).plan(reach)
         assert isinstance(plan, ReachPlan)
         found.append((reach, plan))
     return found
@@ -288,7 +288,7 @@ def test_cost_is_that_of_a_dense_roll_out(keep_attitude: bool) -> None:
 
 @pytest.mark.parametrize("keep_attitude", [False, True])
 def test_more_iterations_gain_little(keep_attitude: bool) -> None:
-    planner = Planner(robot(), model_limits())
+    planner = OptimalPlanner(robot(), model_limits())
     for reach, plan in plans_to_goals(keep_attitude):
         space, bounds, rows = planner.setting(reach)
         phase = plan.time / plan.time[-1]
@@ -315,7 +315,7 @@ def test_from_a_moving_start() -> None:
     ],
 )
 def test_refusals_say_why(changes: dict, limits: Limits, cause: Cause) -> None:
-    failure = Planner(robot(), limits).plan(replace(reach_of(0), **changes))
+    failure = OptimalPlanner(robot(), limits).plan(replace(reach_of(0), **changes))
     assert isinstance(failure, Failure)
     assert failure.cause is cause, failure
     assert any(letter.isdigit() for letter in failure.reason)
@@ -333,7 +333,7 @@ def test_refusals_say_why(changes: dict, limits: Limits, cause: Cause) -> None:
 )
 def test_bad_problems_are_refused_before_work(changes: dict, message: str) -> None:
     with pytest.raises(ConfigurationError, match=message):
-        Planner(robot()).plan(replace(reach_of(0), **changes))
+        OptimalPlanner(robot()).plan(replace(reach_of(0), **changes))
 
 
 def test_library_file_is_checked(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from agents.planners.common.plans import Cause, Failure
 from agents.planners.single_arm.collocation.ocp import STARTS, plan_ocp
 from agents.planners.single_arm.library import shipped_library
 from agents.planners.single_arm.problem import ReachPlan
-from agents.planners.single_arm.weights.promp_optimal import Planner
+from agents.planners.single_arm.promp.optimal import OptimalPlanner
 from agents.policies.single_arm.joint_goals import JointGoalPolicy
 from agents.policies.single_arm.minimum_jerk import MinimumJerk
 from agents.policies.single_arm.mpc import ModelPredictive
@@ -55,9 +55,9 @@ def _planned(kind: type[JointGoalPolicy]) -> Callable[[Case, int], Found]:
 
 
 @cache
-def planner(keep_attitude: bool) -> Planner:
+def planner(keep_attitude: bool) -> OptimalPlanner:
     """The weight-space planner with the library that is shipped."""
-    return Planner(context().arm, limits(), shipped_library(keep_attitude))
+    return OptimalPlanner(context().arm, limits(), shipped_library(keep_attitude))
 
 
 def optimal_control(case: Case, keep_attitude: bool = False, starts: int = STARTS) -> ReachPlan | Failure:

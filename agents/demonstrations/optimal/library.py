@@ -13,7 +13,7 @@ from agents.demonstrations.optimal.search import first_motion, improved_motion
 from agents.planners.common.plans import Limits
 from agents.planners.single_arm.library import NAMES, Library, library_name
 from agents.planners.single_arm.problem import Reach
-from agents.planners.single_arm.weights.promp_optimal import Planner
+from agents.planners.single_arm.promp.optimal import OptimalPlanner
 from space_envs.checks import count, flag
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError
@@ -160,7 +160,7 @@ def _part(
     """Write one file of a round; returns the number of its goals."""
     on_one_thread()  # several threads of BLAS give other bits
     robot = SingleArmTask().robot
-    planner = Planner(robot, model_limits() if recipe.limited else Limits())
+    planner = OptimalPlanner(robot, model_limits() if recipe.limited else Limits())
     rows = []
     for number, place, turn in zip(numbers, position, quaternion, strict=True):
         reach = Reach(robot.home, place, turn, keep_attitude=recipe.keep_attitude).checked(robot)

@@ -4,7 +4,7 @@ import numpy as np
 
 from agents.planners.single_arm.library import Library
 from agents.planners.single_arm.problem import Reach
-from agents.planners.single_arm.weights.promp_optimal import VIOLATION_TOLERANCE, Planner, predicted_costs
+from agents.planners.single_arm.promp.optimal import VIOLATION_TOLERANCE, OptimalPlanner, predicted_costs
 from agents.planners.single_arm.weights.sqp import GOAL_TOLERANCE, SqpResult, minimise
 from space_envs.dynamics.rotations import Array
 
@@ -17,7 +17,7 @@ ITERATIONS = 40  # of a start in the first round
 FINE = 1e-4  # relative gain of an iteration below which a motion is done, in the last round
 
 
-def first_motion(planner: Planner, reach: Reach, rng: np.random.Generator) -> tuple[Array, float, float]:
+def first_motion(planner: OptimalPlanner, reach: Reach, rng: np.random.Generator) -> tuple[Array, float, float]:
     """The best of several starts: coordinates, cost (infinite if no start led to the goal), their number."""
     space, bounds, rows = planner.setting(reach)
     rest = np.zeros((len(reach.start), space.free))
@@ -33,7 +33,7 @@ def first_motion(planner: Planner, reach: Reach, rng: np.random.Generator) -> tu
 
 
 def improved_motion(
-    planner: Planner, reach: Reach, before: Library, number: int, last: bool
+    planner: OptimalPlanner, reach: Reach, before: Library, number: int, last: bool
 ) -> tuple[Array, float, float]:
     """The best so far, or the result from a neighbouring goal's solution whose predicted cost is lower."""
     space, bounds, rows = planner.setting(reach)

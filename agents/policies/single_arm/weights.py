@@ -3,9 +3,9 @@
 from dataclasses import replace
 
 from agents.planners.single_arm.library import shipped_library
-from agents.planners.single_arm.weights.avoiding import AvoidingPlanner
-from agents.planners.single_arm.weights.demonstrated import DemonstratedPlanner
-from agents.planners.single_arm.weights.promp_optimal import Planner
+from agents.planners.single_arm.promp.avoiding import AvoidingPlanner
+from agents.planners.single_arm.promp.demonstrated import DemonstratedPlanner
+from agents.planners.single_arm.promp.optimal import OptimalPlanner
 from agents.policies.needs import POSE
 from agents.policies.single_arm.optimal import OptimalPolicy
 from space_envs.policy import PolicyContext
@@ -18,7 +18,7 @@ class PrompOptimal(OptimalPolicy):
 
     def __init__(self, context: PolicyContext, seed: int = 0) -> None:
         super().__init__(context, seed)
-        self.planner = Planner(context.arm, self.limits, shipped_library(self.keep_attitude))
+        self.planner = OptimalPlanner(context.arm, self.limits, shipped_library(self.keep_attitude))
 
 
 class PrompOptimalKept(PrompOptimal):

@@ -20,7 +20,7 @@ from agents.planners.single_arm.collocation.solver import METHOD, ReachSolution,
 from agents.planners.single_arm.collocation.starts import end_configurations, initial_paths
 from agents.planners.single_arm.library import shipped_library
 from agents.planners.single_arm.problem import Reach, ReachPlan
-from agents.planners.single_arm.weights.promp_optimal import Planner
+from agents.planners.single_arm.promp.optimal import OptimalPlanner
 from space_envs.checks import count
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
@@ -126,7 +126,7 @@ class _ReachSearch:
         """Variables of the weight-space planner's motion, often in the best basin, if it has one."""
         reach, limited = self._reach, self._limits.rate is not None
         library = shipped_library(reach.keep_attitude, limited)
-        plan = Planner(self._robot, self._limits, library).plan(reach)
+        plan = OptimalPlanner(self._robot, self._limits, library).plan(reach)
         return [self._solver.fitted(plan)] if isinstance(plan, ReachPlan) else []
 
     def _accurate(self, solution: ReachSolution) -> ReachPlan | Failure:

@@ -6,10 +6,11 @@ import numpy as np
 
 from agents.planners.common.plans import Cause, Failure, JointPath, Limits
 from agents.planners.common.splines import DEGREE
+from agents.planners.single_arm.collocation.assembly import SCALE, OptionalConstraints
 from agents.planners.single_arm.collocation.layout import FIXED
 from agents.planners.single_arm.collocation.mesh import INTERVALS, MESH
 from agents.planners.single_arm.collocation.model import SingleArm
-from agents.planners.single_arm.collocation.program import SCALE, OptionalConstraints, ReachProgram
+from agents.planners.single_arm.collocation.program import ReachProgram
 from agents.planners.single_arm.problem import Reach, ReachPlan
 from space_envs.dynamics import FloatingRobot, roll_out_base
 from space_envs.dynamics.rotations import Array, to_matrix

@@ -14,11 +14,11 @@ from agents.planners.single_arm.library import Library
 from agents.planners.single_arm.nmpc.objective import Objective
 from agents.planners.single_arm.nmpc.problem import ArmState, Horizon, Target, Weights
 from agents.planners.single_arm.problem import Reach
+from agents.planners.single_arm.promp.optimal import OptimalPlanner
 from agents.planners.single_arm.weights.bounds import Bounds, lower_and_upper
 from agents.planners.single_arm.weights.elastic import ElasticProgram
 from agents.planners.single_arm.weights.inequalities import Torques
 from agents.planners.single_arm.weights.legendre import LegendreBasis
-from agents.planners.single_arm.weights.promp_optimal import Planner
 from agents.planners.single_arm.weights.shapes import Basis, Shapes
 from agents.planners.single_arm.weights.weight_space import WeightSpace
 from space_envs.dynamics import FloatingRobot
@@ -52,7 +52,7 @@ class Controller:
         self.weights = weights
         limits = limits.checked(robot)
         self._robot, self._limits, self._c, self._basis = robot, limits, positive("c", c), basis
-        self._planner = Planner(robot, limits, library)
+        self._planner = OptimalPlanner(robot, limits, library)
         self._sides = lower_and_upper(robot, limits)
         shapes = Shapes.of(basis)
         self._fit = np.linalg.pinv(shapes.even[1] @ shapes.free)  # from rates by phase to coordinates

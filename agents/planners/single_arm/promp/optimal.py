@@ -31,7 +31,7 @@ PERTURBATION = 0.1  # in coordinates (root of the integral of a joint's squared 
 NODES = 101  # of a plan
 
 
-class Planner:
+class OptimalPlanner:
     """Plans for one robot and set of limits.
 
     Args:

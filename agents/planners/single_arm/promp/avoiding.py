@@ -12,8 +12,8 @@ import numpy as np
 from agents.planners.common.plans import Cause, Failure, Limits
 from agents.planners.single_arm.library import Library
 from agents.planners.single_arm.problem import Reach, ReachPlan
+from agents.planners.single_arm.promp.demonstrated import DemonstratedPlanner
 from agents.planners.single_arm.weights.bounds import Bounds
-from agents.planners.single_arm.weights.demonstrated import DemonstratedPlanner
 from agents.planners.single_arm.weights.inequalities import SPHERE_MARGIN, Spheres
 from agents.planners.single_arm.weights.sqp import GOAL_TOLERANCE, Rows, minimise
 from agents.planners.single_arm.weights.weight_space import WeightSpace

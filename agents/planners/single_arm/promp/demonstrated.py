@@ -13,9 +13,9 @@ import numpy as np
 from agents.planners.common.plans import Cause, Failure, Limits
 from agents.planners.single_arm.library import Library
 from agents.planners.single_arm.problem import Reach, ReachPlan
+from agents.planners.single_arm.promp.limit_conditioning import GOAL_TOLERANCE, conditioned_on_limits
+from agents.planners.single_arm.promp.optimal import OptimalPlanner
 from agents.planners.single_arm.weights.bounds import Bounds
-from agents.planners.single_arm.weights.limit_conditioning import GOAL_TOLERANCE, conditioned_on_limits
-from agents.planners.single_arm.weights.promp_optimal import Planner
 from agents.planners.single_arm.weights.sqp import Ending, Rows, SqpResult
 from agents.planners.single_arm.weights.task_space import PoseTarget
 from agents.planners.single_arm.weights.weight_space import WeightSpace
@@ -72,7 +72,7 @@ class DemonstratedPlanner:
     ) -> None:
         self._robot, self._library, self._basis = robot, library, GaussianBasis()
         self._samples, self._groups, self._seed = samples, groups, seed
-        self.planner = Planner(robot, limits, library, self._basis)
+        self.planner = OptimalPlanner(robot, limits, library, self._basis)
 
     def plan(self, reach: Reach) -> ReachPlan | Failure:
         """Plan the best sample within the limits."""

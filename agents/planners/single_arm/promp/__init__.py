@@ -1,0 +1,1 @@
+"""Planners of the single arm in the weights of ProMPs."""
