@@ -26,8 +26,8 @@ from agents.planners.single_arm.collocation.ocp import plan_ocp
 from agents.planners.single_arm.nmpc.controller import Controller
 from agents.planners.single_arm.nmpc.problem import Weights
 from agents.planners.single_arm.problem import Reach
-from agents.planners.single_arm.weights.legendre import LegendreBasis
 from agents.planners.single_arm.promp.optimal import OptimalPlanner
+from agents.planners.single_arm.weights.legendre import LegendreBasis
 from agents.planners.single_arm.weights.task_space import PoseTarget
 from agents.policies.single_arm.stochastic_feedback import StochasticFeedback
 from promp import GaussianBasis, ProMP, PrompError, ViaPoint, regress_weights

@@ -17,7 +17,9 @@ ITERATIONS = 40  # of a start in the first round
 FINE = 1e-4  # relative gain of an iteration below which a motion is done, in the last round
 
 
-def first_motion(planner: OptimalPlanner, reach: Reach, rng: np.random.Generator) -> tuple[Array, float, float]:
+def first_motion(
+    planner: OptimalPlanner, reach: Reach, rng: np.random.Generator
+) -> tuple[Array, float, float]:
     """The best of several starts: coordinates, cost (infinite if no start led to the goal), their number."""
     space, bounds, rows = planner.setting(reach)
     rest = np.zeros((len(reach.start), space.free))
