@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agents.demonstrations import making as demonstrations
-from agents.learning.trees import load_tree, save_tree
+from agents.learning.runs.nested_npz import load_nested, save_nested
 from agents.policies.learned.learned_policy import shipped_path
 from agents.policies.learned.policy_file import load_policy_file
 from agents.policies.resolve import resolve_policy
@@ -37,7 +37,7 @@ READERS: dict[str, Callable[[Path], Any]] = {
     "traces": Traces.load,
     "dataset": Dataset.load,
     "demonstrations": demonstrations.load,
-    "checkpoint": load_tree,
+    "checkpoint": load_nested,
     "records": read_records,
     "promp": lambda path: load_arrays(path, ("a",)),
 }
@@ -116,7 +116,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     folder = tmp_path_factory.mktemp("whole")
     plane, room = np.zeros((2, 4)), np.zeros((2, 4, 3))
     Traces(np.arange(4.0), np.array([3, 2]), plane, room, room, plane, plane, room).save(folder / "traces")
-    save_tree(folder / "checkpoint", {"a": np.arange(4.0), "b": [1, "two", None]})
+    save_nested(folder / "checkpoint", {"a": np.arange(4.0), "b": [1, "two", None]})
     (folder / "policy").write_bytes(SHIPPED.read_bytes()[:4000] + SHIPPED.read_bytes()[-4000:])
     return {path.stem: path.read_bytes() for path in folder.iterdir()} | {"arrays": npz(a=np.arange(5.0))}
 

@@ -21,7 +21,8 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 import space_envs  # noqa: F401
-from agents.policies.learned.sb3_policy import StableBaselinesPolicy, load_network
+from agents.policies.learned.sb3_policy import StableBaselinesPolicy
+from agents.policies.learned.sb3_zip import load_network
 from agents.policies.resolve import ResolvedPolicy, resolve_policy
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import PolicyError

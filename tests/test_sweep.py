@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 from agents.commands.train import main
-from agents.learning.hyperparameters import PPO, TABLES
-from agents.learning.runs import RunFolder, Settings
-from agents.learning.seeds import parse_seeds
+from agents.learning.runs.folder import RunFolder, Settings
+from agents.learning.runs.hyperparameters import PPO, TABLES
 from agents.learning.sweep import Plan, make_runs, read_plan
 from agents.learning.training import learn
 from space_envs.errors import ConfigurationError
+from space_envs.system.seeds import parse_seeds
 
 ENV_ID = "SpaceCapture/SingleArm-v0"
 # A bc run of two rounds, in about a second.

@@ -7,8 +7,8 @@ from stable_baselines3.common.env_checker import check_env
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
 import space_envs  # noqa: F401  registers the ids
-from agents.learning.hyperparameters import TABLES
-from agents.learning.vec_env import NativeVecEnv
+from agents.learning.runs.hyperparameters import TABLES
+from agents.learning.sb3.vec_env import NativeVecEnv
 from agents.policies.learned.features import FeatureView
 from space_envs.control import CONTROL_MODES
 from space_envs.envs import CaptureVectorEnv

@@ -10,7 +10,6 @@ from pathlib import Path
 
 from agents.commands.choice import check_fit, choose_ids, choose_policies, distinct
 from agents.commands.evaluation import Options, dry_run, run
-from agents.learning.seeds import parse_seeds
 from agents.policies.registry import POLICIES
 from agents.policies.resolve import ResolvedPolicy
 from space_envs.control import CONTROL_MODES
@@ -24,6 +23,7 @@ from space_envs.robots.parameters import VARIANTS
 from space_envs.system.command_line import AppendValues, Parser, exit_status, output_path
 from space_envs.system.output import check_free
 from space_envs.system.parallel import BACKENDS, check_backend
+from space_envs.system.seeds import parse_seeds
 from space_envs.tasks.common import DIFFICULTIES, SPLITS
 
 DEFAULT_ENV = "SpaceCapture/SingleArm-v0"

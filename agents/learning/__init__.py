@@ -1,1 +1,1 @@
-"""Training: behaviour cloning, reinforcement learning, runs, validation and sweeps."""
+"""Training: behaviour cloning, reinforcement by stable-baselines3, validation, sweeps of runs."""

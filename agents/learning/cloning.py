@@ -8,16 +8,18 @@ import numpy as np
 import torch as th
 from numpy.typing import NDArray
 
-from agents.learning.hyperparameters import BC
-from agents.learning.models import actor_modules, build_model, export_network, model_state, restore_model
-from agents.learning.recorder import Recorder
-from agents.learning.runs import RunFolder, Settings
-from agents.learning.trees import load_tree, save_tree
-from agents.learning.vec_env import NativeVecEnv
+from agents.learning.progress import Progress
+from agents.learning.runs.hyperparameters import BC
+from agents.learning.runs.nested_npz import load_nested, save_nested
+from agents.learning.runs.session import Session
+from agents.learning.sb3.model import actor_modules, build_model, export_network
+from agents.learning.sb3.state import model_state, restore_model
+from agents.learning.sb3.vec_env import NativeVecEnv
 from agents.policies.learned.features import FeatureView
 from agents.policies.learned.network import Network
 from agents.policies.registry import make_policy
 from space_envs.envs import CaptureVectorEnv
+from space_envs.errors import ConfigurationError
 from space_envs.policy import PolicyContext
 
 Pairs = dict[str, NDArray[np.float32]]  # features (K, F) and actions (K, m)
@@ -30,26 +32,30 @@ class Cloning:
     bits as one that was not.
 
     Args:
-        folder: of the run; the data so far lie in its folder `demonstrations` until the run ends.
-        settings, parameters: of the run.
+        session: the sitting; its hyperparameters are those of BC. The data so far lie in the folder
+            `demonstrations` of the run until it ends.
 
     Raises:
         ConfigurationError, PolicyError: for an unknown expert, or one of another control mode.
     """
 
-    def __init__(self, folder: RunFolder, settings: Settings, parameters: BC) -> None:
+    def __init__(self, session: Session) -> None:
+        settings, parameters = session.settings, session.parameters
+        if not isinstance(parameters, BC) or parameters.expert is None:
+            raise ConfigurationError("cloning needs the hyperparameters of bc, and an expert")
         self.settings, self.parameters = settings, parameters
         self.context = PolicyContext.from_env(
             CaptureVectorEnv(settings.env_id, **settings.environment), jobs=-1
         )
         self.expert = make_policy(parameters.expert, self.context, settings.seed)
+        # Neither a capture nor the task's horizon ends an episode.
+        endless = {
+            "horizon": parameters.episode_steps,
+            "hold_time": 2.0 * parameters.episode_steps * self.context.control_period,
+        }
+        keywords = {**settings.environment, **endless}
         self.env = CaptureVectorEnv(
-            settings.env_id,
-            parameters.num_envs,
-            autoreset_mode="same_step",
-            horizon=parameters.episode,
-            hold_time=2.0 * parameters.episode * self.context.control_period,
-            **settings.environment,
+            settings.env_id, parameters.num_envs, autoreset_mode="same_step", **keywords
         )
         self.view = FeatureView(parameters.features, self.context.layout, self.context.arm.home)
         self.model = build_model(
@@ -60,7 +66,8 @@ class Cloning:
         self.optimizer = th.optim.Adam(self.actor, parameters.learning_rate)
         self.steps_a_round = parameters.round
         self.rounds = -(-parameters.steps // self.steps_a_round)
-        self._shards = folder.path / "demonstrations"
+        self.steps = 0  # taken so far
+        self._shards = session.folder.path / "demonstrations"
         self._data: list[Pairs] = []
 
     @property
@@ -72,33 +79,38 @@ class Cloning:
         """What `restore` needs besides the data, which lie in files of their own."""
         return {"model": model_state(self.model), "optimizer": self.optimizer.state_dict()}
 
-    def restore(self, state: dict[str, Any], steps: int) -> None:
-        """Go back to a checkpoint that was taken after `steps` steps."""
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go back to a checkpoint."""
         restore_model(self.model, state["model"])
         self.optimizer.load_state_dict(state["optimizer"])
-        self._data = [load_tree(self._shard(i)) for i in range(steps // self.steps_a_round)]
+        self.steps = state["steps"]
+        self._data = [load_nested(self._shard(i)) for i in range(self.steps // self.steps_a_round)]
 
-    def run(self, recorder: Recorder, steps: int = 0) -> int:
-        """Clone from `steps` on to the end of the rounds or the time limit; returns the steps taken."""
-        done = steps
-        for index in range(steps // self.steps_a_round, self.rounds):
-            if index and recorder.budget.exhausted:
+    def run(self, progress: Progress) -> int:
+        """Clone to the end of the rounds or the time limit; returns the steps taken."""
+        recorded = self.steps
+        for index in range(self.steps // self.steps_a_round, self.rounds):
+            if index and progress.budget.exhausted:
                 break
-            pairs = self._collect(index)
-            save_tree(self._shard(index), pairs)
-            self._data.append(pairs)
             last = index == self.rounds - 1
-            loss = self._fit(index, self.parameters.last_epochs if last else self.parameters.epochs)
-            steps += self.steps_a_round
-            recorder.bar.update(self.steps_a_round)
-            recorder.logger.record("train/loss", loss)
-            recorder.logger.dump(steps)
-            if last or steps - done >= self.parameters.interval:
-                recorder.record(steps, self.network, self.state())
-                done = steps
-        if done < steps:
-            recorder.record(steps, self.network, self.state())
-        return steps
+            loss = self._round(index, self.parameters.last_epochs if last else self.parameters.epochs)
+            progress.bar.update(self.steps_a_round)
+            progress.logger.record("train/loss", loss)
+            progress.logger.dump(self.steps)
+            if last or self.steps - recorded >= self.parameters.validation_interval:
+                progress.checkpoint(self.steps, self.network, self.state())
+                recorded = self.steps
+        if recorded < self.steps:
+            progress.checkpoint(self.steps, self.network, self.state())
+        return self.steps
+
+    def _round(self, index: int, epochs: int) -> float:
+        """Collect, keep and fit once; returns the loss."""
+        pairs = self._collect(index)
+        save_nested(self._shard(index), pairs)
+        self._data.append(pairs)
+        self.steps += self.steps_a_round
+        return self._fit(index, epochs)
 
     def forget(self) -> None:
         """Delete the data of a finished run."""
@@ -117,14 +129,14 @@ class Cloning:
         start = np.ones(n, dtype=bool)
         state: Any = None
         seen, labels = [], []
-        for _ in range(parameters.episode):
+        for _ in range(parameters.episode_steps):
             features = self.view(observation)
             label, state = self.expert.predict(observation, state=state, episode_start=start)
             seen.append(features)
             labels.append(label.astype(np.float32))
             if index == 0 or state is not None:
                 disturbed = rng.random((n, 1)) < 0.5
-                action = label + parameters.noise * disturbed * rng.standard_normal(label.shape)
+                action = label + parameters.expert_noise * disturbed * rng.standard_normal(label.shape)
             else:
                 action = network.actions(features)
             observation, _, terminated, truncated, _ = self.env.step(np.clip(action, -1.0, 1.0))
@@ -147,7 +159,7 @@ class Cloning:
             for batch in range(batches):
                 past = (epoch * batches + batch) / (epochs * batches)
                 self.optimizer.param_groups[0]["lr"] = parameters.learning_rate * (
-                    1.0 - (1.0 - parameters.final_rate) * past
+                    1.0 - (1.0 - parameters.final_rate_ratio) * past
                 )
                 rows = order[batch * size : (batch + 1) * size]
                 loss = self._loss(features[rows], actions[rows])
@@ -161,5 +173,5 @@ class Cloning:
         """Mean squared error relative to the expert's action: near the goal small errors count."""
         policy: Any = self.model.policy
         mean = policy.action_net(policy.mlp_extractor.forward_actor(features))
-        size = actions.abs().mean(dim=1, keepdim=True) + self.parameters.weight
+        size = actions.abs().mean(dim=1, keepdim=True) + self.parameters.error_offset
         return (((mean - actions) / size) ** 2).mean()

@@ -6,20 +6,12 @@ import numpy as np
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 
-from agents.learning.hyperparameters import PPO, SAC, TD3
-from agents.learning.models import (
-    actor_parameters,
-    build_model,
-    export_network,
-    import_network,
-    model_state,
-    random_state,
-    restore_model,
-    restore_random_state,
-)
-from agents.learning.recorder import Recorder
-from agents.learning.runs import Budget, Settings
-from agents.learning.vec_env import NativeVecEnv
+from agents.learning.progress import Progress
+from agents.learning.runs.hyperparameters import PPO
+from agents.learning.runs.session import Session
+from agents.learning.sb3.model import actor_parameters, build_model, export_network, import_network
+from agents.learning.sb3.state import model_state, random_state, restore_model, restore_random_state
+from agents.learning.sb3.vec_env import NativeVecEnv
 from agents.policies.learned.features import FeatureView
 from agents.policies.learned.network import Network
 from space_envs.envs import CaptureVectorEnv
@@ -33,21 +25,17 @@ class Reinforcement:
     that is reached, and a replay buffer that is too large for a checkpoint.
 
     Args:
-        settings, parameters, budget: of the run.
-        began: wall time at which learning first began, s; the learning rate of ppo falls from then on.
+        session: the sitting; its hyperparameters are those of PPO, SAC or TD3.
 
     Raises:
         ConfigurationError: for settings that the environment does not know.
     """
 
-    def __init__(
-        self,
-        settings: Settings,
-        parameters: PPO | SAC | TD3,
-        budget: Budget,
-        began: float = 0.0,
-    ) -> None:
-        self.settings, self.parameters, self.budget, self.began = settings, parameters, budget, began
+    def __init__(self, session: Session) -> None:
+        settings, parameters = session.settings, session.parameters
+        self.session, self.parameters, self.budget = session, parameters, session.budget
+        # Wall time at which learning first began, s; the learning rate of ppo falls from then on.
+        self.began = session.budget.wall
         env = CaptureVectorEnv(
             settings.env_id, parameters.num_envs, autoreset_mode="same_step", **settings.environment
         )
@@ -93,21 +81,23 @@ class Reinforcement:
             self.model._last_obs, self.model._last_episode_starts = state["seen"], state["starts"]
         restore_random_state(self.model, state["random"])
 
-    def run(self, recorder: Recorder) -> int:
+    def run(self, progress: Progress) -> int:
         """Learn to the end of the steps or the time limit; returns the steps taken."""
-        self.model.set_logger(recorder.logger)
+        if self.warm and not progress.history:
+            self.record(progress, candidate=False)  # what the run starts from, to compare with
+        self.model.set_logger(progress.logger)
         left = self.parameters.steps - self.model.num_timesteps
-        callback = _AtIntervals(self, recorder)
+        callback = _AtIntervals(self, progress)
         if left > 0 and not self.budget.exhausted:
             self.model.learn(left, callback=callback, log_interval=10, reset_num_timesteps=False)
-        none = not recorder.folder.policy.exists()
+        none = not progress.folder.policy.exists()
         if callback.recorded < self.model.num_timesteps or none:
-            self.record(recorder, self.learned or none)
+            self.record(progress, self.learned or none)
         return self.model.num_timesteps
 
-    def record(self, recorder: Recorder, candidate: bool) -> None:
+    def record(self, progress: Progress, candidate: bool) -> None:
         """Validate the actor as it is now, and keep it if it is a candidate and the best."""
-        recorder.record(self.model.num_timesteps, self.network, self.state(), candidate)
+        progress.checkpoint(self.model.num_timesteps, self.network, self.state(), candidate)
 
     def hold_actor(self) -> None:
         """While the critic warms up the actor stays as it is; call before every rollout."""
@@ -122,7 +112,7 @@ class Reinforcement:
     def _rate(self, remaining: float) -> float:
         """Learning rate of ppo, falling linearly with the steps or the time, whichever runs out first."""
         parameters = self.parameters
-        final = parameters.final_rate if isinstance(parameters, PPO) else 1.0
+        final = parameters.final_rate_ratio if isinstance(parameters, PPO) else 1.0
         remaining = min(remaining, 1.0 - self.budget.fraction(self.began))
         return parameters.learning_rate * (final + (1.0 - final) * max(remaining, 0.0))
 
@@ -130,17 +120,17 @@ class Reinforcement:
 class _AtIntervals(BaseCallback):
     """Records at intervals, between an update and the next rollout, and ends the run when its time is up."""
 
-    def __init__(self, learner: Reinforcement, recorder: Recorder) -> None:
+    def __init__(self, learner: Reinforcement, progress: Progress) -> None:
         super().__init__()
-        self._learner, self._recorder = learner, recorder
+        self._learner, self._progress = learner, progress
         self.recorded = learner.model.num_timesteps
 
     def _on_rollout_start(self) -> None:
-        if self.num_timesteps - self.recorded >= self._learner.parameters.interval:
-            self._learner.record(self._recorder, self._learner.learned)
+        if self.num_timesteps - self.recorded >= self._learner.parameters.validation_interval:
+            self._learner.record(self._progress, self._learner.learned)
             self.recorded = self.num_timesteps
         self._learner.hold_actor()
 
     def _on_step(self) -> bool:
-        self._recorder.bar.update(self.training_env.num_envs)
+        self._progress.bar.update(self.training_env.num_envs)
         return not self._learner.budget.exhausted

@@ -4,24 +4,28 @@ from dataclasses import replace
 from typing import Any
 
 from agents.learning.cloning import Cloning
-from agents.learning.hyperparameters import BC, PPO, AnyHyperparameters, hyperparameters
-from agents.learning.recorder import Recorder
+from agents.learning.progress import Progress
 from agents.learning.reinforcement import Reinforcement
-from agents.learning.runs import Budget, RunFolder, Settings
-from agents.learning.validation import EPISODES
-from agents.policies.learned.learned_policy import policy_path
-from agents.policies.learned.policy_file import PolicyFile, load_policy_file
-from space_envs.errors import PolicyError
+from agents.learning.runs.defaults import default_hyperparameters
+from agents.learning.runs.folder import RunFolder
+from agents.learning.runs.hyperparameters import BC, PPO, AnyHyperparameters
+from agents.learning.runs.session import Budget, Session
+from agents.learning.runs.settings import Settings
+from agents.learning.runs.warm_start import starting_policy
+from agents.policies.learned.network import Network
+from agents.policies.learned.policy_file import load_policy_file
 from space_envs.system.threads import on_one_thread
 
+Checkpoint = dict[str, Any]
 
-def learn(folder: RunFolder, episodes: int = EPISODES, quiet: bool = False) -> dict[str, Any]:
+
+def learn(folder: RunFolder, episodes: int | None = None, quiet: bool = False) -> dict[str, Any]:
     """Carry out the run that `RunFolder.begin` wrote down, going on from its checkpoint if there is one.
 
-    ppo first clones its table's expert, in the folder `clone` of the run, unless it starts from another run.
+    ppo first clones its expert, in the folder `clone` of the run, unless it starts from another run.
 
     Args:
-        episodes: of the validation split that are played at every interval.
+        episodes: of the validation split that are played at every interval; None takes the usual number.
         quiet: neither progress bar nor lines.
 
     Returns:
@@ -35,109 +39,74 @@ def learn(folder: RunFolder, episodes: int = EPISODES, quiet: bool = False) -> d
     on_one_thread()
     settings, parameters = folder.restore()
     checkpoint = folder.checkpoint()
-    times = checkpoint["times"] if checkpoint else {"wall": 0.0, "cpu": 0.0}
-    limit = None if parameters.minutes is None else 60.0 * parameters.minutes
-    return _learn(
-        folder, settings, parameters, checkpoint, Budget(limit, times["wall"], times["cpu"]), episodes, quiet
-    )
+    budget = Budget(None if parameters.minutes is None else 60.0 * parameters.minutes)
+    if checkpoint is not None:
+        budget.add(**checkpoint["times"])
+    return _learn(Session(folder, settings, parameters, budget, episodes, quiet), checkpoint)
 
 
-def _learn(
-    folder: RunFolder,
-    settings: Settings,
-    parameters: AnyHyperparameters,
-    checkpoint: dict[str, Any] | None,
-    budget: Budget,
-    episodes: int,
-    quiet: bool,
-) -> dict[str, Any]:
-    done: int = checkpoint["steps"] if checkpoint else 0
-    learner: Cloning | Reinforcement
-    if isinstance(parameters, BC):
-        learner = Cloning(folder, settings, parameters)
-        if checkpoint:
-            learner.restore(checkpoint, done)
-    else:
-        start = None
-        if checkpoint is None and isinstance(parameters, PPO):
-            start = _start(folder, settings, parameters, budget, episodes, quiet)
-        learner = Reinforcement(settings, parameters, budget, budget.wall)
-        if checkpoint:
-            learner.restore(checkpoint)
-        elif start is not None:
-            learner.start_from(start.network)
-    history = checkpoint["history"] if checkpoint else []
-    recorder = Recorder(folder, settings, parameters, budget, learner.view, history, done, episodes, quiet)
+def _learn(session: Session, checkpoint: Checkpoint | None) -> dict[str, Any]:
+    cloning = isinstance(session.parameters, BC)
+    learner = _cloning(session, checkpoint) if cloning else _reinforcement(session, checkpoint)
+    progress = Progress(session, learner.view, checkpoint)
     try:
-        if isinstance(learner, Reinforcement) and learner.warm and not history:
-            learner.record(recorder, candidate=False)  # what the run starts from, to compare with
-        done = learner.run(recorder, done) if isinstance(learner, Cloning) else learner.run(recorder)
-        summary = recorder.finish(done)
+        summary = progress.finish(learner.run(progress))
     finally:
-        recorder.close()
+        progress.close()
     if isinstance(learner, Cloning):
         learner.forget()
     return summary
 
 
-def _start(
-    folder: RunFolder, settings: Settings, parameters: PPO, budget: Budget, episodes: int, quiet: bool
-) -> PolicyFile | None:
-    """The policy that ppo starts from, cloned now if need be."""
-    if settings.init is not None:
-        return starting_policy(settings, parameters)
-    if parameters.expert is None:
+def _cloning(session: Session, checkpoint: Checkpoint | None) -> Cloning:
+    learner = Cloning(session)
+    if checkpoint is not None:
+        learner.restore(checkpoint)
+    return learner
+
+
+def _reinforcement(session: Session, checkpoint: Checkpoint | None) -> Reinforcement:
+    start = _start(session) if checkpoint is None else None
+    learner = Reinforcement(session)
+    if checkpoint is not None:
+        learner.restore(checkpoint)
+    elif start is not None:
+        learner.start_from(start)
+    return learner
+
+
+def _start(session: Session) -> Network | None:
+    """The network that ppo starts from, cloned now if need be."""
+    settings, parameters = session.settings, session.parameters
+    if not isinstance(parameters, PPO):
         return None
-    clone = RunFolder(folder.path / "clone")
+    if settings.init is not None:
+        return starting_policy(settings.init, settings.context(), parameters).network
+    return None if parameters.expert is None else _clone(session, parameters)
+
+
+def _clone(session: Session, parameters: PPO) -> Network:
+    """The network that cloning the expert gives; the time that it takes counts."""
+    clone = RunFolder(session.folder.path / "clone")
     if finished := clone.summary():
-        budget.used += finished["wall_s"]
-        budget.used_cpu += finished["cpu_s"]
-    else:
-        copy = replace(settings, algorithm="bc")
-        table = clone_table(settings, parameters)
-        checkpoint = None
-        if clone.exists():
-            checkpoint = clone.checkpoint()
-            if checkpoint:
-                budget.used += checkpoint["times"]["wall"]
-                budget.used_cpu += checkpoint["times"]["cpu"]
-        else:
-            clone.begin(copy, table)
-        _learn(clone, copy, table, checkpoint, budget, episodes, quiet)
-    return load_policy_file(clone.policy)
-
-
-def clone_table(settings: Settings, parameters: PPO) -> BC:
-    """Hyperparameters of the cloning that precedes ppo: the task's own, with ppo's network and expert."""
-    table = hyperparameters(settings.env_id, "bc")
-    if not isinstance(table, BC) or parameters.expert is None:
-        raise TypeError("the table of bc must be a BC, and ppo must have an expert")
-    return replace(
-        table,
-        expert=parameters.expert,
-        hidden=parameters.hidden,
-        activation=parameters.activation,
-        features=parameters.features,
+        session.budget.add(finished["wall_s"], finished["cpu_s"])
+        return load_policy_file(clone.policy).network
+    settings, cloning = (
+        replace(session.settings, algorithm="bc"),
+        clone_hyperparameters(session.settings, parameters),
     )
+    checkpoint = clone.checkpoint() if clone.exists() else None
+    if not clone.exists():
+        clone.begin(settings, cloning)
+    if checkpoint is not None:
+        session.budget.add(**checkpoint["times"])
+    _learn(replace(session, folder=clone, settings=settings, parameters=cloning), checkpoint)
+    return load_policy_file(clone.policy).network
 
 
-def starting_policy(settings: Settings, parameters: PPO) -> PolicyFile:
-    """The policy that `init` names, checked against what ppo will train.
-
-    Raises:
-        PolicyError: if there is none, or it was trained for another task or network.
-    """
-    file = load_policy_file(policy_path(str(settings.init)))
-    for name, got, wanted in (
-        ("environment id", file.env_id, settings.env_id),
-        ("control mode", file.control_mode, settings.control_mode),
-        ("features", file.features, parameters.features),
-        ("hidden layers", tuple(len(bias) for bias in file.network.biases[:-1]), parameters.hidden),
-        ("activation", file.network.activation, parameters.activation),
-        ("squashing", file.network.squash, False),
-    ):
-        if got != wanted:
-            raise PolicyError(
-                f"cannot start from {settings.init}: its {name} is {got!r}, this run has {wanted!r}"
-            )
-    return file
+def clone_hyperparameters(settings: Settings, parameters: PPO) -> AnyHyperparameters:
+    """Hyperparameters of the cloning that precedes ppo: the id's own, with ppo's network and expert."""
+    names = ("expert", "hidden", "activation", "features")
+    context = settings.context()
+    given = {name: getattr(parameters, name) for name in names}
+    return default_hyperparameters(context.env_id, "bc", context.layout, given)

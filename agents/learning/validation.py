@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError
+from space_envs.tasks.base import CaptureTask
 
 SPLIT = "validation"
 EPISODES = 256
@@ -42,24 +43,36 @@ class Validation:
         return asdict(self)
 
 
+def checked_episodes(task: CaptureTask, asked: int | None, split: str = SPLIT) -> int:
+    """Number of episodes of a validation: those asked for, or `EPISODES`, or as many goals as there are.
+
+    Raises:
+        ConfigurationError: for less than one, or more than the split has goals.
+    """
+    size = task.split_size(split)
+    if asked is not None and not 1 <= asked <= size:
+        raise ConfigurationError(
+            f"validation-episodes must lie in 1..{size}, the goals of the split, got {asked}"
+        )
+    return min(EPISODES, size) if asked is None else asked
+
+
 class Validator:
     """Plays the first goals of a split, all at once.
 
     Args:
         env_id, keywords: of the environment.
-        episodes: how many of the split's goals.
+        episodes: how many of the split's goals; None takes `EPISODES`, or all if there are fewer.
         split: validation, or test for a policy that is chosen already.
 
     Raises:
         ConfigurationError: if the split has fewer goals.
     """
 
-    def __init__(self, env_id: str, episodes: int = EPISODES, split: str = SPLIT, **keywords: Any) -> None:
+    def __init__(self, env_id: str, episodes: int | None = None, split: str = SPLIT, **keywords: Any) -> None:
         self.split = split
-        self.env = CaptureVectorEnv(env_id, episodes, autoreset_mode="disabled", split=split, **keywords)
-        size = self.env.task.split_size(split)
-        if episodes > size:
-            raise ConfigurationError(f"split {split!r} has {size} goals, got {episodes} episodes")
+        n = checked_episodes(CaptureVectorEnv(env_id, **keywords).task, episodes, split)
+        self.env = CaptureVectorEnv(env_id, n, autoreset_mode="disabled", split=split, **keywords)
 
     def __call__(self, act: Callable[[NDArray], NDArray]) -> Validation:
         """Validate a policy that maps observations (N, size) to actions (N, m)."""

@@ -7,7 +7,8 @@ from pathlib import Path
 
 from agents.policies.learned.learned_policy import LearnedPolicy, policy_path
 from agents.policies.learned.policy_file import load_policy_file
-from agents.policies.learned.sb3_policy import StableBaselinesPolicy, load_network
+from agents.policies.learned.sb3_policy import StableBaselinesPolicy
+from agents.policies.learned.sb3_zip import load_network
 from agents.policies.registry import POLICIES, control_mode, make_policy
 from space_envs.errors import ConfigurationError, no_path, unknown_name
 from space_envs.policy import DEFAULT_CONTROL_MODE, Policy, PolicyContext

@@ -1,10 +1,14 @@
 """Files that are either whole or absent: written beside their place, then renamed into it."""
 
+import json
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 
 @contextmanager
@@ -36,3 +40,19 @@ def atomic_write_text(path: str | Path, text: str) -> None:
     """Write `text` as UTF-8 so that a reader sees the old file or the new one, never a part."""
     with atomic_write(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
+
+
+def write_json(path: str | Path, value: Any) -> None:
+    """Write plain values as indented JSON, whole or not at all."""
+    atomic_write_text(path, json.dumps(value, indent=2) + "\n")
+
+
+def write_arrays(path: str | Path, arrays: Mapping[str, Any], compressed: bool = False) -> None:
+    """Write arrays by name as an npz file without pickles, whole or not at all.
+
+    Raises:
+        ValueError: for an array of objects.
+    """
+    save = np.savez_compressed if compressed else np.savez
+    with atomic_write(path) as temporary, temporary.open("wb") as file:
+        save(file, allow_pickle=False, **arrays)

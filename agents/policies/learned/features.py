@@ -5,7 +5,7 @@ satellite's attitude, so that a network need not learn to rotate vectors. Every 
 scale; there are no running statistics, so a policy file needs none.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array, conjugate, logarithm, rotate
-from space_envs.errors import ConfigurationError, positive, unknown_name
+from space_envs.errors import ConfigurationError, positive, shown, unknown_name
 from space_envs.tasks.common import ObservationLayout
 
-KINDS = ("plain", "from_home", "rotation", "base_axes", "from_base", "bearing")
+IN_BASE_AXES = ("base_axes", "from_base", "bearing")
+KINDS = ("plain", "from_home", "rotation", *IN_BASE_AXES)
 
 
 class Feature(NamedTuple):
@@ -37,56 +38,6 @@ class Feature(NamedTuple):
     scale: float
 
 
-SINGLE_ARM_FEATURES = (
-    Feature("joint_position", "from_home", 0.5),
-    Feature("joint_velocity", "plain", 0.2),
-    Feature("base_quaternion", "rotation", 0.1),
-    Feature("base_linear_velocity", "base_axes", 0.05),
-    Feature("base_angular_velocity", "base_axes", 0.05),
-    Feature("end_effector_position", "from_base", 1.0),
-    Feature("end_effector_linear_velocity", "base_axes", 0.2),
-    Feature("end_effector_angular_velocity", "base_axes", 0.2),
-    Feature("position_error", "base_axes", 0.5),
-    Feature("rotation_error", "base_axes", 0.5),
-    Feature("position_error", "bearing", 0.1),
-    Feature("rotation_error", "bearing", 0.2),
-)
-CLUTTERED_FEATURES = (
-    *SINGLE_ARM_FEATURES,
-    Feature("obstacle_position", "from_base", 1.0),
-    Feature("obstacle_radius", "plain", 0.3),
-)
-DUAL_PLANAR_FEATURES = (
-    Feature("joint_position", "from_home", 0.5),
-    Feature("joint_velocity", "plain", 0.2),
-    Feature("base_angle", "plain", 0.02),
-    Feature("base_linear_velocity", "base_axes", 0.02),
-    Feature("base_angular_velocity", "plain", 0.02),
-    Feature("end_effector_position", "from_base", 1.0),
-    Feature("end_effector_linear_velocity", "base_axes", 0.2),
-    Feature("goal_linear_velocity", "base_axes", 0.02),
-    Feature("position_error", "base_axes", 0.5),
-    Feature("position_error", "bearing", 0.1),
-    Feature("velocity_error", "base_axes", 0.1),
-)
-DUAL_SPATIAL_FEATURES = (
-    Feature("joint_position", "from_home", 0.5),
-    Feature("joint_velocity", "plain", 0.2),
-    Feature("base_quaternion", "rotation", 0.02),
-    Feature("base_linear_velocity", "base_axes", 0.02),
-    Feature("base_angular_velocity", "base_axes", 0.02),
-    Feature("end_effector_position", "from_base", 0.5),
-    Feature("end_effector_linear_velocity", "base_axes", 0.2),
-    Feature("goal_linear_velocity", "base_axes", 0.02),
-    Feature("goal_axis", "base_axes", 1.0),
-    Feature("position_error", "base_axes", 0.3),
-    Feature("position_error", "bearing", 0.1),
-    Feature("axis_error", "base_axes", 0.3),
-    Feature("axis_error", "bearing", 0.1),
-    Feature("velocity_error", "base_axes", 0.1),
-)
-
-
 @dataclass(frozen=True, eq=False)
 class FeatureView:
     """Maps observations (N, size) to features (N, F), float32.
@@ -102,71 +53,109 @@ class FeatureView:
     home: Array
 
     def __post_init__(self) -> None:
-        for feature in self.table:
-            if feature.kind not in KINDS:
-                raise unknown_name("kind of feature", feature.kind, KINDS)
-            if feature.field not in self.layout.slices:
-                raise unknown_name("observation field", feature.field, self.layout.slices)
-            if not feature.scale > 0:
+        for field, kind, _ in self.table:
+            if field not in self.layout.slices:
+                raise unknown_name("observation field", field, self.layout.slices)
+            if kind == "from_home" and self._width(field) != len(self.home):
                 raise ConfigurationError(
-                    f"scale of feature {feature.field} must be positive, got {feature.scale!r}"
+                    f"home has {len(self.home)} joint angles, {field} of the observation {self._width(field)}"
+                )
+            if kind in IN_BASE_AXES and not has_base_axes(self.layout, field, kind):
+                raise ConfigurationError(
+                    f"feature {kind} of {field}: the observation has no base to relate it to"
                 )
 
     @property
     def size(self) -> int:
         """F."""
-        width = {field.name: field.size for field in self.layout.fields}
-        return sum(3 if f.kind == "rotation" else width[f.field] for f in self.table)
+        return sum(3 if kind == "rotation" else self._width(field) for field, kind, _ in self.table)
 
     def __call__(self, observation: NDArray) -> NDArray[np.float32]:
         """Features (N, F) of observations (N, size)."""
-        layout = self.layout
-        planar = "base_angle" in layout.slices
-        axes = 2 if planar else 3
-        to_base = _turn(layout.read(observation, "base_angle" if planar else "base_quaternion"))
-        parts: list[Array] = []
-        for field, kind, scale in self.table:
-            value = layout.read(observation, field)
-            if kind == "from_home":
-                value = value - self.home
-            elif kind == "rotation":
-                value = logarithm(value)
-            elif kind != "plain":
-                value = value.reshape(len(value), value.shape[1] // axes, axes)  # one vector an end-effector
-                if kind == "from_base":
-                    value = value - layout.read(observation, "base_position")[:, None]
-                value = to_base(value)
-                if kind == "bearing":
-                    value = value / (scale + np.sqrt((value * value).sum(axis=-1, keepdims=True)))
-                value = value.reshape(len(value), value.shape[1] * value.shape[2])
-            parts.append(value if kind == "bearing" else value / scale)
+        parts = [self._part(observation, *feature) for feature in self.table]
         return np.concatenate(parts, axis=-1).astype(np.float32)
 
+    def _width(self, field: str) -> int:
+        place = self.layout.slices[field]
+        return place.stop - place.start
 
-def _turn(attitude: Array) -> Callable[[Array], Array]:
-    """What turns vectors (N, k, 3) or, in the plane, (N, k, 2) into the axes of bodies of an attitude."""
-    if attitude.shape[1] == 4:
-        back = conjugate(attitude)[:, None]
-        return lambda vectors: rotate(back, vectors)
-    cosine, sine = np.cos(attitude), np.sin(attitude)
+    def _part(self, observation: NDArray, field: str, kind: str, scale: float) -> Array:
+        """One feature (N, k) of observations (N, size)."""
+        value = self.layout.read(observation, field)
+        if kind == "from_home":
+            value = value - self.home
+        elif kind == "rotation":
+            value = logarithm(value)
+        elif kind in IN_BASE_AXES:
+            return self._in_base_axes(observation, value, kind, scale)
+        return value / scale
 
-    def turned(vectors: Array) -> Array:
-        x, y = vectors[..., 0], vectors[..., 1]
-        return np.stack([cosine * x + sine * y, cosine * y - sine * x], axis=-1)
+    def _in_base_axes(self, observation: NDArray, value: NDArray, kind: str, scale: float) -> Array:
+        """Vectors (N, k) of each end-effector in the satellite's axes, scaled."""
+        axes = _axes(self.layout)
+        vectors = value.reshape(len(value), value.shape[1] // axes, axes)
+        if kind == "from_base":
+            vectors = vectors - self.layout.read(observation, "base_position")[:, None]
+        if axes == 2:
+            vectors = _rotated_in_plane(vectors, self.layout.read(observation, "base_angle"))
+        else:
+            vectors = rotate(conjugate(self.layout.read(observation, "base_quaternion"))[:, None], vectors)
+        if kind == "bearing":
+            vectors = vectors / (scale + np.sqrt((vectors * vectors).sum(axis=-1, keepdims=True)))
+        flat = vectors.reshape(value.shape)
+        return flat if kind == "bearing" else flat / scale
 
-    return turned
+
+def has_base_axes(layout: ObservationLayout, field: str, kind: str) -> bool:
+    """Whether a field holds vectors that a kind of feature can turn into the satellite's axes."""
+    needed = ["base_angle" if _axes(layout) == 2 else "base_quaternion"]
+    needed += ["base_position"] if kind == "from_base" else []
+    place = layout.slices[field]
+    return all(name in layout.slices for name in needed) and (place.stop - place.start) % _axes(layout) == 0
 
 
-def feature_table(rows: Sequence[Sequence[object]]) -> tuple[Feature, ...]:
-    """Build a table from rows [field, kind, scale], as a policy file holds them.
+def _axes(layout: ObservationLayout) -> int:
+    """2 in the plane, where the attitude is an angle, 3 in space."""
+    return 2 if "base_angle" in layout.slices else 3
+
+
+def _rotated_in_plane(vectors: Array, angle: Array) -> Array:
+    """Vectors (N, k, 2) of inertial axes in the axes of bodies at angles (N, 1), rad."""
+    cosine, sine = np.cos(angle), np.sin(angle)
+    x, y = vectors[..., 0], vectors[..., 1]
+    return np.stack([cosine * x + sine * y, cosine * y - sine * x], axis=-1)
+
+
+def feature_table(rows: Sequence[object]) -> tuple[Feature, ...]:
+    """Features from rows [field, kind, scale], as files hold them, or texts FIELD:KIND:SCALE.
 
     Raises:
-        ConfigurationError: for rows that are not of that form.
+        ConfigurationError: for rows that are not of that form, and unknown kinds.
     """
-    table = []
-    for row in rows:
-        whole = isinstance(row, list | tuple) and len(row) == 3
-        if not whole or not isinstance(row[0], str) or not isinstance(row[1], str):
-            raise ConfigurationError(f"a feature must be [field, kind, scale], got {row!r}")
-        table.append(Feature(row[0], row[1], positive(f"scale of feature {row[0]}", row[2])))
-    return tuple(table)
+    return tuple(map(_feature, rows))
+
+
+def _feature(row: object) -> Feature:
+    given = row
+    if isinstance(row, str) and row.count(":") == 2:
+        *row, scale = row.split(":")
+        row = [*row, _number(scale)]
+    if (
+        not isinstance(row, list | tuple)
+        or len(row) != 3
+        or not all(isinstance(part, str) for part in row[:2])
+    ):
+        raise ConfigurationError(
+            f"a feature must be [field, kind, scale] or FIELD:KIND:SCALE, got {shown(given)}"
+        )
+    field, kind, scale = row
+    if kind not in KINDS:
+        raise unknown_name("kind of feature", kind, KINDS)
+    return Feature(field, kind, positive(f"scale of feature {field}", scale))
+
+
+def _number(text: str) -> object:
+    try:
+        return float(text)
+    except ValueError:
+        return text

@@ -9,6 +9,8 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.policies.learned.features import FeatureView
+from agents.policies.learned.network import Network
 from agents.policies.learned.policy_file import PolicyFile, load_policy_file
 from space_envs.errors import PolicyError, unknown_name
 from space_envs.policy import DEFAULT_CONTROL_MODE, Needs, PolicyContext
@@ -17,7 +19,38 @@ POLICY_FILE = "policy.npz"  # in a run's folder: the best policy on the validati
 _SHIPPED = files("agents") / "data" / "policies"
 
 
-class LearnedPolicy:
+class NetworkPolicy:
+    """Acts by a network; it keeps no state.
+
+    Args:
+        context: of the environment it acts in.
+        seed: of the noise where `predict` is asked not to be deterministic.
+        network: from what `view` gives to actions.
+        view: from observations (N, size) to the network's inputs; None is the observations themselves.
+    """
+
+    def __init__(
+        self, context: PolicyContext, seed: int, network: Network, view: FeatureView | None = None
+    ) -> None:
+        self.network = network
+        self._check, self._view = context.check_observation, view
+        self._generator = np.random.default_rng(seed)
+
+    def predict(
+        self,
+        observation: NDArray,
+        state: Any = None,
+        episode_start: NDArray[np.bool_] | None = None,
+        deterministic: bool = True,
+    ) -> tuple[NDArray[np.float64], Any]:
+        """Actions (N, m) in [-1, 1] for observations (N, size), and the state as it was given."""
+        observation = self._check(observation)
+        inputs = observation if self._view is None else self._view(observation)
+        generator = None if deterministic else self._generator
+        return self.network.actions(inputs, generator).astype(np.float64), state
+
+
+class LearnedPolicy(NetworkPolicy):
     """Acts by a network that was trained with `train.py`; the normalisation is part of its file.
 
     Args:
@@ -39,10 +72,7 @@ class LearnedPolicy:
             raise PolicyError(
                 f"the policy gives {file.network.outputs} actions, not {len(context.action_scale)}"
             )
-        self.file = file
-        self._check = context.check_observation
-        self._view = file.view(context.layout)
-        self._generator = np.random.default_rng(seed)
+        super().__init__(context, seed, file.network, file.view(context.layout))
 
     @classmethod
     def from_path(cls, path: str | Path, context: PolicyContext, seed: int = 0) -> Self:
@@ -52,18 +82,6 @@ class LearnedPolicy:
             PolicyError: if there is none, it is not sound, or it does not fit the environment.
         """
         return cls(context, seed, load_policy_file(policy_path(path)))
-
-    def predict(
-        self,
-        observation: NDArray,
-        state: Any = None,
-        episode_start: NDArray[np.bool_] | None = None,
-        deterministic: bool = True,
-    ) -> tuple[NDArray[np.float64], Any]:
-        """Actions (N, m) in [-1, 1] for observations (N, size); the policy keeps no state."""
-        features = self._view(self._check(observation))
-        generator = None if deterministic else self._generator
-        return self.file.network.actions(features, generator).astype(np.float64), state
 
 
 def policy_path(path: str | Path) -> Path:
@@ -84,12 +102,12 @@ def policy_path(path: str | Path) -> Path:
 
 
 def shipped_name(algorithm: str, control_mode: str) -> str:
-    """What a policy that ships is called: its algorithm, and its control mode where that is not the usual."""
+    """Name of a policy that ships: its algorithm, and its control mode where that is not the default."""
     return algorithm if control_mode == DEFAULT_CONTROL_MODE else f"{algorithm}_{control_mode}"
 
 
 def shipped_path(env_id: str, name: str) -> Path:
-    """Where the shipped policy `name` for an id is, or would be."""
+    """Path of the shipped policy `name` for an id, whether or not it is there."""
     return Path(str(_SHIPPED)) / env_id.removeprefix("SpaceCapture/") / f"{name}.npz"
 
 

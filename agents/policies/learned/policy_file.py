@@ -12,7 +12,7 @@ from agents.policies.learned.features import Feature, FeatureView, feature_table
 from agents.policies.learned.network import Network
 from space_envs.control import CONTROL_MODES
 from space_envs.errors import ConfigurationError, PolicyError, SpaceEnvsError, unknown_name
-from space_envs.system.files import atomic_write
+from space_envs.system.files import write_arrays
 from space_envs.system.reading import parse_json, read_arrays
 from space_envs.tasks.common import ObservationLayout
 
@@ -58,9 +58,6 @@ class PolicyFile:
             view = FeatureView(self.features, layout, np.array(self.home))
         except SpaceEnvsError as error:
             raise PolicyError(f"the policy does not fit the observation: {error}") from error
-        joints = layout.read(np.zeros((1, layout.size)), "joint_position").shape[1]
-        if len(self.home) != joints:
-            raise PolicyError(f"home has {len(self.home)} joint angles, the observation {joints}")
         if view.size != self.network.inputs:
             raise PolicyError(
                 f"the network takes {self.network.inputs} features, the table gives {view.size}"
@@ -84,8 +81,7 @@ class PolicyFile:
             arrays[f"weight_{index}"], arrays[f"bias_{index}"] = weight, bias
         arrays["deviation_weight"] = self.network.deviation_weight
         arrays["deviation_bias"] = self.network.deviation_bias
-        with atomic_write(path) as temporary, temporary.open("wb") as file:
-            np.savez(file, **arrays)
+        write_arrays(path, arrays)
 
 
 def load_policy_file(path: str | Path) -> PolicyFile:

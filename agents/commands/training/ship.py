@@ -6,13 +6,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from agents.learning.runs import RunFolder, Settings
+from agents.learning.runs.folder import RunFolder
+from agents.learning.runs.settings import Settings
 from agents.learning.validation import Validator
 from agents.policies.learned.learned_policy import load_shipped, shipped_path
 from agents.policies.learned.policy_file import PolicyFile, load_policy_file
 from space_envs.errors import ConfigurationError
 from space_envs.system.command_line import Parser, exit_status
-from space_envs.system.files import atomic_write_text
+from space_envs.system.files import write_json
 from space_envs.system.reading import parse_json
 
 TEST_EPISODES = 512
@@ -21,7 +22,7 @@ TEST_EPISODES = 512
 def main(arguments: Sequence[str] | None = None) -> int:
     """Ship a policy; returns the exit status."""
     parser = Parser(
-        prog="python -m agents.commands.ship",
+        prog="python -m agents.commands.training.ship",
         description="Evaluate a finished run's policy on the test split, once, and put it with its "
         "provenance into agents/data/policies of this checkout.",
     )
@@ -30,7 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--again", action="store_true", help="only evaluate the policy that ships, after a change of the task"
     )
-    return exit_status("python -m agents.commands.ship", lambda: _run(parser.parse_args(arguments)))
+    return exit_status("python -m agents.commands.training.ship", lambda: _run(parser.parse_args(arguments)))
 
 
 def _run(parsed: argparse.Namespace) -> None:
@@ -69,7 +70,7 @@ def ship(run: RunFolder, name: str) -> dict[str, Any]:
     }
     path = shipped_path(settings.env_id, name)
     file.save(path)
-    atomic_write_text(path.with_suffix(".json"), json.dumps(provenance, indent=2) + "\n")
+    write_json(path.with_suffix(".json"), provenance)
     return provenance
 
 
@@ -82,7 +83,7 @@ def evaluate_again(env_id: str, name: str) -> dict[str, Any]:
     file, path = load_shipped(env_id, name), shipped_path(env_id, name).with_suffix(".json")
     provenance = parse_json(path.read_text("utf-8"))
     provenance["test"] = _tested(file, Settings(**provenance["settings"]))
-    atomic_write_text(path, json.dumps(provenance, indent=2) + "\n")
+    write_json(path, provenance)
     return provenance
 
 

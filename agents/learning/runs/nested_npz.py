@@ -8,13 +8,13 @@ import numpy as np
 import torch as th
 
 from space_envs.errors import ConfigurationError
-from space_envs.system.files import atomic_write
+from space_envs.system.files import write_arrays
 from space_envs.system.reading import parse_json, read_arrays
 
 _TREE = "tree"
 
 
-def save_tree(path: str | Path, tree: Any) -> None:
+def save_nested(path: str | Path, tree: Any) -> None:
     """Write a tree, whole or not at all.
 
     Args:
@@ -26,12 +26,11 @@ def save_tree(path: str | Path, tree: Any) -> None:
     """
     arrays: dict[str, Any] = {}
     text = json.dumps(_encoded(tree, arrays))
-    with atomic_write(path) as temporary, temporary.open("wb") as file:
-        np.savez(file, **{_TREE: np.array(text)}, **arrays)
+    write_arrays(path, {_TREE: np.array(text), **arrays})
 
 
-def load_tree(path: str | Path) -> Any:
-    """Read what `save_tree` wrote. It is data, not code: nothing in it is executed.
+def load_nested(path: str | Path) -> Any:
+    """Read what `save_nested` wrote. It is data, not code: nothing in it is executed.
 
     Raises:
         ConfigurationError: if it is no such file.

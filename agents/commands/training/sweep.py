@@ -10,23 +10,15 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from agents.learning.options import DEFAULT_ALGORITHM, DEFAULT_ENV, OPTIONS, rounding
-from agents.learning.runs import command_line
-from agents.learning.seeds import parse_seeds
-from agents.learning.sweep import (
-    ERROR,
-    SUMMARY,
-    Plan,
-    Run,
-    RunResult,
-    make_runs,
-    prepare,
-    read_plan,
-    spread,
-    write_summary,
-)
+from agents.commands.training.options import given_options
+from agents.learning.runs.folder import command_line
+from agents.learning.runs.settings import DEFAULT_ALGORITHM, DEFAULT_ENV
+from agents.learning.sweeps.plan import SweepPlan, SweepRun, make_runs, read_plan
+from agents.learning.sweeps.spread import ERROR, SUMMARY, RunResult, prepare, spread, write_summary
+from agents.learning.validation import checked_episodes
 from space_envs.errors import ConfigurationError
 from space_envs.system.parallel import BACKENDS, check_backend
+from space_envs.system.seeds import parse_seeds
 
 SPREADING = ("jobs", "backend", "address")  # options that only several runs have
 EPILOG = f"""\
@@ -35,8 +27,8 @@ several runs:
   train.py --sweep rates.toml --seeds 0,3,5-7      every combination of the file, with each of five seeds
   train.py --sweep rates.toml --backend ray --address 10.0.0.5:6379
 
-A sweep file is TOML. Names are those of the options above, with _ for -, and of the algorithm's
-hyperparameters (agents/learning/hyperparameters.py); options of the command line hold for all runs too.
+A sweep file is TOML. Names are those of the options and hyperparameters above, with _ for -; options of the
+command line hold for all runs too.
 
   seeds = "0-4"                      # or a list; the option --seeds overrides it
   [fixed]                            # what all runs have
@@ -53,7 +45,7 @@ need this project installed and the output folder at the same path.
 """
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
+def add_sweep_options(parser: argparse.ArgumentParser) -> None:
     """The options of several runs."""
     group = parser.add_argument_group("several runs")
     add = group.add_argument
@@ -64,7 +56,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add("--address", metavar="ADDRESS", help="cluster of ray or dask that already runs")
 
 
-def asked_for(parsed: argparse.Namespace) -> bool:
+def is_sweep(parsed: argparse.Namespace) -> bool:
     """Whether several runs are asked for.
 
     Raises:
@@ -84,86 +76,105 @@ def sweep(parsed: argparse.Namespace) -> int:
         SpaceEnvsError: for anything in the input of any run that is not valid, before one begins.
     """
     jobs = 1 if parsed.jobs is None else parsed.jobs
-    backend = parsed.backend or "loky"
-    check_backend(jobs, backend, parsed.address)
-    if parsed.seed is not None:
+    check_backend(jobs, parsed.backend or "loky", parsed.address)
+    given = given_options(parsed)
+    if "seed" in given:
         raise ConfigurationError("give either --seed or the seeds of several runs")
-    plan = Plan(None, {}, {}) if parsed.sweep is None else read_plan(parsed.sweep)
+    runs = _runs(parsed, given)
+    if parsed.dry_run:
+        print("\n".join(run.name for run in runs))
+        return 0
+    output = parsed.output or _default_output(parsed.sweep, given)
+    results = {result.name: result for result in prepare(runs, output, command_line())}
+    if not parsed.quiet:
+        done = sum(result.status == "finished" for result in results.values())
+        print(f"{len(runs)} runs in {output}" + (f", {done} of them finished before" if done else ""))
+        for message in sorted({message for run in runs for message in run.messages}):
+            print(message)
+    if not _train(parsed, runs, output, results):
+        return 130
+    if not parsed.quiet:
+        _report(runs, results, output)
+    failed = [result for result in results.values() if result.status == "failed"]
+    for result in failed:
+        print(f"train.py: {output / result.name} failed: {result.error}", file=sys.stderr)
+    return 1 if failed else 0
+
+
+def _runs(parsed: argparse.Namespace, given: Mapping[str, Any]) -> list[SweepRun]:
+    """All runs, checked."""
+    plan = SweepPlan(None, {}, {}) if parsed.sweep is None else read_plan(parsed.sweep)
     if parsed.seeds is not None:
         plan = replace(plan, seeds=parse_seeds(parsed.seeds))
-    given = {name: getattr(parsed, name) for name in OPTIONS if getattr(parsed, name) is not None}
     runs = make_runs(plan, given)
-    output = Path(parsed.output) if parsed.output else _default_output(parsed.sweep, given)
-    command = command_line()
-    outcomes = {outcome.name: outcome for outcome in prepare(runs, output, command)}
+    for run in runs:
+        checked_episodes(run.settings.task(), parsed.validation_episodes)
+    return runs
 
-    def written() -> None:
-        write_summary(output, command, runs, [outcomes[run.name] for run in runs])
 
-    written()
-    waiting = [output / name for name, outcome in outcomes.items() if outcome.status != "finished"]
-    if not parsed.quiet:
-        done = len(runs) - len(waiting)
-        print(f"{len(runs)} runs in {output}" + (f", {done} of them finished before" if done else ""))
-        asked = [{**given, **plan.fixed, **run.values}.get("steps") for run in runs]
-        told = {rounding(run.parameters, steps) for run, steps in zip(runs, asked, strict=True)}
-        for message in sorted(message for message in told if message):
-            print(message)
+def _train(
+    parsed: argparse.Namespace, runs: Sequence[SweepRun], output: Path, results: dict[str, RunResult]
+) -> bool:
+    """Train what is not finished, and note every result; returns False if it was interrupted."""
+    waiting = [output / name for name, result in results.items() if result.status != "finished"]
+    width = max(map(len, results))
     quiet = parsed.quiet or not sys.stderr.isatty()
     bar = tqdm(total=len(runs), initial=len(runs) - len(waiting), unit="run", disable=quiet)
+
+    def write() -> None:
+        write_summary(output, command_line(), runs, [results[run.name] for run in runs])
+
+    write()
+    jobs = 1 if parsed.jobs is None else parsed.jobs
+    how = (parsed.validation_episodes, jobs, parsed.backend or "loky", parsed.address)
     try:
-        for outcome in spread(waiting, parsed.validation_episodes, jobs, backend, parsed.address):
-            outcomes[outcome.name] = outcome
-            written()
+        for result in spread(waiting, *how):
+            results[result.name] = result
+            write()
             bar.update()
             if not parsed.quiet:
-                tqdm.write(_line(outcome, max(map(len, outcomes))))
+                tqdm.write(_line(result, width))
     except KeyboardInterrupt:
-        bar.close()
-        done = sum(outcome.status == "finished" for outcome in outcomes.values())
+        done = sum(result.status == "finished" for result in results.values())
         print(
             f"\nstopped with {done} of {len(runs)} runs finished; the same command goes on with the others",
             file=sys.stderr,
         )
-        return 130
-    bar.close()
-    if not parsed.quiet:
-        _report(runs, outcomes, output)
-    failed = [outcome for outcome in outcomes.values() if outcome.status == "failed"]
-    for outcome in failed:
-        print(f"train.py: {output / outcome.name} failed: {outcome.error}", file=sys.stderr)
-    return 1 if failed else 0
+        return False
+    finally:
+        bar.close()
+    return True
 
 
 def _default_output(file: str | None, given: Mapping[str, Any]) -> Path:
     """The same for the same command, so that it goes on with its runs."""
     if file is not None:
         return Path("runs") / Path(file).stem
-    env_id = given.get("env", DEFAULT_ENV).split("/")[-1]
+    env_id = given.get("env", DEFAULT_ENV).split(":")[-1].split("/")[-1]
     return Path("runs") / f"{given.get('algo', DEFAULT_ALGORITHM)}-{env_id}"
 
 
-def _line(outcome: RunResult, width: int) -> str:
-    if outcome.summary is None:
-        return f"{outcome.name:{width}}  {outcome.status}  {outcome.error or ''}".rstrip()
-    summary = outcome.summary
-    result = summary["validation"]
+def _line(result: RunResult, width: int) -> str:
+    if result.summary is None:
+        return f"{result.name:{width}}  {result.status}  {result.error or ''}".rstrip()
+    summary = result.summary
+    validation = summary["validation"]
     return (
-        f"{outcome.name:{width}}  captured {100 * result['captured']:5.1f} %   attitude "
-        f"{result['final_attitude']:5.2f} deg   after {summary['best_steps']:,} of "
+        f"{result.name:{width}}  captured {100 * validation['captured']:5.1f} %   attitude "
+        f"{validation['final_attitude']:5.2f} deg   after {summary['best_steps']:,} of "
         f"{summary['steps']:,} steps   {summary['wall_s']:.0f} s"
     )
 
 
-def _report(runs: Sequence[Run], outcomes: Mapping[str, RunResult], output: Path) -> None:
+def _report(runs: Sequence[SweepRun], results: Mapping[str, RunResult], output: Path) -> None:
     """All runs, and the mean over seeds of every combination that has several."""
-    width = max(map(len, outcomes))
+    width = max(map(len, results))
     print()
     for run in runs:
-        print(_line(outcomes[run.name], width))
+        print(_line(results[run.name], width))
     combinations: dict[str, list[float]] = {}
     for run in runs:
-        if summary := outcomes[run.name].summary:
+        if summary := results[run.name].summary:
             swept = ", ".join(f"{name} = {value}" for name, value in run.values.items() if name != "seed")
             combinations.setdefault(swept, []).append(summary["validation"]["captured"])
     print()

@@ -1,4 +1,4 @@
-"""What happens at every interval of a run: validation, the best policy, a checkpoint, a line of progress."""
+"""Progress of a run: at every interval a validation, the best policy, a checkpoint and a line."""
 
 import sys
 from dataclasses import fields
@@ -7,55 +7,41 @@ from typing import Any
 from stable_baselines3.common.logger import Logger, configure
 from tqdm import tqdm
 
-from agents.learning.hyperparameters import AnyHyperparameters
-from agents.learning.runs import Budget, RunFolder, Settings
-from agents.learning.validation import EPISODES, Validation, Validator
+from agents.learning.runs.session import Session
+from agents.learning.validation import Validation, Validator
 from agents.policies.learned.features import FeatureView
 from agents.policies.learned.network import Network
 from agents.policies.learned.policy_file import PolicyFile, load_policy_file
 
 
-class Recorder:
+class Progress:
     """Keeps a run's folder up to date.
 
     Args:
-        folder, settings, parameters, budget: of the run.
+        session: the sitting.
         view: what the network sees.
-        history: validations of earlier sittings.
-        steps: taken in earlier sittings.
-        episodes: of a validation.
-        quiet: no progress bar and no lines.
+        checkpoint: of an earlier sitting, None if there was none.
     """
 
-    def __init__(
-        self,
-        folder: RunFolder,
-        settings: Settings,
-        parameters: AnyHyperparameters,
-        budget: Budget,
-        view: FeatureView,
-        history: list[dict[str, Any]],
-        steps: int = 0,
-        episodes: int = EPISODES,
-        quiet: bool = False,
-    ) -> None:
-        self.folder, self.settings, self.parameters, self.budget = folder, settings, parameters, budget
-        self.view, self.history, self.quiet = view, history, quiet
-        self.logger: Logger = configure(str(folder.tensorboard), ["tensorboard"])
+    def __init__(self, session: Session, view: FeatureView, checkpoint: dict[str, Any] | None = None) -> None:
+        self.session, self.view = session, view
+        self.folder, self.settings, self.budget = session.folder, session.settings, session.budget
+        self.history: list[dict[str, Any]] = checkpoint["history"] if checkpoint else []
+        self.logger: Logger = configure(str(self.folder.tensorboard), ["tensorboard"])
         self.bar = tqdm(
-            total=parameters.steps,
-            initial=steps,
+            total=session.parameters.steps,
+            initial=checkpoint["steps"] if checkpoint else 0,
             unit="step",
             unit_scale=True,
-            desc=settings.algorithm,
-            disable=quiet or not sys.stderr.isatty(),
+            desc=self.settings.algorithm,
+            disable=session.quiet or not sys.stderr.isatty(),
         )
-        self._validate = Validator(settings.env_id, episodes, **settings.environment)
+        self._validate = Validator(self.settings.env_id, session.episodes, **self.settings.environment)
         self._best: tuple[int, float] | None = None
-        if folder.policy.exists():
-            self._best = Validation(**load_policy_file(folder.policy).notes["validation"]).score
+        if self.folder.policy.exists():
+            self._best = Validation(**load_policy_file(self.folder.policy).notes["validation"]).score
 
-    def record(
+    def checkpoint(
         self, steps: int, network: Network, state: dict[str, Any], candidate: bool = True
     ) -> Validation:
         """Validate the network, keep it if it is the best so far, write a checkpoint that holds `state`.
@@ -74,15 +60,18 @@ class Recorder:
         for name, value in result.to_json().items():
             self.logger.record(f"validation/{name}", value)
         self.logger.dump(steps)
-        if not self.quiet:
-            tqdm.write(
-                f"{self.settings.algorithm:>4} {steps:>9,} steps {self.budget.wall:>6.0f} s   "
-                f"captured {100 * result.captured:5.1f} %   return {result.episode_return:6.2f}   "
-                f"attitude {result.final_attitude:5.2f} deg   "
-                f"eq. 20 cost {1e4 * result.attitude_cost:.1f} cm^2/s   "
-                f"{result.seconds:4.1f} s an episode"
-            )
+        if not self.session.quiet:
+            tqdm.write(self._line(steps, result))
         return result
+
+    def _line(self, steps: int, result: Validation) -> str:
+        return (
+            f"{self.settings.algorithm:>4} {steps:>9,} steps {self.budget.wall:>6.0f} s   "
+            f"captured {100 * result.captured:5.1f} %   return {result.episode_return:6.2f}   "
+            f"attitude {result.final_attitude:5.2f} deg   "
+            f"eq. 20 cost {1e4 * result.attitude_cost:.1f} cm^2/s   "
+            f"{result.seconds:4.1f} s an episode"
+        )
 
     def finish(self, steps: int) -> dict[str, Any]:
         """Mark the run as finished; returns its summary."""
@@ -102,7 +91,7 @@ class Recorder:
         return summary
 
     def _start(self) -> Validation | None:
-        """The validation of what the run started from, if that was a policy."""
+        """Validation of the policy that the run started from, None if it started from none."""
         first = self.history[0]
         if first["steps"] > 0:
             return None
@@ -118,15 +107,16 @@ class Recorder:
         notes = {
             "algorithm": settings.algorithm,
             "difficulty": settings.difficulty,
+            "env_kwargs": settings.env_kwargs,
             "seed": settings.seed,
             "steps": steps,
             "validation": result.to_json(),
         }
         return PolicyFile(
-            env_id=settings.env_id,
+            env_id=self._validate.env.env_id,
             control_mode=settings.control_mode,
             network=network,
-            features=self.parameters.features,
+            features=self.view.table,
             home=tuple(self.view.home.tolist()),
             notes=notes,
         )

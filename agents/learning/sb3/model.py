@@ -1,4 +1,4 @@
-"""stable-baselines3 models: built from hyperparameters, exported to a policy file, saved and restored."""
+"""Models of stable-baselines3: built from hyperparameters, their actors as plain networks and back."""
 
 from typing import Any
 
@@ -7,13 +7,12 @@ import torch as th
 from stable_baselines3 import PPO, SAC, TD3
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.noise import NormalActionNoise
-from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.type_aliases import Schedule
 from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
 
-from agents.learning import hyperparameters as tables
-from agents.learning.hyperparameters import AnyHyperparameters
+from agents.learning.runs import hyperparameters as tables
+from agents.learning.runs.hyperparameters import AnyHyperparameters
 from agents.policies.learned.network import Network
 from space_envs.errors import PolicyError
 
@@ -30,13 +29,12 @@ _PPO = "n_steps n_epochs gae_lambda clip_range ent_coef vf_coef max_grad_norm ta
 _OFF_POLICY = "buffer_size learning_starts tau train_freq gradient_steps"
 _SAC = "ent_coef target_entropy"
 _TD3 = "policy_delay target_policy_noise target_noise_clip"
-LARGEST_BUFFER = 256 * 2**20  # bytes of a replay buffer that goes into a checkpoint
 
 
 def build_model(
     parameters: AnyHyperparameters, env: VecEnv, seed: int, device: str, rate: Schedule | None = None
 ) -> BaseAlgorithm:
-    """The model that an algorithm's hyperparameters describe; a BC table gives the PPO model it fills.
+    """The model that an algorithm's hyperparameters describe; those of BC give the PPO model that it fits.
 
     Args:
         rate: learning rate by progress remaining; None is constant.
@@ -53,7 +51,7 @@ def build_model(
     }
     if isinstance(parameters, tables.PPO | tables.BC):
         policy["net_arch"] = {"pi": sizes, "vf": sizes}
-        policy["log_std_init"] = float(np.log(parameters.deviation))
+        policy["log_std_init"] = float(np.log(parameters.action_deviation))
         if isinstance(parameters, tables.BC):
             # Its rollouts are never used: the smallest that stable-baselines3 takes without complaint.
             common |= {"n_steps": 2, "batch_size": 2}
@@ -63,7 +61,7 @@ def build_model(
     if isinstance(parameters, tables.SAC):
         return SAC("MlpPolicy", env, **common, **_values(parameters, _SAC))
     size = env.action_space.shape or (0,)
-    noise = NormalActionNoise(np.zeros(size), np.full(size, parameters.exploration))
+    noise = NormalActionNoise(np.zeros(size), np.full(size, parameters.exploration_noise))
     return TD3("MlpPolicy", env, action_noise=noise, **common, **_values(parameters, _TD3))
 
 
@@ -132,60 +130,6 @@ def import_network(model: BaseAlgorithm, network: Network) -> None:
         for layer, weight, bias in zip(layers, network.weights, network.biases, strict=True):
             layer.weight.copy_(th.from_numpy(weight.T.copy()))
             layer.bias.copy_(th.from_numpy(bias))
-
-
-def model_state(model: BaseAlgorithm) -> dict[str, Any]:
-    """Everything that learning goes on from: parameters, optimisers, counters and a small replay buffer."""
-    state: dict[str, Any] = {"parameters": model.get_parameters(), "num_timesteps": model.num_timesteps}
-    state["n_updates"] = getattr(model, "_n_updates", 0)
-    entropy = getattr(model, "log_ent_coef", None)
-    if entropy is not None:
-        state["log_ent_coef"] = entropy
-    buffer = getattr(model, "replay_buffer", None)
-    if isinstance(model, OffPolicyAlgorithm) and buffer is not None:
-        state["episodes"] = model._episode_num
-        names = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
-        end = buffer.buffer_size if buffer.full else buffer.pos
-        arrays = {name: getattr(buffer, name)[:end] for name in names}
-        if sum(array.nbytes for array in arrays.values()) <= LARGEST_BUFFER:
-            state["replay"] = arrays | {"pos": buffer.pos, "full": buffer.full}
-    return state
-
-
-def restore_model(model: BaseAlgorithm, state: dict[str, Any]) -> None:
-    """Put back what `model_state` gave into a model built from the same hyperparameters."""
-    model.set_parameters(state["parameters"], exact_match=True, device=model.device)
-    model.num_timesteps = state["num_timesteps"]
-    model._n_updates = state["n_updates"]
-    if "log_ent_coef" in state:
-        with th.no_grad():
-            model.log_ent_coef.copy_(state["log_ent_coef"])  # pyright: ignore[reportAttributeAccessIssue]
-    if isinstance(model, OffPolicyAlgorithm):
-        model._episode_num = state["episodes"]
-        if "replay" in state and model.replay_buffer is not None:
-            replay = dict(state["replay"])
-            model.replay_buffer.pos, model.replay_buffer.full = replay.pop("pos"), replay.pop("full")
-            for name, array in replay.items():
-                getattr(model.replay_buffer, name)[: len(array)] = array
-        else:
-            # The buffer was too large for a checkpoint: fill it again before learning goes on.
-            model.learning_starts += model.num_timesteps
-
-
-def random_state(model: BaseAlgorithm) -> dict[str, Any]:
-    """The generators that learning draws from: torch's, numpy's global one and that of the actions."""
-    return {
-        "torch": th.get_rng_state(),
-        "numpy": np.random.get_state(legacy=False),
-        "actions": model.action_space.np_random.bit_generator.state,
-    }
-
-
-def restore_random_state(model: BaseAlgorithm, state: dict[str, Any]) -> None:
-    """Put back what `random_state` gave."""
-    th.set_rng_state(state["torch"])
-    np.random.set_state(state["numpy"])
-    model.action_space.np_random.bit_generator.state = state["actions"]
 
 
 def _matrix(layer: nn.Linear) -> np.ndarray:

@@ -1,0 +1,1 @@
+"""Parts of `train.py`: its options, many runs of one command, and shipping a trained policy."""

@@ -1,0 +1,67 @@
+"""What training begins with: an expert to clone, or a policy that was trained before."""
+
+from agents.learning.runs.hyperparameters import PPO
+from agents.policies.learned.learned_policy import policy_path
+from agents.policies.learned.policy_file import PolicyFile, load_policy_file
+from agents.policies.registry import check_task, control_modes, policies_for, policy_class
+from space_envs.errors import ConfigurationError, PolicyError, SpaceEnvsError
+from space_envs.policy import PolicyContext
+
+DEFAULT_EXPERTS = (
+    "gjm",
+    "reactionless_rate",
+)  # reactive ones, which can label any state; the first that fits
+
+
+def check_expert(name: str, context: PolicyContext) -> None:
+    """Refuse a policy that cannot be cloned in an environment.
+
+    Raises:
+        ConfigurationError, PolicyError: for an unknown name, or one that does not fit the environment.
+    """
+    policy_class(name)
+    check_task(name, context.env_id)
+    modes = control_modes(name)
+    if context.control_mode not in modes:
+        raise ConfigurationError(
+            f"expert {name!r} acts in control mode {' or '.join(map(repr, modes))}, not "
+            f"{context.control_mode!r}; name another --expert, or for ppo --init none"
+        )
+
+
+def default_expert(context: PolicyContext) -> str | None:
+    """The first of the default experts that fits the environment, None if none does."""
+    return next((name for name in DEFAULT_EXPERTS if _fits(name, context)), None)
+
+
+def experts_for(context: PolicyContext) -> list[str]:
+    """Names of the registered policies that fit the environment."""
+    return [name for name in policies_for(context.env_id) if _fits(name, context)]
+
+
+def _fits(name: str, context: PolicyContext) -> bool:
+    try:
+        check_expert(name, context)
+    except SpaceEnvsError:
+        return False
+    return True
+
+
+def starting_policy(path: str, context: PolicyContext, parameters: PPO) -> PolicyFile:
+    """The policy of a run's folder or file, checked against what ppo will train.
+
+    Raises:
+        PolicyError: if there is none, or it was trained for another task or network.
+    """
+    file = load_policy_file(policy_path(path))
+    for name, got, wanted in (
+        ("environment id", file.env_id, context.env_id),
+        ("control mode", file.control_mode, context.control_mode),
+        ("features", file.features, parameters.features),
+        ("hidden layers", tuple(len(bias) for bias in file.network.biases[:-1]), parameters.hidden),
+        ("activation", file.network.activation, parameters.activation),
+        ("squashing", file.network.squash, False),
+    ):
+        if got != wanted:
+            raise PolicyError(f"cannot start from {path}: its {name} is {got!r}, this run has {wanted!r}")
+    return file

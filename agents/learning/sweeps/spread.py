@@ -1,0 +1,159 @@
+"""Runs of a sweep spread over processes: their folders, what became of each, failures contained."""
+
+import threading
+import traceback
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from joblib import delayed
+
+from agents.learning.runs.folder import RunFolder
+from agents.learning.sweeps.plan import SweepRun
+from space_envs.errors import ConfigurationError, SpaceEnvsError
+from space_envs.system.files import atomic_write_text, write_json
+from space_envs.system.parallel import backend
+
+SUMMARY, ERROR = "sweep.json", "error.txt"
+_UNDER_WAY = ".running"  # in a run's folder while a process works on it
+# Learning draws from the generators of its process, so two runs must not share them.
+_ONE_IN_A_PROCESS = threading.Lock()
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """How a run ended; `error` has the exception's type and message, `summary` what the run ended with."""
+
+    name: str
+    status: Literal["finished", "failed", "unfinished"]
+    summary: dict[str, Any] | None = None
+    error: str | None = None
+
+
+def prepare(runs: Sequence[SweepRun], output: Path, command: list[str]) -> list[RunResult]:
+    """Make the folders of all runs, or find them as an earlier sitting left them; how each stands now.
+
+    Raises:
+        ConfigurationError: if a folder cannot be made, or holds a run of other settings.
+    """
+    if RunFolder(output).exists():
+        raise ConfigurationError(f"{output} holds a single run; choose another --output for several")
+    folders = [(run, RunFolder(output / run.name)) for run in runs]
+    for run, folder in folders:
+        if folder.exists():
+            _check_same(run, folder)
+    found = []
+    for run, folder in folders:
+        summary = folder.summary() if folder.exists() else None
+        if summary is not None:
+            found.append(RunResult(run.name, "finished", summary))
+            continue
+        if not folder.exists():
+            folder.begin(run.settings, run.parameters)
+        folder.note_command(command)
+        found.append(RunResult(run.name, "unfinished"))
+    return found
+
+
+def spread(
+    folders: Sequence[Path], episodes: int | None, jobs: int, name: str = "loky", address: str | None = None
+) -> Iterator[RunResult]:
+    """Carry out the runs of these folders, `jobs` at a time; results come in the order in which runs end.
+
+    A process that dies takes the others of its pool along. What had begun then goes on one by one, so that
+    only the run whose process dies alone is lost.
+
+    Args:
+        episodes: of a validation. jobs, name, address: of `space_envs.system.parallel.backend`.
+
+    Raises:
+        ConfigurationError: as `backend` says.
+    """
+    waiting = {folder.name: folder.resolve() for folder in folders}
+    for folder in waiting.values():
+        (folder / _UNDER_WAY).unlink(missing_ok=True)
+    while waiting:
+        try:
+            calls = [delayed(_carry_out)(path, episodes) for path in waiting.values()]
+            with backend(jobs, name, address) as parallel:
+                for result in parallel(calls):
+                    del waiting[result.name]
+                    yield result
+        except SpaceEnvsError:
+            raise
+        # What breaks a pool has a type of its own in each backend; a run's own errors are in its result.
+        except Exception as error:
+            begun = [path for path in waiting.values() if (path / _UNDER_WAY).exists()]
+            if not begun:
+                yield from (_lost(path, error) for path in waiting.values())
+                return
+            for path in begun:
+                del waiting[path.name]
+                yield _alone(path, episodes, name, address)
+
+
+def write_summary(
+    output: Path, command: list[str], runs: Sequence[SweepRun], results: Sequence[RunResult]
+) -> None:
+    """Write sweep.json, whole or not at all."""
+    rows = [
+        {"run": run.name, "values": run.values, **{k: v for k, v in asdict(result).items() if k != "name"}}
+        for run, result in zip(runs, results, strict=True)
+    ]
+    write_json(output / SUMMARY, {"format": 1, "command": command, "runs": rows})
+
+
+def _carry_out(path: Path, episodes: int | None) -> RunResult:
+    """One run, from where it stands to its end; in whatever process this is called."""
+    mark = path / _UNDER_WAY
+    folder = RunFolder(path)
+    try:
+        with _ONE_IN_A_PROCESS:
+            from agents.learning.training import learn  # torch takes seconds to import
+
+            mark.touch()
+            summary = folder.summary() or learn(folder, episodes, quiet=True)
+        (path / ERROR).unlink(missing_ok=True)
+    # Whatever a run raises is its own affair.
+    except Exception as error:
+        return _failed(path, error)
+    finally:
+        mark.unlink(missing_ok=True)
+    return RunResult(path.name, "finished", summary)
+
+
+def _alone(path: Path, episodes: int | None, name: str, address: str | None) -> RunResult:
+    try:
+        with backend(2, name, address) as parallel:  # joblib would do the work of one job in this process
+            (result,) = parallel([delayed(_carry_out)(path, episodes)])
+    except Exception as error:
+        return _lost(path, error)
+    return result
+
+
+def _lost(path: Path, error: Exception) -> RunResult:
+    (path / _UNDER_WAY).unlink(missing_ok=True)
+    return _failed(path, error, "its process died, or could not be started: ")
+
+
+def _failed(path: Path, error: Exception, cause: str = "") -> RunResult:
+    text = cause + "".join(traceback.format_exception(error))
+    try:
+        atomic_write_text(path / ERROR, text)
+    except OSError:  # a full disk may be why it failed
+        pass
+    first = (str(error).strip().splitlines() or [""])[0]
+    return RunResult(path.name, "failed", error=f"{cause}{type(error).__name__}: {first}".rstrip(": "))
+
+
+def _check_same(run: SweepRun, folder: RunFolder) -> None:
+    """Refuse to go on with a run that is another one."""
+    settings, parameters = folder.restore()
+    here, wanted = asdict(settings) | asdict(parameters), asdict(run.settings) | asdict(run.parameters)
+    for name in wanted:
+        if here.get(name) != wanted.get(name):
+            raise ConfigurationError(
+                f"{folder.path} holds a run with {name} {here.get(name)!r}, not {wanted.get(name)!r}; choose "
+                "another --output"
+            )
