@@ -34,7 +34,6 @@ LONGER = {
     "tests/test_dynamics.py": "one check after another of the same functions, on the same robots",
     "tests/test_envs.py": "one suite through which every id and control mode goes",
     "tests/test_experts.py": "one suite through which every planner goes",
-    "tests/test_learning.py": "runs are trained once and looked at from all sides",
     "tests/test_reactionless_free.py": "one planner, looked at from all sides",
     "tests/test_report.py": "one report, made once and looked at from all sides",
 }

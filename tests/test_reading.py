@@ -191,7 +191,7 @@ def test_home_has_an_angle_for_each_joint(tmp_path: Path) -> None:
 
     path = tmp_path / "policy.npz"
     path.write_bytes(changed(home=[1.0]))
-    with pytest.raises(PolicyError, match="home has 1 joint angles, the observation 7"):
+    with pytest.raises(PolicyError, match="home has 1 joint angles, joint_position of the observation 7"):
         load_policy_file(path).view(SingleArmTask().layout)
 
 

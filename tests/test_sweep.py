@@ -5,37 +5,35 @@ import os
 import re
 import signal
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from training_runs import ENV_ID, QUICK, defaults
 
 from agents.commands.train import main
-from agents.learning.runs.folder import RunFolder, Settings
-from agents.learning.runs.hyperparameters import PPO, TABLES
-from agents.learning.sweep import Plan, make_runs, read_plan
+from agents.learning.runs.folder import RunFolder
+from agents.learning.runs.settings import Settings
+from agents.learning.sweeps.plan import SweepPlan, make_runs, read_plan
 from agents.learning.training import learn
 from space_envs.errors import ConfigurationError
 from space_envs.system.seeds import parse_seeds
 
-ENV_ID = "SpaceCapture/SingleArm-v0"
 # A bc run of two rounds, in about a second.
 CLONING = """
 [fixed]
 algo = "bc"
 expert = "{expert}"
 num_envs = 8
-episode = 20
+episode_steps = 20
 steps = 320
-interval = 160
+validation_interval = 160
 hidden = [16, 16]
 batch_size = 64
 epochs = 1
 last_epochs = 1
 """
-QUICK = ["--validation-episodes", "2", "--quiet"]
 BROKEN: dict[str, bool] = {}  # what is broken in this process
 
 
@@ -109,15 +107,13 @@ def test_runs_are_the_same_singly_and_together(tmp_path: Path) -> None:
     for jobs in ("1", "2"):
         arguments = ["--sweep", str(file), "--jobs", jobs, "--output", str(tmp_path / jobs), *QUICK]
         assert main(arguments) == 0
-    table = TABLES[ENV_ID]["ppo"]
-    assert isinstance(table, PPO)
-    parameters = replace(
-        table,
+    parameters = defaults(
+        "ppo",
         num_envs=8,
         n_steps=16,
         batch_size=64,
         steps=256,
-        interval=25,
+        validation_interval=25,
         hidden=(16, 16),
         learning_rate=1e-3,
         minutes=float("inf"),
@@ -255,10 +251,10 @@ def test_the_product_is_trained_with_every_seed(tmp_path: Path) -> None:
     last = runs[-1]
     assert last.values == {"hidden": [32], "gamma": 1, "seed": 2}
     assert last.settings == Settings("ppo", ENV_ID, seed=2)
-    assert last.parameters == replace(
-        TABLES[ENV_ID]["ppo"], hidden=(32,), gamma=1, expert=None, steps=8192, interval=819
+    assert last.parameters == defaults(
+        "ppo", hidden=(32,), gamma=1, expert=None, steps=8192, validation_interval=819
     )
-    tasks = make_runs(Plan((0,), {"algo": "bc"}, {"env": [ENV_ID], "expert": ["gjm", "mpc"]}), {})
+    tasks = make_runs(SweepPlan((0,), {"algo": "bc"}, {"env": [ENV_ID], "expert": ["gjm", "mpc"]}), {})
     assert [run.name for run in tasks] == [
         f"env-SingleArm-v0_expert-{name}_seed-0" for name in ("gjm", "mpc")
     ]
@@ -280,7 +276,10 @@ def test_the_documented_sweep_file_is_one(tmp_path: Path) -> None:
     [
         ("[fixed]\nlerning_rate = 1.0", "hyperparameter of ppo 'lerning_rate'.*mean 'learning_rate'"),
         ('[fixed]\nalgo = "bc"\nn_steps = 4', "hyperparameter of bc 'n_steps'"),
-        ("[fixed]\nfeatures = []", "'features'"),
+        ("[fixed]\nfeatures = []", "features must not be empty"),
+        ('[fixed]\nfeatures = [["joint_position", "plane", 1.0]]', "mean 'plain'"),
+        ("[fixed]\nenv_kwargs = 3", "env_kwargs must be a table"),
+        ("[values]\nenv_kwargs = [{horizon = 10}, {horizn = 10}]", "mean 'horizon'"),
         ("[fixed]\noutput = 'x'", "'output'"),
         ("[fixd]\n", "table 'fixd'.*mean 'fixed'"),
         ("fixed = 3", "must be a table"),
@@ -288,7 +287,7 @@ def test_the_documented_sweep_file_is_one(tmp_path: Path) -> None:
         ("[values]\ngamma = []", "must be a list"),
         ("[values]\ngamma = [0.9, 0.8, 0.9]", "0.9 is there twice"),
         ("[fixed]\ngamma = 0.9\n[values]\ngamma = [0.8]", "gamma is fixed and has values"),
-        ("[values]\ngamma = [0.9, 1.5]", "gamma must lie in"),
+        ("[values]\ngamma = [0.9, 1.5]", "gamma must be above 0 and at most 1"),
         ('[values]\nlearning_rate = [1e-3, "fast"]', "learning_rate must be a number, got 'fast'"),
         ("[fixed]\nsteps = 1.5", "steps must be a whole number"),
         ("[fixed]\nhidden = 64", "hidden must be a list of whole numbers"),
@@ -360,6 +359,6 @@ def test_bad_arguments(
 def test_a_folder_of_one_run_is_not_one_of_several(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    RunFolder(tmp_path / "run").begin(Settings("bc", ENV_ID), TABLES[ENV_ID]["bc"])
+    RunFolder(tmp_path / "run").begin(Settings("bc", ENV_ID), defaults("bc", expert="gjm"))
     assert main(["--algo", "bc", "--seeds", "0-1", "--output", str(tmp_path / "run")]) == 2
     assert "holds a single run" in capsys.readouterr().err

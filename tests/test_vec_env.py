@@ -5,23 +5,23 @@ import numpy as np
 import pytest
 from stable_baselines3.common.env_checker import check_env
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
+from training_runs import defaults
 
 import space_envs  # noqa: F401  registers the ids
-from agents.learning.runs.hyperparameters import TABLES
 from agents.learning.sb3.vec_env import NativeVecEnv
 from agents.policies.learned.features import FeatureView
 from space_envs.control import CONTROL_MODES
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError
+from space_envs.registration import ENTRIES
 
-ENV_ID = "SpaceCapture/SingleArm-v0"
 EASY = {"difficulty": "easy", "horizon": 6}
-every_id = pytest.mark.parametrize("env_id", TABLES)  # ids that something learns on
+every_id = pytest.mark.parametrize("env_id", ENTRIES)
 
 
 def view_of(env: CaptureVectorEnv, *without: str) -> FeatureView:
     """What networks see of an id's observations, but for features of these kinds and fields."""
-    table = tuple(f for f in TABLES[env.env_id]["ppo"].features if not {f.kind, f.field} & {*without})
+    table = tuple(f for f in defaults("ppo", env.env_id).features if not {f.kind, f.field} & {*without})
     return FeatureView(table, env.task.layout, env.task.robot.home)
 
 

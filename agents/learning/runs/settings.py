@@ -168,9 +168,8 @@ def _started(
     where = f"{settings.env_id} in control mode {settings.control_mode!r}"
     if isinstance(parameters, PPO):
         return parameters, f"no expert is cloned for {where}: ppo starts from random weights"
-    raise ConfigurationError(
-        f"bc needs an --expert for {where}; policies that fit are {', '.join(experts_for(context)) or 'none of the registered ones'}"
-    )
+    fitting = ", ".join(experts_for(context)) or "none of the registered ones"
+    raise ConfigurationError(f"bc needs an --expert for {where}; policies that fit are {fitting}")
 
 
 def limited(
