@@ -15,11 +15,13 @@ from agents.learning.runs.hyperparameters import (
     described,
     typed,
 )
-from agents.learning.runs.warm_start import check_expert, default_expert, experts_for, starting_policy
+from agents.learning.runs.warm_start import default_expert, experts_for, starting_policy
 from agents.policies.learned.features import FeatureView
+from agents.policies.registry import check_needs
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError, unknown_name
 from space_envs.policy import DEFAULT_CONTROL_MODE, PolicyContext
+from space_envs.registration import find
 from space_envs.tasks.base import CaptureTask
 
 DEFAULT_ALGORITHM, DEFAULT_ENV = "ppo", "SpaceCapture/SingleArm-v0"
@@ -137,6 +139,7 @@ def _settings(given: Mapping[str, Any]) -> Settings:
         name: typed(option, given[option], hints[name]) for option, name in OPTIONS.items() if option in given
     }
     settings = Settings(**values)
+    settings = replace(settings, env_id=find(settings.env_id).name)  # which other processes can make
     if settings.algorithm not in ALGORITHMS:
         raise unknown_name("algorithm", settings.algorithm, ALGORITHMS)
     if not 0 <= settings.seed < 2**32:
@@ -163,7 +166,7 @@ def _started(
     if "expert" not in given:
         parameters = replace(parameters, expert=default_expert(context))
     if parameters.expert is not None:
-        check_expert(parameters.expert, context)
+        check_needs(parameters.expert, context)
         return parameters, None
     where = f"{settings.env_id} in control mode {settings.control_mode!r}"
     if isinstance(parameters, PPO):

@@ -3,8 +3,8 @@
 from agents.learning.runs.hyperparameters import PPO
 from agents.policies.learned.learned_policy import policy_path
 from agents.policies.learned.policy_file import PolicyFile, load_policy_file
-from agents.policies.registry import check_task, control_modes, policies_for, policy_class
-from space_envs.errors import ConfigurationError, PolicyError, SpaceEnvsError
+from agents.policies.registry import POLICIES, needs
+from space_envs.errors import PolicyError
 from space_envs.policy import PolicyContext
 
 DEFAULT_EXPERTS = (
@@ -13,38 +13,14 @@ DEFAULT_EXPERTS = (
 )  # reactive ones, which can label any state; the first that fits
 
 
-def check_expert(name: str, context: PolicyContext) -> None:
-    """Refuse a policy that cannot be cloned in an environment.
-
-    Raises:
-        ConfigurationError, PolicyError: for an unknown name, or one that does not fit the environment.
-    """
-    policy_class(name)
-    check_task(name, context.env_id)
-    modes = control_modes(name)
-    if context.control_mode not in modes:
-        raise ConfigurationError(
-            f"expert {name!r} acts in control mode {' or '.join(map(repr, modes))}, not "
-            f"{context.control_mode!r}; name another --expert, or for ppo --init none"
-        )
-
-
 def default_expert(context: PolicyContext) -> str | None:
     """The first of the default experts that fits the environment, None if none does."""
-    return next((name for name in DEFAULT_EXPERTS if _fits(name, context)), None)
+    return next((name for name in DEFAULT_EXPERTS if not needs(name).missing(context)), None)
 
 
 def experts_for(context: PolicyContext) -> list[str]:
-    """Names of the registered policies that fit the environment."""
-    return [name for name in policies_for(context.env_id) if _fits(name, context)]
-
-
-def _fits(name: str, context: PolicyContext) -> bool:
-    try:
-        check_expert(name, context)
-    except SpaceEnvsError:
-        return False
-    return True
+    """Names of the registered planners that fit the environment."""
+    return [name for name, row in POLICIES.items() if row.expert and not needs(name).missing(context)]
 
 
 def starting_policy(path: str, context: PolicyContext, parameters: PPO) -> PolicyFile:

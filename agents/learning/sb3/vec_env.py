@@ -16,8 +16,8 @@ from space_envs.envs.seeds import Seeds
 from space_envs.errors import ConfigurationError
 
 Indices = None | int | Iterable[int]
-# Of what a copy of the environment holds: follow from the rest, or belong to the environment that is there.
-_NOT_STORED = ("_seeds", "_goal", "_spec", "closed")
+# Arrays of the episodes that a snapshot holds; their goals follow from split and index.
+_STORED = ("observation", "steps", "held", "clipped", "outcome", "touched", "index")
 
 
 class NativeVecEnv(VecEnv):
@@ -124,16 +124,16 @@ class NativeVecEnv(VecEnv):
         self._length[rows] = 0
 
     def snapshot(self) -> dict[str, Any]:
-        """Where the N episodes stand, as plain values and arrays; their goals must be of a split."""
+        """State of the N episodes, as plain values and arrays; their goals must be of a split."""
         state = self.env.__getstate__()
-        own = {name: value for name, value in state["own"].items() if name not in _NOT_STORED}
-        if (own["_index"] < 0).any():
+        episodes, seeds = state["episodes"], state["own"]["_seeds"]
+        if (episodes["index"] < 0).any():
             raise ConfigurationError("episodes whose goals were given as numbers cannot be stored")
-        seeds: Seeds = state["own"]["_seeds"]
         return {
             "simulation": state["simulation"],
             "drive": state["drive"],
-            "own": own | {"_split": own["_split"].tolist()},
+            "episodes": {name: episodes[name] for name in _STORED},
+            "split": episodes["split"].tolist(),
             "generators": [generator.bit_generator.state for generator in seeds.generators],
             "seeds": seeds.numbers,
             "return": self._return.copy(),
@@ -141,20 +141,21 @@ class NativeVecEnv(VecEnv):
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
-        """Go on from where a snapshot of as many episodes of the same task stands, with the same bits."""
+        """Go on from a snapshot of as many episodes of the same task, with the same bits."""
         state = self.env.__getstate__()
-        own = dict(snapshot["own"])
-        generators = [np.random.default_rng(0) for _ in snapshot["generators"]]
-        for generator, kept in zip(generators, snapshot["generators"], strict=True):
-            generator.bit_generator.state = kept
-        goals = [
+        episodes = state["episodes"] | dict(snapshot["episodes"])
+        episodes["split"] = np.array(snapshot["split"], dtype=object)
+        episodes["goals"] = [
             self.env.task.goals(split, np.array([index]))
-            for split, index in zip(own["_split"], own["_index"].tolist(), strict=True)
+            for split, index in zip(snapshot["split"], episodes["index"].tolist(), strict=True)
         ]
-        own |= {"_goal": goals, "_split": np.array(own["_split"], dtype=object)}
-        own["_seeds"] = Seeds(self.num_envs, tuple(zip(generators, snapshot["seeds"], strict=True)))
-        kept = {name: snapshot[name] for name in ("simulation", "drive")}
-        self.env.__setstate__({**state, **kept, "own": state["own"] | own})
+        generators = [np.random.default_rng(0) for _ in snapshot["generators"]]
+        for generator, stored in zip(generators, snapshot["generators"], strict=True):
+            generator.bit_generator.state = stored
+        seeds = Seeds(self.num_envs, tuple(zip(generators, snapshot["seeds"], strict=True)))
+        own = state["own"] | {"_seeds": seeds, "_started": True}
+        simulated = {name: snapshot[name] for name in ("simulation", "drive")}
+        self.env.__setstate__({**state, **simulated, "episodes": episodes, "own": own})
         self._return, self._length = snapshot["return"].copy(), snapshot["length"].copy()
 
     def close(self) -> None:
