@@ -27,17 +27,17 @@ def environments() -> str:
         (f"[{env_id}](environments/{env_id.split('/')[-1]}.md)", entry.summary)
         for env_id, entry in ENTRIES.items()
     ]
-    return table(("id", "what it asks"), rows)
+    return table(("id", "task"), rows)
 
 
 def policies() -> str:
-    """What `--policy all` plays, by id."""
+    """Policies evaluated by `--policy all`, by id."""
     names = [env_id.partition("/")[2].rpartition("-")[0] for env_id in ENTRIES]
     rows = []
     for name, entry in POLICIES.items():
-        plays = ["x" if name in policies_for(env_id) else "" for env_id in ENTRIES]
-        rows.append((f"`{name}`", f"`{control_mode(name)}`", *plays, entry.summary))
-    return table(("policy", "control mode", *names, "what it is"), rows)
+        fits = ["x" if name in policies_for(env_id) else "" for env_id in ENTRIES]
+        rows.append((f"`{name}`", f"`{control_mode(name)}`", *fits, entry.summary))
+    return table(("policy", "control mode", *names, "method"), rows)
 
 
 def drive() -> str:
@@ -51,7 +51,7 @@ def drive() -> str:
 
 
 def causes() -> str:
-    """Why a planner may refuse."""
+    """Causes of a planner's failures."""
     said = comments(Cause)
     return table(("cause", "meaning"), [(f"`{cause}`", said[cause.name]) for cause in Cause])
 
@@ -79,7 +79,7 @@ def needs() -> str:
 
 
 def task_states() -> str:
-    """What a task states about itself besides its keywords."""
+    """Class variables that a task defines."""
     said = comments(CaptureTask)
     stated = {
         "layout": summary(ObservationLayout),
@@ -91,16 +91,16 @@ def task_states() -> str:
         if get_origin(kind) is ClassVar:
             text = stated[name] if name in stated else f"{said[name][:1].upper()}{said[name][1:]}."
             rows.append((f"`{name}`", text))
-    return table(("class variable", "what it is"), rows)
+    return table(("class variable", "meaning"), rows)
 
 
 def task_hooks() -> str:
-    """What a task has to answer."""
+    """Members that a task has to implement."""
     return _members(lambda source: "raise NotImplementedError" in source)
 
 
 def task_members() -> str:
-    """What the base of all tasks answers from that."""
+    """Members that the base class of all tasks implements."""
     return _members(lambda source: "raise NotImplementedError" not in source)
 
 
@@ -113,7 +113,7 @@ def _members(chosen: Callable[[str], bool]) -> str:
         if chosen(inspect.getsource(inner)):
             call = f"{name}{_arguments(inner)}" if callable(value) else name
             rows.append((f"`{call}`", summary(inner)))
-    return table(("member", "what it is"), rows)
+    return table(("member", "meaning"), rows)
 
 
 def _arguments(function: Callable[..., Any]) -> str:
@@ -128,7 +128,7 @@ def columns() -> str:
 
 
 def pareto_front() -> str:
-    """Who is on the Pareto front."""
+    """Definition of the Pareto front."""
     return FRONT
 
 
@@ -146,7 +146,7 @@ def record_fields() -> str:
 
 
 def outcomes() -> str:
-    """How an episode may end."""
+    """Outcomes of an episode."""
     return ", ".join(f"`{outcome}`" for outcome in record_schema()["properties"]["outcome"]["enum"]) + "."
 
 

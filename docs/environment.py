@@ -33,32 +33,32 @@ from space_envs.tasks.dual_arm import DualArmTask
 from space_envs.tasks.outcome import ENV_OUTCOMES, Outcome
 
 INFO_TEXT = {
-    "split": "`reset`: the split that the goal is from, or `given` where the options set the goal",
+    "split": "`reset`: the split that the goal is from, or `given` if the options set the goal",
     "index": "`reset`: the goal's number in its split, or -1",
     "reward_terms": "`step`: every term of the reward by name; their sum is the reward",
-    "attitude": "`step`: angle of the satellite from its attitude at the start, deg",
+    "attitude": "`step`: attitude error: angle of the satellite from its initial attitude, deg",
     "is_success": "`step`: whether the episode ended in a capture",
     "outcome": "`step`: one of the outcomes above",
-    "collision": "`step`: what touched what, as in `link 4 and the satellite`; empty if nothing did",
-    "clipped_actions": "`step`: steps of the episode so far whose action lay outside [-1, 1]",
+    "collision": "`step`: the bodies that touched, as in `link 4 and the satellite`; else empty",
+    "clipped_actions": "`step`: number of steps of the episode so far whose action was outside [-1, 1]",
 }
 OPTION_TEXT = {
     "split": "which split the goal is from",
     "index": "number of the goal in the split",
-    "joint_position": f"joint angles at the start, rad; {STOP_MARGIN:g} rad inside their range at least",
+    "joint_position": f"initial joint angles, rad; at least {STOP_MARGIN:g} rad inside their range",
     "joint_velocity": (
-        "joint rates at the start, rad/s, that the drives can brake before the end of the range; the "
+        "initial joint rates, rad/s, that the drives can brake before the end of the range; the "
         "satellite then moves so that momentum is zero"
     ),
-    "reset_mask": "bool, the rows to reset; of the vector environment",
-    "goal_position": "grapple, inertial frame, m",
-    "goal_quaternion": "grapple to inertial, w x y z",
-    "obstacle_position": "centres of the three keep-out spheres one after another, inertial frame, m",
-    "obstacle_radius": "of the keep-out spheres, m",
+    "reset_mask": "bool, the rows to reset; vector environment only",
+    "goal_position": "position of the grapple pose, inertial frame, m",
+    "goal_quaternion": "orientation of the grapple pose, w x y z, grapple to inertial",
+    "obstacle_position": "centres of the three keep-out spheres, concatenated, inertial frame, m",
+    "obstacle_radius": "radii of the keep-out spheres, m",
     "target_position": "centre of the target, inertial frame, m",
     "target_angle": "attitude of the target, rad",
     "target_quaternion": "attitude of the target, w x y z, body to inertial",
-    "target_angular_velocity": "of the target, inertial axes, rad/s",
+    "target_angular_velocity": "angular velocity of the target, inertial axes, rad/s",
     "target_half_width": "distance of the grapple points from the target's centre, m",
 }
 COUNTED_TEXT = {"second": "per s", "once": "once"}
@@ -107,7 +107,7 @@ def _sentence(text: str) -> str:
 
 def _opening(env: CaptureVectorEnv) -> str:
     # The module's first paragraph is its title; the task's summary says the same in a line that stands alone.
-    rest = next(text for kind in type(env.task).__mro__ if (text := _told(kind)))
+    rest = next(text for kind in type(env.task).__mro__ if (text := _rest_of_docstring(kind)))
     example = f"""```python
 import gymnasium as gym
 
@@ -124,13 +124,13 @@ observations, infos = envs.reset(seed=0)
 ```"""
     vector = (
         "Seed `s` gives row `i` of the vector environment the episode that seed `s + i` gives the single "
-        "one, bit for bit. [Physics and symbols](../physics.md) says what is simulated."
+        "one, bit for bit. [Physics and symbols](../physics.md) describes the simulation."
     )
     return "\n\n".join([_sentence(ENTRIES[env.env_id].summary), rest, example, vector])
 
 
-def _told(kind: type) -> str:
-    """What the module of a class says after its title."""
+def _rest_of_docstring(kind: type) -> str:
+    """Docstring of a class's module without its first paragraph."""
     return flowed(inspect.getdoc(sys.modules[kind.__module__]) or "").partition("\n\n")[2]
 
 
@@ -144,7 +144,7 @@ def _robot(env: CaptureVectorEnv) -> str:
     free = "two slides and a hinge" if env.simulation.planar else "six degrees of freedom"
     rows = [
         ("bodies", f"satellite {robot.mass[0]:g} kg, {robot.n_joints} links {robot.mass[1:].sum():g} kg"),
-        ("base", f"{free}; nothing acts on it, gravity is zero"),
+        ("base", f"{free}; not actuated, gravity is zero"),
         ("home, rad", number(np.round(robot.home, 6).tolist())),
         ("joint range, rad", _ranges(robot.range, robot.home)),
         ("rate limit, rad/s", number(drive.rate_limit)),
@@ -166,18 +166,18 @@ def _robot(env: CaptureVectorEnv) -> str:
         [
             "## Robot",
             "An episode starts with the satellite at the inertial origin and the whole robot at rest, so "
-            "that its total momentum is zero and stays so. The joints are at `home`, or near it where the "
-            "goal says so. Limits are those of the drives, in every control mode.",
+            "that its total momentum is zero and remains zero. The joints are at `home`, or near it where "
+            "the goal includes initial joint angles. Limits are those of the drives, in every mode.",
             table(("", "value"), rows),
             *variant,
-            f"{summary(type(task.parameters))} Its links stand in [physics](../physics.md#the-models).",
+            f"{summary(type(task.parameters))} Its links are listed in [physics](../physics.md#the-models).",
             parameters(task.parameters),
         ]
     )
 
 
 def _ranges(limits: Array, home: Array) -> str:
-    """Joint ranges (n, 2), those that are alike once."""
+    """Joint ranges (n, 2) as text, equal ones once."""
     around = {f"{a:+.3g} to {b:+.3g}" for a, b in limits - home[:, None]}
     absolute = [f"{a:+.3g} to {b:+.3g}" for a, b in limits]
     if len(around) == 1:
@@ -203,7 +203,7 @@ def _actions(env: CaptureVectorEnv) -> str:
             "## Actions",
             f"`Box(-1, 1, (m,), {env.single_action_space.dtype})`. Actions outside the box are clipped and "
             "counted in `info`; a wrong shape, NaN or infinity is an `ActionError` before anything moves. "
-            "Every mode ends in joint torques, held over the control period.",
+            "Every mode results in joint torques, held over the control period.",
             table(("control mode", "m", "physical units per unit action", "meaning"), rows),
         ]
     )
@@ -234,18 +234,18 @@ def _rewards(env: CaptureVectorEnv) -> str:
         term = next(terms[name] for terms in tables if name in terms)
         weights = [number(terms[name].weight) if name in terms else "" for terms in tables]
         rows.append((f"`{name}`", *weights, COUNTED_TEXT[term.per], summary(term.function)))
-    header = ["term", *[f"`{reward}`" for reward in REWARDS], "counted", "what is weighted"]
+    header = ["term", *[f"`{reward}`" for reward in REWARDS], "counted", "weighted quantity"]
     goal = (
         "`space_envs.wrappers.GoalConditioned` wraps the single environment for hindsight experience replay."
     )
     return "\n\n".join(
         [
             "## Reward",
-            "The reward is the sum of named terms, with weights by keyword `reward`.",
+            "The reward is the sum of named terms; the keyword `reward` selects their weights.",
             "The sum of `attitude` over an episode is minus the base disturbance (eq. 20 of shyam2020) times "
             "dt. Terms per second are multiplied by the control period.",
             *(
-                ["Errors are those of the arm that is farther off."]
+                ["Errors are those of the arm with the larger error."]
                 if len(env.task.robot.tip_link) > 1
                 else []
             ),
@@ -263,7 +263,7 @@ def _capture(env: CaptureVectorEnv) -> str:
         for keyword, name in ENVELOPE_KEYWORDS.items()
         if name in said
     ]
-    both = "Each end-effector has to be at its own grapple point, both at the same time; the limits hold for "
+    both = "Each end-effector has to be at its own grapple point, both at once; the tolerances apply to "
     ends = [
         (f"`{outcome}`", outcome.flag and f"`{outcome.flag}`", outcome.meaning)
         for outcome in ENV_OUTCOMES
@@ -272,9 +272,9 @@ def _capture(env: CaptureVectorEnv) -> str:
     return "\n\n".join(
         [
             "## Capture and end of an episode",
-            f"{summary(CaptureEnvelope)} The reward has no part in this.",
+            f"{summary(CaptureEnvelope)} This does not depend on the reward.",
             *([f"{both}the worse of the two."] if len(env.task.robot.tip_link) > 1 else []),
-            table(("of end-effector to grapple", "at most", "unit", "keyword"), limits[:-1]),
+            table(("error of the end-effector", "tolerance", "unit", "keyword"), limits[:-1]),
             f"Hold time: {limits[-1][1]} {limits[-1][2]} (keyword {limits[-1][3]}), in consecutive steps.",
             table(('`info["outcome"]`', "flag", "when"), ends),
             *([_contacts(env)] if env.task.collides else []),
@@ -283,7 +283,7 @@ def _capture(env: CaptureVectorEnv) -> str:
 
 
 def _contacts(env: CaptureVectorEnv) -> str:
-    """What may touch what, and how the links count."""
+    """Bodies that a link may not touch, and the geometry of the links."""
     shape = env.task.contacts.shape
     bodies = [] if shape.half is None else [f"the satellite, a cube of side {number(2.0 * shape.half)} m"]
     target = env.task.target if isinstance(env.task, DualArmTask) else None
@@ -293,25 +293,25 @@ def _contacts(env: CaptureVectorEnv) -> str:
     bodies += ["the other arm"] if env.task.contacts.arms == 2 else []
     bodies += ["the keep-out spheres"] if "obstacle_radius" in env.task.layout.slices else []
     said = [
-        f"Links are capsules of radius {number(shape.radius)} m from joint to joint. Nothing has contact "
+        f"Links are capsules of radius {number(shape.radius)} m from joint to joint. There are no contact "
         f"forces; a link that touches {', or '.join(bodies)}, ends the episode as a collision, by distance. "
-        "Within a control period links are looked at nine times, on straight ways. An arm may pass through "
-        "itself."
+        "Distances are evaluated nine times per control period, with linear interpolation. An arm may pass "
+        "through itself."
     ]
     if shape.half is None:
-        said.append("The arms turn in a plane above the satellite's deck, so that they cannot touch it.")
+        said.append("The arms move in a plane above the satellite's deck, so that they cannot touch it.")
     elif shape.satellite[0] == 0.0:
         said.append(
-            f"Link {shape.link[0]}, which turns on the satellite's deck, counts against it by its centre "
-            "line, from where it leaves the deck."
+            f"Link {shape.link[0]}, which rotates on the satellite's deck, is checked against it by its "
+            "centre line only, from where it leaves the deck."
         )
     if target is not None:
         said.append(
-            f"The outer {number(target.gripper)} m of an arm are the gripper, of which the centre "
-            "line alone counts against the target."
+            f"The outer {number(target.gripper)} m of an arm are the gripper, of which only the centre "
+            "line is checked against the target."
         )
     else:
-        said.append("The goal is a pose and no body: what is drawn there may be passed through.")
+        said.append("The goal is a pose and not a body: the object drawn there has no collisions.")
     return " ".join(said)
 
 
@@ -333,13 +333,17 @@ def _keywords(env: CaptureVectorEnv) -> str:
     for name, field in ENVELOPE_KEYWORDS.items():
         if field in units:
             rows.append(
-                (f"`{name}`", f"`{getattr(env.task.envelope, field)!r}`", f"of a capture, {units[field]}")
+                (
+                    f"`{name}`",
+                    f"`{getattr(env.task.envelope, field)!r}`",
+                    f"tolerance of a capture, {units[field]}",
+                )
             )
     return "\n\n".join(
         [
             "## Keywords",
-            "Of `gym.make` and `gym.make_vec`. A name or value that is not valid is a `ConfigurationError` "
-            "that says which are, and which is nearest.",
+            "Of `gym.make` and `gym.make_vec`. An invalid name or value is a `ConfigurationError` "
+            "that lists the valid ones and the nearest.",
             table(("keyword", "default", "meaning"), rows),
         ]
     )
@@ -352,7 +356,7 @@ def _reset(env: CaptureVectorEnv) -> str:
     widths = {"joint_position": joints, "joint_velocity": joints, "reset_mask": "(N,)"}
     rows = [(f"`{name}`", widths.get(name, ""), OPTION_TEXT[name]) for name in COMMON_OPTIONS]
     for name, option in env.task.goal_options.items():
-        default = "" if option.default is None else f"; {number(option.default)} if left out"
+        default = "" if option.default is None else f"; {number(option.default)} by default"
         default += f"; each at most {number(option.largest)} in absolute value"
         rows.append((f"`{name}`", f"({option.width},)", f"goal: {OPTION_TEXT[name]}{default}"))
     return "\n\n".join(
@@ -360,8 +364,8 @@ def _reset(env: CaptureVectorEnv) -> str:
             "## Reset",
             "`reset(seed=..., options={...})`",
             f"`seed`: {about['seed']}",
-            "`options` are values for all rows or, with a leading axis, one a row. Give either a split and "
-            "an index or a goal; a goal that is malformed or out of reach is a `GoalError`.",
+            "`options` are values for all rows or, with a leading axis, one per row. Give either a split and "
+            "an index, or a goal; a goal that is malformed or out of reach is a `GoalError`.",
             table(("option", "shape", "meaning"), rows),
         ]
     )
@@ -373,9 +377,9 @@ def _info() -> str:
         [
             "## Info",
             table(("key", "meaning"), rows),
-            "The vector environment's infos hold an array for each key, and with a leading underscore the "
-            "mask of rows that have it. In autoreset mode `same_step`, rows that ended have their last "
-            "observation in `final_obs` and their last info in `final_info`.",
+            "The vector environment's infos hold an array for each key, and under the key with a leading "
+            "underscore the mask of rows that have it. In autoreset mode `same_step`, rows that ended have "
+            "their last observation in `final_obs` and their last info in `final_info`.",
         ]
     )
 
@@ -383,7 +387,7 @@ def _info() -> str:
 def _versions(env: CaptureVectorEnv) -> str:
     version = env.env_id.rpartition("-")[2]
     return (
-        f"## Versions\n\n- {version}: the first. Until it is released, what moves a score raises the task "
-        "version in the [records](../records.md), which `evaluate.py compare` refuses to mix; "
-        f"it is {env.task.version}."
+        f"## Versions\n\n- {version}: the first. Until its release, every change that alters a score raises "
+        "the task version in the [records](../records.md), which `evaluate.py compare` refuses to mix. "
+        f"The task version is {env.task.version}."
     )

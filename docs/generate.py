@@ -1,11 +1,11 @@
-"""Write those parts of the documentation that come from the code, or from measurements.
+"""Write the parts of the documentation that come from the code or from measurements.
 
 python -m docs.generate             write the pages of all ids and the generated blocks of the others
 python -m docs.generate --check     change nothing; name the pages that are stale, and exit with 1
 python -m docs.generate --leaderboard results/leaderboard
                                     insert the tables of an evaluation of `make leaderboard` into README.md
 python -m docs.generate --measure momentum speed attitude_cost
-                                    run the benchmarks that these pages name, and insert what they print
+                                    run the benchmarks that these pages name, and insert their output
 """
 
 import argparse
@@ -28,7 +28,7 @@ from space_envs.system.files import atomic_write_text
 
 DOCS = Path(__file__).resolve().parent
 README = DOCS.parent / "README.md"
-# A block begins with what it holds and ends with the next end marker; blocks do not nest.
+# A block begins with its name or command and ends with the next end marker; blocks do not nest.
 BEGIN = re.compile(r"<!-- (?:generated|measured): ")
 MARKER = re.compile(
     rf"(<!-- (generated|measured): ([^\n]+?) -->\n)(?:(?!{BEGIN.pattern}).)*?(<!-- end -->)", re.DOTALL
@@ -37,10 +37,10 @@ REFERENCE = "fetch/bin/python"  # as benchmarks/speed.py and docs/speed.md name 
 
 
 def pages() -> dict[Path, str]:
-    """What every page that depends on the code should hold.
+    """Expected text of every page that depends on the code.
 
     Raises:
-        ValueError: if a page has a block that does not end, or that nothing generates.
+        ValueError: if a page has a block without an end, or with an unknown name.
     """
     wanted = {
         DOCS / "environments" / f"{env_id.split('/')[-1]}.md": environment_page(env_id) for env_id in ENTRIES
@@ -52,7 +52,7 @@ def pages() -> dict[Path, str]:
 
 
 def stale() -> list[Path]:
-    """Pages that do not hold what they should, pages of ids that are no more, and empty measurements."""
+    """Pages that differ from their expected text, belong to no id, or have an empty measurement."""
     wanted = pages()
     found = [p for p, text in wanted.items() if not p.is_file() or p.read_text(encoding="utf-8") != text]
     found += [path for path in sorted((DOCS / "environments").glob("*.md")) if path not in wanted]
@@ -63,10 +63,10 @@ def stale() -> list[Path]:
 
 
 def measure(page: Path, reference: str) -> None:
-    """Run the commands that a page names and insert what they print.
+    """Run the commands of a page's measured blocks and insert their output.
 
     Raises:
-        subprocess.CalledProcessError: if one fails; the page is as it was then.
+        subprocess.CalledProcessError: if one fails; the page is then unchanged.
     """
 
     def output(command: str) -> str:

@@ -1,4 +1,4 @@
-"""How the goals of a task are drawn, as part of its page: numbers from the code, distances from the goals."""
+"""Section of a task's page about its goals: splits, difficulties, and how goals are drawn."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -19,9 +19,9 @@ from space_envs.tasks.targets import Draws, TargetGoals
 
 SPLIT_TEXT = {
     "train": "training and demonstrations",
-    "validation": "held out, to choose among policies while they learn",
+    "validation": "held out, for model selection during training",
     "test": "the leaderboard",
-    "ood": "out of distribution: goals beyond the ranges of the others, and satellites of other masses",
+    "ood": "out of distribution: goals beyond the ranges of the others, and satellites with other masses",
 }
 SHOWN = ("test", "ood")  # splits whose goals are measured
 
@@ -42,8 +42,8 @@ def _splits(task: CaptureTask, seeds: Any) -> list[str]:
     rows = [(f"`{s}`", str(task.split_size(s)), str(seeds[s]), SPLIT_TEXT[s]) for s in SPLITS]
     return [
         "## Splits and difficulties",
-        "Goals are drawn from fixed seeds, so that a goal's index names it for ever. Without options, "
-        "`reset` draws an index of the environment's split from the environment's generator.",
+        "Goals are drawn from fixed seeds, so that a goal's index identifies it permanently. Without "
+        "options, `reset` draws an index of the environment's split from the environment's generator.",
         table(("split", "goals", "seed", "for"), rows),
     ]
 
@@ -66,16 +66,18 @@ def _single_arm(task: SingleArmTask) -> str:
     start = task.robot.end_effector_pose(task.robot.home)[0]
     rows = []
     for difficulty in DIFFICULTIES:
-        ways = [np.linalg.norm(_drawn(task, difficulty, split).position - start, axis=-1) for split in SHOWN]
-        rows.append([f"`{difficulty}`", number(single_arm.RADIUS[difficulty]), *map(_spread, ways)])
+        distances = [
+            np.linalg.norm(_drawn(task, difficulty, split).position - start, axis=-1) for split in SHOWN
+        ]
+        rows.append([f"`{difficulty}`", number(single_arm.RADIUS[difficulty]), *map(_spread, distances)])
     return "\n\n".join(
         [
             *_splits(task, single_arm.SPLIT_SEED),
             f"Out of distribution, the largest joint displacement is {_span(single_arm.OOD_RADIUS)} of the "
             f"radius, and the satellite's mass and inertia are {_span(single_arm.OOD_MASS)} of the nominal "
             "ones. Policies are given the nominal model all the same.",
-            "Distances are those of the goals from where the end-effector starts: least, median, largest. "
-            f"Radius: {said[0].lower()}{said[1:]}",
+            "Distances are those of the goals from the initial end-effector position: minimum, median, "
+            f"maximum. Radius: {said[0].lower()}{said[1:]}",
             table(("difficulty", "radius", *(f"{split}, m" for split in SHOWN)), rows),
         ]
     )
@@ -102,26 +104,26 @@ def _cluttered(task: SingleArmClutteredTask) -> str:
     return "\n\n".join(
         [
             *_splits(task, clutter.CLUTTERED_SPLIT_SEED),
-            "Goals are drawn as those of [SingleArm](SingleArm-v0.md), by radii of the difficulties. Spheres "
+            "Goals are drawn as in [SingleArm](SingleArm-v0.md), with a radius for each difficulty. Spheres "
             f"of {_span(clutter.SPHERE_RADIUS)} m are drawn around the minimum-jerk motion to the goal, of "
-            f"{_span(clutter.OOD_SPHERE_RADIUS)} m out of distribution: one lies over that motion, so that "
-            "it cannot be taken; the others lie beside it and may or may not be in the way. Which is which "
-            "is not said. A scene is kept if a detour, a minimum-jerk motion with a bump in joint space, "
-            "ends at the inertial goal clear of every sphere and within the limits of rate and acceleration; "
-            "out of distribution, with the satellite's true mass. The numbers of scene, detour and spheres "
-            "are stored with the project (`space_envs.tasks.freeze` finds them); the constants of "
-            "`space_envs.tasks.clutter` say what counts:",
+            f"{_span(clutter.OOD_SPHERE_RADIUS)} m out of distribution: one blocks that motion; "
+            "the others lie next to it and may or may not obstruct other motions. The observation does not "
+            "distinguish them. A scene is accepted if a detour, a minimum-jerk motion with a bump in joint "
+            "space, ends at the inertial goal clear of every sphere and within the limits of rate and "
+            "acceleration; out of distribution, with the satellite's true mass. The indices of scene, detour "
+            "and spheres are stored with the project (`space_envs.tasks.freeze` finds them); the constants "
+            "of `space_envs.tasks.clutter` define the criteria:",
             table(("constant", "value", "meaning"), constants),
             f"Out of distribution, the largest joint displacement is {_span(single_arm.OOD_RADIUS)} of the "
             f"radius, and the satellite's mass and inertia are {_span(single_arm.OOD_MASS)} of the nominal "
             "ones. Policies are given the nominal model all the same.",
-            "Distances of the goals from where the end-effector starts, and radii of the spheres: least, "
-            "median, largest.",
+            "Distances of the goals from the initial end-effector position, and radii of the spheres: "
+            "minimum, median, maximum.",
             table(
                 (
                     "difficulty",
                     "radius, rad",
-                    *(f"{s}, {what}, m" for s in SHOWN for what in ("distance", "spheres")),
+                    *(f"{s}, {quantity}, m" for s in SHOWN for quantity in ("distance", "spheres")),
                 ),
                 rows,
             ),
@@ -143,7 +145,7 @@ def _dual_arm(task: DualArmTask) -> str:
         for split in SHOWN:
             found = _drawn(task, difficulty, split)
             spin = np.rad2deg(np.linalg.norm(found.angular_velocity, axis=-1))
-            cells += [_spread(_ways(task, found)), _spread(spin)]
+            cells += [_spread(_distances(task, found)), _spread(spin)]
         measured.append(cells)
     constants = [
         (f"`{name}`", number(getattr(dual_arm, name)), text)
@@ -153,32 +155,32 @@ def _dual_arm(task: DualArmTask) -> str:
     return "\n\n".join(
         [
             *_splits(task, task.seeds),
-            f"The target's centre lies about ({number(draws.centre)}) m and its `half_width`, which is the "
-            f"distance of the grapple points from the centre, {_span(draws.half_width)} m. The rest "
-            "is drawn from ranges of the difficulty:",
-            table(("range", *(f"`{d}`" for d in DIFFICULTIES), "what it is"), ranges),
-            f"Out of distribution, the target lies {_span(dual_arm.OOD_FACTOR)} times as far from there as "
-            f"these ranges go and spins up to {number(dual_arm.OOD_FACTOR[1])} times as fast, and the "
+            f"The target's centre lies near ({number(draws.centre)}) m and its `half_width`, which is the "
+            f"distance of the grapple points from the centre, {_span(draws.half_width)} m. All other "
+            "quantities are drawn from ranges that depend on the difficulty:",
+            table(("range", *(f"`{d}`" for d in DIFFICULTIES), "quantity"), ranges),
+            f"Out of distribution, the target lies {_span(dual_arm.OOD_FACTOR)} times as far away as "
+            f"these ranges allow and rotates up to {number(dual_arm.OOD_FACTOR[1])} times as fast, and the "
             f"satellite's mass and inertia are {_span(dual_arm.OOD_MASS)} of the nominal ones. Policies are "
             "given the nominal model all the same.",
-            "Draws that no reactionless motion from rest reaches are drawn again. Which draw of each goal is "
-            "the first that can be reached is stored with the project "
+            "Goals that cannot be reached by a reactionless motion from rest are drawn again. The index of "
+            "the first reachable draw of each goal is stored with the project "
             "(`space_envs.tasks.freeze` finds it); the constants of `space_envs.tasks.dual_arm` "
-            "say what counts:",
+            "define the criteria:",
             table(("constant", "value", "meaning"), constants),
-            "What comes of it: distance of an end-effector from its grapple point at the start, and rate of "
-            "the target; least, median, largest.",
+            "Resulting initial distances of the end-effectors from their grapple points, and angular "
+            "velocities of the target: minimum, median, maximum.",
             table(("difficulty", *(f"{s}, {u}" for s in SHOWN for u in ("m", "deg/s"))), measured),
         ]
     )
 
 
-def _ways(task: DualArmTask, goals: TargetGoals) -> Array:
+def _distances(task: DualArmTask, goals: TargetGoals) -> Array:
     """Distances (K, 2) of the end-effectors from their grapple points at the start, m."""
     robot = task.robot
     points = rotate(goals.quaternion[:, None], task.grapples(goals.half_width))
-    hands = tips(robot, goals.joint_position).position
-    return np.linalg.norm(goals.position[:, None] + points - hands, axis=-1)
+    end_effectors = tips(robot, goals.joint_position).position
+    return np.linalg.norm(goals.position[:, None] + points - end_effectors, axis=-1)
 
 
 DESCRIPTIONS: dict[type[CaptureTask], Callable[[Any], str]] = {

@@ -16,7 +16,7 @@ MARKER = re.compile(r"(<!-- leaderboard: (\S+) -->\n).*?(<!-- /leaderboard -->)"
 
 
 def with_leaderboards(text: str, records: Sequence[EpisodeRecord]) -> str:
-    """A page with the tables of the ids that its markers name.
+    """Text of a page with the tables of the ids that its markers name.
 
     Raises:
         ConfigurationError: if there is no table of an id in the records, or several.
@@ -35,7 +35,7 @@ def with_leaderboards(text: str, records: Sequence[EpisodeRecord]) -> str:
 
 
 def _table(rows: Sequence[Row], records: Sequence[EpisodeRecord]) -> str:
-    """What was played and on what it was timed, and the table."""
+    """Goals, episodes, control modes and processor of the evaluation, and the table."""
     task = rows[0].task
     timed = {r.timing["processor"] for r in records if r.entry.task == task} - {None}
     on = f"Timed on {' and '.join(sorted(map(str, timed)))}. " if timed else ""

@@ -1,4 +1,4 @@
-"""Draw the README's pictures: `python -m docs.pictures` plays an episode for each and writes docs/images.
+"""Draw the README's pictures: `python -m docs.pictures` runs an episode for each and writes docs/images.
 
 It needs OpenGL, as `render_mode="rgb_array"` does.
 """
@@ -27,7 +27,7 @@ QUALITY = 88
 
 @dataclass(frozen=True)
 class Shot:
-    """A picture: what a policy has done after some time, on a goal of the test split.
+    """A picture of an episode of a policy at a given time, on a goal of the test split.
 
     Attributes:
         name: of the file, without its suffix. env_id: registered id. policy: built-in policy.
@@ -51,7 +51,7 @@ SHOTS = (
 
 
 def draw(shot: Shot, width: int = WIDTH, height: int = HEIGHT) -> NDArray[np.uint8]:
-    """Play an episode up to the time of a shot; returns its picture (height, width, 3).
+    """Picture (height, width, 3) of an episode at the time of a shot.
 
     Raises:
         SpaceEnvsError: if the policy fails, or nothing can be drawn here.

@@ -1,4 +1,4 @@
-"""What the code says about itself: comments beside values, docstrings, and Markdown made of them."""
+"""Documentation in the code, read as text: comments of values and sections of docstrings; Markdown tables."""
 
 import ast
 import inspect
@@ -45,7 +45,7 @@ def field_comments(kind: type) -> dict[str, str]:
 
 
 def section(docstring: str | None, name: str) -> str:
-    """One section of a docstring (Args, Attributes, ...), or what stands before the first for name ''."""
+    """One section of a docstring (Args, Attributes, ...), or the text before the first one for name ''."""
     parts: dict[str, list[str]] = {"": []}
     current = ""
     for line in inspect.cleandoc(docstring or "").splitlines():
@@ -57,7 +57,7 @@ def section(docstring: str | None, name: str) -> str:
 
 
 def described(text: str, names: Iterable[str]) -> dict[str, str]:
-    """What a docstring's section says about each name, in entries `name: ...` or `name, name: ...`."""
+    """Descriptions by name in a docstring's section, from entries `name: ...` or `name, name: ...`."""
     either = "|".join(map(re.escape, names))
     parts = re.split(rf"(?<![\w*`])((?:{either})(?:, (?:{either}))*): ", " ".join(text.split()))
     found = {}
@@ -67,7 +67,7 @@ def described(text: str, names: Iterable[str]) -> dict[str, str]:
 
 
 def attributes(kind: type) -> dict[str, str]:
-    """What the docstrings of a dataclass and its bases say about its fields."""
+    """Descriptions of a dataclass's fields in its docstring and those of its bases, by name."""
     names = [field.name for field in fields(kind)]
     found = {}
     for base in reversed(kind.__mro__):
@@ -87,7 +87,7 @@ def flowed(text: str) -> str:
 
 
 def split_unit(meaning: str) -> tuple[str, str]:
-    """The unit that ends a meaning after a comma, and the rest; no unit is an empty one."""
+    """The unit at the end of a description, after a comma, and the rest; an empty text without a unit."""
     rest, _, unit = meaning.rpartition(", ")
     if unit in UNITS and rest:
         return unit, rest
@@ -95,7 +95,7 @@ def split_unit(meaning: str) -> tuple[str, str]:
 
 
 def number(value: Any) -> str:
-    """A number, or several joined by commas, as a reader writes it; other values as Python does."""
+    """Text of a number, or of several with commas, to five digits; of other values as Python writes them."""
     if isinstance(value, float):
         return f"{value:.5g}"
     if isinstance(value, Sequence) and not isinstance(value, str):

@@ -1,4 +1,4 @@
-"""Tables of the robots: links as compiled, and parameters with what the code says about them."""
+"""Tables of the robots: links as compiled, and parameters with their comments in the code."""
 
 import inspect
 from collections.abc import Iterator
@@ -62,7 +62,7 @@ def _frame(alpha: float, a: float, d: float) -> tuple[str, str, str]:
 
 
 def parameters(values: Any) -> str:
-    """What a robot's model consists of besides its links, with the comments in the code."""
+    """Table of a robot's parameters without its links, with their comments in the code."""
     return table(("parameter", "value", "unit and source"), list(_parameters(values)))
 
 
