@@ -47,7 +47,7 @@ class Policy(Protocol):
                 None means all rows if there is no state yet, otherwise none.
             deterministic: whether a stochastic policy shall give its mean action.
 
-        A state that is a `space_envs.evaluation.records.causes.PlanState` says which episodes have no
+        A state that is a `space_envs.evaluation.play.causes.PlanState` says which episodes have no
         plan; records of episodes that failed then give the cause and the reason. No other state is looked at.
         """
         ...

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 from synthetic_results import make_record
 
+from space_envs.evaluation.play.episode_file import save_episodes
+from space_envs.evaluation.play.episodes import Episodes, task_keywords
 from space_envs.evaluation.records.configuration import configuration_hash
 from space_envs.evaluation.records.episode import SCHEMA_VERSION, EpisodeRecord
 from space_envs.evaluation.records.storage import write_records
-from space_envs.evaluation.replay.states import ABOUT, States
-from space_envs.evaluation.results.result import entry_stem
+from space_envs.evaluation.results.result import EPISODES, entry_stem
 from space_envs.registration import make_task
 
 
@@ -50,16 +51,16 @@ def write_folder(
     path: Path,
     records: Sequence[EpisodeRecord],
     configurations: Sequence[Mapping[str, Any]] = (configuration(),),
-    states: bool = False,
+    recorded: bool = False,
 ) -> Path:
-    """Records, the summary with checksums and configurations, and made-up states if they are wanted."""
+    """Records, the summary with checksums and configurations, and made-up episodes if they are wanted."""
     path.mkdir(parents=True)
     write_records(path / "records.jsonl", records)
     written = [path / "records.jsonl"]
-    if states:
+    if recorded:
         for entry in dict.fromkeys(record.entry for record in records):
-            target = path / "states" / f"{entry_stem(entry)}.npz"
-            made_states([record for record in records if record.entry == entry]).save(target)
+            target = path / EPISODES / f"{entry_stem(entry)}.npz"
+            save_episodes(target, made_episodes([record for record in records if record.entry == entry]))
             written.append(target)
     summary = {
         "schema": SCHEMA_VERSION,
@@ -76,24 +77,25 @@ def write_folder(
     return path
 
 
-def made_states(records: Sequence[EpisodeRecord], horizon: int = 200) -> States:
-    """States of the records' episodes: joints turn by an angle that says which episode it is."""
+def made_episodes(records: Sequence[EpisodeRecord], horizon: int = 200) -> Episodes:
+    """Recorded episodes of the records: joints rotate by an angle that says which episode it is."""
     first = records[0]
-    task = make_task(first.env_id, {"difficulty": first.difficulty, "split": first.split})
+    task = make_task(first.env_id, task_keywords(first.entry.task, None))
     indices = np.array([record.index for record in records])
-    nq = task.render_model.nq
-    scene = np.zeros((len(records), horizon + 1, nq), dtype=np.float32)
+    scene = np.zeros((len(records), horizon + 1, task.render_model.nq))
     scene[..., 3] = 1.0
     scene[..., 7:] = np.linspace(0.0, 1.0, horizon + 1)[None, :, None]
     scene[..., 7] += np.array([record.episode for record in records])[:, None]
-    about = {name: getattr(first, name) for name in ABOUT if name != "variant"}
-    flat = np.zeros((len(records), horizon + 1), dtype=np.float32)
-    return States(
-        about={**about, "variant": ""},
+    flat = np.zeros((len(records), horizon + 1))
+    return Episodes(
+        entry=first.entry,
+        variant=None,
         period=task.control_period,
         scene=scene,
+        base_pose=scene[..., :7],
         attitude=flat,
         position_error=flat,
+        orientation_error=flat,
         length=np.array([record.metrics["steps"] for record in records]),
         seed=np.array([record.seed for record in records]),
         episode=np.array([record.episode for record in records]),

@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 
 from agents.policies.resolve import resolve_policy
-from space_envs.evaluation.play.rollout import Rollout, roll_out
+from space_envs.evaluation.play.playing import roll_out
+from space_envs.evaluation.play.rollout import Rollout
 from space_envs.registration import make_task
 
 SINGLE = "SpaceCapture/SingleArm-v0"

@@ -6,15 +6,15 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from agents.policies.resolve import resolve_policy
-from space_envs.evaluation.play.chunks import Unit, play
-from space_envs.evaluation.play.rollout import Rollout
-from space_envs.evaluation.records.entry import EvaluatedTask, LeaderboardEntry
+from space_envs.dynamics.rotations import exponential
+from space_envs.evaluation.harness.chunk_result import evaluate_chunk
+from space_envs.evaluation.play.chunks import Chunk
+from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
+from space_envs.evaluation.play.episodes import Episodes
 from space_envs.evaluation.records.episode import SCHEMA_VERSION, EpisodeRecord
 from space_envs.evaluation.records.timing import Timing
 from space_envs.evaluation.replay.stills import Still
-from space_envs.evaluation.replay.traces import Traces
 from space_envs.evaluation.results.result import EvaluationResult
-from space_envs.registration import make_task
 from space_envs.tasks.base import CaptureTask
 
 HOSTILE = "<img src=x onerror=alert(1)>"
@@ -149,27 +149,37 @@ def make_records(
     return records
 
 
-def make_traces(character: Character, generator: np.random.Generator, episodes: int = 10) -> Traces:
+def make_episodes(
+    policy: str, character: Character, generator: np.random.Generator, count: int = 10
+) -> Episodes:
     """Smooth motions of T = 200 steps that end where the character says."""
-    time = np.arange(201) * 0.1
-    phase = np.clip(time / character.seconds, 0, 1)
+    period = 0.1
+    phase = np.clip(period * np.arange(201) / character.seconds, 0, 1)
     s = phase**3 * (10 - 15 * phase + 6 * phase**2)
-    scale = generator.lognormal(0, 0.35, size=(episodes, 1))
+    scale = generator.lognormal(0, 0.35, size=(count, 1))
     bump = 16 * phase**2 * (1 - phase) ** 2
-    axis = generator.normal(size=(episodes, 1, 3))
+    axis = generator.normal(size=(count, 1, 3))
     axis /= np.linalg.norm(axis, axis=-1, keepdims=True)
     side = np.cross(axis, [0.3, 0.5, 0.8])
     main = scale * (character.final * s)
-    base_rotation = main[..., None] * axis + 0.3 * character.peak * (scale * bump)[..., None] * side
-    return Traces(
-        time=time,
-        length=np.full(episodes, 200),
-        attitude=np.linalg.norm(base_rotation, axis=-1),
-        base_rotation=base_rotation,
-        base_position=0.01 * base_rotation[..., ::-1],
+    rotation = main[..., None] * axis + 0.3 * character.peak * (scale * bump)[..., None] * side
+    pose = np.concatenate([0.01 * rotation[..., ::-1], exponential(np.deg2rad(rotation))], axis=-1)
+    joints = s[None, :, None] * generator.normal(size=(count, 1, 7))
+    return Episodes(
+        entry=entry(policy),
+        variant=None,
+        period=period,
+        scene=np.concatenate([pose, joints], axis=-1),
+        base_pose=pose,
+        attitude=np.linalg.norm(rotation, axis=-1),
         position_error=0.004 + 0.8 * scale * (1 - s),
         orientation_error=0.4 + 40 * scale * (1 - s),
-        joint_position=s[None, :, None] * generator.normal(size=(episodes, 1, 7)),
+        length=np.full(count, 200),
+        seed=np.zeros(count, dtype=np.int64),
+        episode=np.arange(count),
+        index=np.arange(count),
+        outcome=np.full(count, "timeout"),
+        goal={"mass_scale": np.ones(count)},
     )
 
 
@@ -182,14 +192,14 @@ def make_result(
 ) -> EvaluationResult:
     """The policies asked for and extra ones, always the same numbers."""
     generator = np.random.default_rng(7)
-    records, traces = [], {}
+    records, recorded = [], {}
     chosen = {policy: CHARACTERS[policy] for policy in policies} | (extra or {})
     for policy, character in chosen.items():
         records += make_records(policy, character, episodes, seeds, generator)
-        traces[entry(policy)] = make_traces(character, generator)
+        recorded[entry(policy)] = make_episodes(policy, character, generator)
     return EvaluationResult(
         records=records,
-        traces=traces,
+        episodes=recorded,
         provenance={
             "command": "evaluate.py --env SpaceCapture/SingleArm-v0 --policy random hold minimum_jerk gjm "
             "mpc promp bc ppo --split test --episodes 50 --seed 0",
@@ -207,18 +217,16 @@ class PlayedEpisodes:
     """Real episodes of a built-in policy, rows and records in one order."""
 
     task: CaptureTask
-    rollout: Rollout
+    episodes: Episodes
     records: list[EpisodeRecord]
 
 
 def make_played(policy: str, episodes: int, env_id: str = "SpaceCapture/SingleArm-v0") -> PlayedEpisodes:
     """Episodes of the test split, played now."""
-    player = resolve_policy(policy)
-    indices = tuple(range(episodes))
-    unit = Unit(player, EvaluatedTask(env_id, "medium", "test"), None, seed=0, first=0, indices=indices)
-    part = play(unit)
-    records = [replace(record, timing=timed(1.0, 0.1)) for record in part.records]
-    return PlayedEpisodes(make_task(env_id, unit.keywords), part.rollout, records)
+    task, indices = EvaluatedTask(env_id, "medium", "test"), tuple(range(episodes))
+    made = evaluate_chunk(Chunk(resolve_policy(policy), task, None, seed=0, first=0, indices=indices))
+    records = [replace(record, timing=timed(1.0, 0.1)) for record in made.records]
+    return PlayedEpisodes(made.episodes.task(), made.episodes, records)
 
 
 def make_stills() -> list[Still]:

@@ -36,7 +36,7 @@ def hostile(replays: tuple[Replay, ...]) -> tuple[Replay, ...]:
 def result() -> EvaluationResult:
     """Three policies on two tasks of one id, and a task of another; the first two have replays."""
     played = make_played("minimum_jerk", episodes=3)
-    replays = make_replays(played.task, played.rollout, played.records)
+    replays = make_replays(played.task, played.episodes, played.records)
     records: list[EpisodeRecord] = [*played.records]
     for number, (policy, attitude) in enumerate((("still", 0.0), (HOSTILE, 9.0))):
         records += [
@@ -57,7 +57,7 @@ def result() -> EvaluationResult:
     return replace(
         whole,
         records=records,
-        traces={},
+        episodes={},
         replays={records[0].entry: replays, records[6].entry: hostile(replays)},
     )
 

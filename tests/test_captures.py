@@ -7,7 +7,8 @@ import pytest
 from distance_oracle import Oracle
 
 from agents.policies.registry import control_mode, make_policy, policies_for
-from space_envs.evaluation.play.rollout import Rollout, roll_out
+from space_envs.evaluation.play.playing import roll_out
+from space_envs.evaluation.play.rollout import Rollout
 from space_envs.registration import ENTRIES
 
 INSIDE = 1e-6  # m

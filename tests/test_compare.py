@@ -7,15 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from result_folders import configuration, edit, episodes, write_folder
-from synthetic_results import CHARACTERS, make_traces
+from result_folders import configuration, edit, episodes, made_episodes, write_folder
 
 from agents.commands import compare
 from agents.commands.show import main as show
 from space_envs.errors import ConfigurationError
+from space_envs.evaluation.play.episode_file import load_episodes, save_episodes
 from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.records.storage import read_records, write_records
-from space_envs.evaluation.replay.states import States
 from space_envs.evaluation.report.folder import write_report
 from space_envs.evaluation.results.folders import read_folder
 from space_envs.evaluation.results.merge import Source, merge
@@ -197,76 +196,77 @@ def test_an_episode_twice_in_one_folder_is_refused(tmp_path: Path) -> None:
         merged(a)
 
 
-# Recorded states -------------------------------------------------------------------------------------------
+# Recorded episodes -----------------------------------------------------------------------------------------
 
 
-def test_states_and_replays_are_those_of_the_episodes_that_count(tmp_path: Path) -> None:
+def test_recorded_episodes_and_replays_are_those_of_the_episodes_that_count(tmp_path: Path) -> None:
     first = episodes(3, index=7)
     second = first[1:] + episodes(2, index=7, seed=1)
-    a, b = (write_folder(tmp_path / name, each, states=True) for name, each in (("a", first), ("b", second)))
+    a, b = (
+        write_folder(tmp_path / name, each, recorded=True) for name, each in (("a", first), ("b", second))
+    )
     result, _ = merged(a, b)
-    (entry,) = result.states
-    states = result.states[entry]
-    pairs = list(zip(states.seed.tolist(), states.episode.tolist(), strict=True))
+    ((entry, recorded),) = result.episodes.items()
+    pairs = list(zip(recorded.seed.tolist(), recorded.episode.tolist(), strict=True))
     assert pairs == [(0, 0), (0, 1), (0, 2), (1, 0), (1, 1)]
-    # In the made-up states the first joint says which episode it is.
-    np.testing.assert_allclose(states.scene[:, 0, 7], states.episode)
+    # In the made-up episodes the first joint says which episode it is.
+    np.testing.assert_allclose(recorded.scene[:, 0, 7], recorded.episode)
     assert [replay.label for replay in result.replays[entry]] == ["best", "median", "worst"]
     for replay in result.replays[entry]:
         assert replay.scene[0, 7] == replay.episode
         assert len(replay.time) == 126
 
 
-def test_renamed_policies_keep_their_states(tmp_path: Path) -> None:
-    a = write_folder(tmp_path / "a", episodes(2), states=True)
-    b = write_folder(tmp_path / "b", episodes(2, **FAILED, steps=200), states=True)
+def test_renamed_policies_keep_their_episodes(tmp_path: Path) -> None:
+    a = write_folder(tmp_path / "a", episodes(2), recorded=True)
+    b = write_folder(tmp_path / "b", episodes(2, **FAILED, steps=200), recorded=True)
     result, _ = merged(a, Source(read_folder(b), "Ann"))
-    assert {entry.policy: states.about["policy"] for entry, states in result.states.items()} == {
+    assert {entry.policy: recorded.entry.policy for entry, recorded in result.episodes.items()} == {
         "mpc": "mpc",
         "mpc (Ann)": "mpc (Ann)",
     }
-    outcomes = {entry.policy: set(states.outcome.tolist()) for entry, states in result.states.items()}
+    outcomes = {entry.policy: set(recorded.outcome.tolist()) for entry, recorded in result.episodes.items()}
     assert outcomes == {"mpc": {"captured"}, "mpc (Ann)": {"timeout"}}
 
 
-def test_edited_or_foreign_states_are_refused(tmp_path: Path) -> None:
+def test_edited_or_foreign_episodes_are_refused(tmp_path: Path) -> None:
     records = episodes(2)
-    a = write_folder(tmp_path / "a", records, states=True)
-    (path,) = (a / "states").iterdir()
-    good = States.load(path)
-    replace(good, scene=good.scene + 1.0).save(path)
+    a = write_folder(tmp_path / "a", records, recorded=True)
+    (path,) = (a / "episodes").iterdir()
+    good = load_episodes(path)
+    save_episodes(path, replace(good, scene=good.scene + 1.0))
     with pytest.raises(ConfigurationError, match=r"\.npz is not what was written"):
         merged(a)
     # Where the checksum was made to fit, the records still know how the episodes ended.
     summary: dict[str, Any] = json.loads((a / "summary.json").read_text())
     del summary["checksums"]
     (a / "summary.json").write_text(json.dumps(summary))
-    replace(good, length=good.length - 1).save(path)
+    save_episodes(path, replace(good, length=good.length - 1))
     with pytest.raises(ConfigurationError, match=r"episode 0 of seed 0 is another one than in"):
         merged(a)
 
 
 def test_files_that_the_summary_does_not_know_are_left_alone(tmp_path: Path) -> None:
     a = write_folder(tmp_path / "a", episodes(2))
-    b = write_folder(tmp_path / "b", episodes(2), states=True)
-    (b / "states").rename(a / "states")
-    assert not merged(a)[0].states
+    b = write_folder(tmp_path / "b", episodes(2), recorded=True)
+    (b / "episodes").rename(a / "episodes")
+    assert not merged(a)[0].episodes
 
 
 def test_a_task_of_another_suite_is_compared_without_replays(tmp_path: Path) -> None:
     records = episodes(2)
-    a = write_folder(tmp_path / "a", records, states=True)
+    a = write_folder(tmp_path / "a", records, recorded=True)
     result, notes = merged(a)
     assert result.replays and not notes
     config = configuration(env_id="Mine/Own-v0")
     foreign = [replace(record, env_id="Mine/Own-v0", checksum="") for record in episodes(2, config)]
     b = write_folder(tmp_path / "b", foreign, [config])
-    (states,) = result.states.values()
-    target = b / "states" / f"{entry_stem(foreign[0].entry)}.npz"
-    replace(states, about={**states.about, "env_id": "Mine/Own-v0"}).save(target)
+    (recorded,) = result.episodes.values()
+    target = b / "episodes" / f"{entry_stem(foreign[0].entry)}.npz"
+    save_episodes(target, replace(recorded, entry=foreign[0].entry))
     (b / "summary.json").unlink()
     result, notes = merged(b)
-    assert len(result.states) == 1 and not result.replays
+    assert len(result.episodes) == 1 and not result.replays
     assert any("no replays of Mine/Own-v0" in note for note in notes)
 
 
@@ -278,8 +278,8 @@ def test_the_command_writes_what_an_evaluation_writes(
 ) -> None:
     a = tmp_path / "a"
     records = episodes(4)
-    traces = {records[0].entry: make_traces(CHARACTERS["mpc"], np.random.default_rng(0), episodes=2)}
-    write_report(EvaluationResult(records, traces, {"configurations": {}}), a)
+    recorded = {records[0].entry: made_episodes(records)}
+    write_report(EvaluationResult(records, recorded, {"configurations": {}}), a)
     b = write_folder(tmp_path / "b", episodes(4, policy="mpc", final_attitude=1.0))
     output = tmp_path / "both"
     given = [str(a), str(b), "--output", str(output)]
@@ -294,14 +294,14 @@ def test_the_command_writes_what_an_evaluation_writes(
         path.name for path in output.iterdir()
     }
     assert len(read_records(output / "records.jsonl")) == 8
-    assert len(list((output / "traces").iterdir())) == 1
+    assert len(list((output / "episodes").iterdir())) == 1
     assert "mpc (Ann)" in (output / "report.html").read_text()
     # What compare left can be shown and compared again, and is as safe from edits.
     assert show([str(output), "--sort", "final_attitude"]) == 0
     table = capsys.readouterr().out
     assert table.index("mpc (Ann)") < table.index("mpc  ")
     result, _ = merged(output)
-    assert len(result.records) == 8 and len(result.traces) == 1
+    assert len(result.records) == 8 and len(result.episodes) == 1
     edit(output / "records.jsonl", '"action_ms": 0.5', '"action_ms": 0.1')
     assert show([str(output)]) == 2
     assert "is not what was written" in capsys.readouterr().err

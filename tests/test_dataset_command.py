@@ -133,7 +133,7 @@ def test_what_is_complete_is_skipped_and_the_rest_made_anew(tmp_path, monkeypatc
     played = []
     real = dataset_making.record
     monkeypatch.setattr(
-        dataset_making, "record", lambda unit: (played.append(unit.player.name), real(unit))[1]
+        dataset_making, "record", lambda chunk: (played.append(chunk.policy.name), real(chunk))[1]
     )
     capsys.readouterr()
     assert run(tmp_path, *words) == 0

@@ -17,8 +17,8 @@ from space_envs.evaluation.datasets import minari as datasets_minari
 from space_envs.evaluation.datasets.card import plain, read_card, write_card
 from space_envs.evaluation.datasets.recording import check, record
 from space_envs.evaluation.datasets.storage import Dataset, first_difference
-from space_envs.evaluation.play.chunks import Unit
-from space_envs.evaluation.records.entry import EvaluatedTask
+from space_envs.evaluation.play.chunks import Chunk
+from space_envs.evaluation.play.entry import EvaluatedTask
 
 
 @pytest.fixture(scope="module")
@@ -34,13 +34,13 @@ def made(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def unit() -> Unit:
-    return Unit(resolve_policy("gjm"), EvaluatedTask(SINGLE, "medium", "train"), None, 0, 3, (7, 4000))
+def chunk() -> Chunk:
+    return Chunk(resolve_policy("gjm"), EvaluatedTask(SINGLE, "medium", "train"), None, 0, 3, (7, 4000))
 
 
 @pytest.fixture(scope="module")
-def recorded(unit):
-    result = record(unit)
+def recorded(chunk):
+    result = record(chunk)
     assert not result.left_out
     return result.kept
 
@@ -48,8 +48,8 @@ def recorded(unit):
 # Replay ------------------------------------------------------------------------------------------
 
 
-def test_replay_finds_what_was_changed(unit, recorded):
-    env = CaptureEnv(**unit.environment)
+def test_replay_finds_what_was_changed(chunk, recorded):
+    env = CaptureEnv(**chunk.environment)
     one = recorded[1]
     assert (one.episode, one.index, one.seed) == (4, 4000, 4)
     assert check(one, env) is None

@@ -19,7 +19,8 @@ from agents.policies.resolve import resolve_policy
 from space_envs.dynamics.rotations import Array
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import PolicyError
-from space_envs.evaluation.play.rollout import Rollout, roll_out
+from space_envs.evaluation.play.playing import roll_out
+from space_envs.evaluation.play.rollout import Rollout
 from space_envs.evaluation.records.metrics import episode_metrics
 from space_envs.evaluation.records.storage import read_records
 from space_envs.policy import PolicyContext

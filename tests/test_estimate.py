@@ -7,7 +7,7 @@ import pytest
 
 from agents.commands import estimate
 from agents.commands.evaluate import main
-from space_envs.evaluation.play import rates
+from space_envs.evaluation.harness import rates
 from space_envs.evaluation.records.storage import read_records
 
 
@@ -17,17 +17,19 @@ def test_a_dry_run_measures_what_it_does_not_know_and_writes_nothing(
     monkeypatch.setenv("SPACE_ENVS_CACHE", str(tmp_path / "cache"))
     arguments = ["--policy", "hold", "--split", "validation", "--episodes", "3", "--no-pictures"]
     arguments += ["--jobs", "1", "--output", str(tmp_path / "out")]
-    plays = []
-    monkeypatch.setattr(estimate, "play", lambda unit: plays.append(unit) or SimpleNamespace(seconds=8.0))
+    evaluated = []
+    monkeypatch.setattr(
+        estimate, "evaluate_chunk", lambda chunk: evaluated.append(chunk) or SimpleNamespace(seconds=8.0)
+    )
     assert main([*arguments, "--dry-run"]) == 0
     assert not (tmp_path / "out").exists()
     told = capsys.readouterr().out.replace("\n", "")
-    assert [len(unit.indices) for unit in plays] == [estimate.TRIAL]
+    assert [len(chunk.indices) for chunk in evaluated] == [estimate.TRIAL]
     assert "1 chunk of episodes; about 39 s, between 9 and 190 s: 12 s of playing with 1 job" in told
     assert "24 s of timing, 3 s for the report" in told
     # What was measured once is known.
     assert main([*arguments, "--dry-run"]) == 0
-    assert len(plays) == 1
+    assert len(evaluated) == 1
     assert main(arguments) == 0
     capsys.readouterr()
     rates.remember({rates.REPORT: rates.Seconds(1.0, 2.0, 4.0)})
@@ -37,7 +39,7 @@ def test_a_dry_run_measures_what_it_does_not_know_and_writes_nothing(
     rates.remember({rates.playing(entry): rates.Seconds(1.0, 2.0, 3.0)})
     rates.remember({rates.timing(entry): rates.Seconds(5.0, 6.0, 7.0)})
     assert main([*arguments, "--episodes", "30", "--jobs", "4", "--dry-run"]) == 0
-    # Two units, of 25 and of 5 episodes, on two of four processes: no less than the longer one.
+    # Two chunks, of 25 and of 5 episodes, on two of four processes: no less than the longer one.
     told = capsys.readouterr().out.replace("\n", "")
     assert (
         "2 chunks of episodes; about 58 s, between 31 and 86 s: 50 s of playing with 4 jobs, 6 s of timing"

@@ -14,11 +14,13 @@ from agents.commands.evaluate import main
 from agents.planners.common.plans import Cause, Failure
 from agents.policies.registry import POLICIES, Entry
 from agents.policies.resolve import resolve_policy
-from space_envs.evaluation.play import runner
-from space_envs.evaluation.play.rollout import split_indices, time_policy
-from space_envs.evaluation.play.runner import Evaluation, prepare
-from space_envs.evaluation.records.causes import NO_PLAN_CAUSES, PlanState
-from space_envs.evaluation.records.entry import EvaluatedTask
+from space_envs.evaluation.harness import runner
+from space_envs.evaluation.harness.evaluation import Evaluation
+from space_envs.evaluation.harness.runner import prepare
+from space_envs.evaluation.play.causes import NO_PLAN_CAUSES, PlanState
+from space_envs.evaluation.play.entry import EvaluatedTask
+from space_envs.evaluation.play.playing import split_indices
+from space_envs.evaluation.play.timing import time_policy
 from space_envs.evaluation.records.metrics import episode_metrics
 from space_envs.evaluation.records.storage import read_records, records_without_timing
 from space_envs.registration import make_task
@@ -89,7 +91,7 @@ def test_goals_follow_the_seed_and_never_repeat():
 
 def test_a_policy_that_returns_nan_loses_that_episode_only():
     rollout, _ = rollout_of(f"{__name__}:Nan")
-    assert rollout.outcome == ["timeout", "policy_error"] * 3
+    assert rollout.outcome.tolist() == ["timeout", "policy_error"] * 3
     assert rollout.reason[1] == "the action held NaN or infinity at step 5"
     assert rollout.reason[0] is None
     assert np.isfinite(rollout.qpos).all()
@@ -130,18 +132,18 @@ class Miscounted(Nan):
 @pytest.mark.parametrize("apart", [False, True])
 def test_why_there_was_no_plan_is_the_cause_of_a_failed_episode(apart):
     rollout, _ = rollout_of(f"{__name__}:Planless", horizon=5, apart=apart)
-    assert rollout.outcome == ["timeout"] * 6
-    assert rollout.cause == ["timeout", "joint_limit", "no_plan"] * 2
-    assert rollout.reason == [None, "joint 3 at 2.1 rad", "out of ideas"] * 2
+    assert rollout.outcome.tolist() == ["timeout"] * 6
+    assert rollout.cause.tolist() == ["timeout", "joint_limit", "no_plan"] * 2
+    assert rollout.reason.tolist() == [None, "joint 3 at 2.1 rad", "out of ideas"] * 2
 
 
 def test_what_a_policy_says_malformed_is_counted_as_no_plan_or_as_nothing():
     rollout, _ = rollout_of(f"{__name__}:Malformed", horizon=5)
-    assert rollout.cause == ["no_plan"] * 6
+    assert rollout.cause.tolist() == ["no_plan"] * 6
     assert rollout.reason[0] == "the stars"
     assert rollout.reason[1] == "the policy gave a int for a reason"
     rollout, _ = rollout_of(f"{__name__}:Miscounted", horizon=5)
-    assert rollout.cause == ["timeout"] * 6
+    assert rollout.cause.tolist() == ["timeout"] * 6
 
 
 class Endless(Nan):
@@ -179,8 +181,8 @@ class Trapped(Nan):
 @pytest.mark.parametrize("name", ["Endless", "Namesake", "Trapped"])
 def test_other_states_are_not_looked_at(name, apart):
     rollout, _ = rollout_of(f"{__name__}:{name}", episodes=2, horizon=3, apart=apart)
-    assert rollout.cause == ["timeout"] * 2
-    assert rollout.reason == [None] * 2
+    assert rollout.cause.tolist() == ["timeout"] * 2
+    assert rollout.reason.tolist() == [None] * 2
 
 
 def test_every_cause_of_a_planner_is_one_of_the_records():
@@ -196,8 +198,8 @@ def test_every_cause_of_a_planner_is_one_of_the_records():
 )
 def test_a_policy_that_raises_or_misshapes_loses_its_episodes(name, reason):
     rollout, task = rollout_of(f"{__name__}:{name}", episodes=2)
-    assert rollout.outcome == ["policy_error"] * 2
-    assert rollout.reason == [reason] * 2
+    assert rollout.outcome.tolist() == ["policy_error"] * 2
+    assert rollout.reason.tolist() == [reason] * 2
     assert (rollout.length == 0).all()
     values = episode_metrics(rollout, task)
     assert {name for name, value in values.items() if np.isnan(value).all()} == set(TIMES)
@@ -246,7 +248,7 @@ def test_an_exception_of_a_built_in_policy_is_no_score(policy, built_in, said, t
 
 @pytest.mark.parametrize(("first", "planning"), [(2.5, 2250.0), (0.25, None), (2.4, None)])
 def test_timing_tells_planning_from_acting(monkeypatch, first, planning):
-    monkeypatch.setattr("space_envs.evaluation.play.rollout.perf_counter", lambda: Ticking.clock)
+    monkeypatch.setattr("space_envs.evaluation.play.timing.perf_counter", lambda: Ticking.clock)
     monkeypatch.setattr(Ticking, "first", first)
     timing = time_policy(lambda context: Ticking(context, 0), {"env_id": SINGLE}, "test", np.arange(2))
     assert timing.action == pytest.approx(250.0)
@@ -313,7 +315,7 @@ def test_a_restart_that_was_killed_is_not_complete(tmp_path, monkeypatch):
     evaluation = Evaluation(((task, resolve_policy("hold")),), 4, (3,))
     (tmp_path / "summary.json").write_text("{}")  # of an evaluation before
     assert prepare(evaluation, tmp_path)
-    (tmp_path / "parts").rmdir()  # it had come to its end
+    (tmp_path / "chunks").rmdir()  # it had come to its end
     assert not prepare(evaluation, tmp_path, resume=True)
 
     def killed(*_):

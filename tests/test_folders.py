@@ -77,15 +77,15 @@ def test_folders_that_are_none_or_incomplete_say_so(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     with pytest.raises(ConfigurationError, match=r"is no folder of results: it has no records\.jsonl"):
         read_folder(tmp_path / "empty")
-    for left in ("parts", "run.json"):
+    for left in ("chunks", "run.json"):
         folder = tmp_path / f"killed {left}"
-        (folder / left).mkdir(parents=True) if left == "parts" else folder.mkdir()
+        (folder / left).mkdir(parents=True) if left == "chunks" else folder.mkdir()
         (folder / "run.json").write_text("{}")
         with pytest.raises(ConfigurationError, match="was interrupted; run the same command with --resume"):
             read_folder(folder)
     old = write_folder(tmp_path / "old", episodes(2))
     assert read_folder(old).notes == ()
-    (old / "parts").mkdir()
+    (old / "chunks").mkdir()
     assert "interrupted; these are the results from before" in read_folder(old).notes[0]
     (old / "summary.json").write_text("[")
     with pytest.raises(ConfigurationError, match=r"summary\.json: not a summary.*--resume finishes it"):

@@ -7,7 +7,7 @@ import pytest
 from agents.policies.resolve import resolve_policy
 from space_envs.dynamics.rotations import angle_between
 from space_envs.envs import CaptureVectorEnv
-from space_envs.evaluation.play.rollout import roll_out
+from space_envs.evaluation.play.playing import roll_out
 from space_envs.evaluation.records.metrics import episode_metrics
 from space_envs.registration import make_task
 

@@ -76,7 +76,7 @@ def large() -> EvaluationResult:
     return replace(
         made,
         records=[*made.records, *mine, *others],
-        replays={mine[0].entry: make_replays(played.task, played.rollout, mine)},
+        replays={mine[0].entry: make_replays(played.task, played.episodes, mine)},
     )
 
 

@@ -5,7 +5,7 @@ import pytest
 from rollouts import SINGLE, rollout_of
 
 from space_envs.dynamics.bodies import body_motion
-from space_envs.evaluation.records.entry import EvaluatedTask, LeaderboardEntry
+from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
 from space_envs.evaluation.records.making import episode_records
 from space_envs.evaluation.records.metrics import episode_metrics
 from space_envs.evaluation.statistics.figures import cost_times_duration
@@ -45,7 +45,7 @@ def test_slowness_makes_a_path_cheap_by_eq_20_and_not_by_cost_times_duration(mon
         records = episode_records(
             rollout, task, LeaderboardEntry(EvaluatedTask(SINGLE, "medium", "test"), "mine", "any"), 0
         )
-        assert rollout.outcome == ["captured"] * 4
+        assert rollout.outcome.tolist() == ["captured"] * 4
         costs.append([record.metrics["attitude_cost"] for record in records])
         products.append([cost_times_duration(record) for record in records])
     cost, product = np.array(costs), np.array(products)

@@ -36,7 +36,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 def foreign(tmp_path: Path) -> Path:
     """Somebody's folder, which has files and folders of the names that evaluations use."""
     folder = tmp_path / "mine"
-    for name in ("parts/thesis.txt", "plots/SingleArm/a.svg", "report.html", "summary.json", "run.json"):
+    for name in ("chunks/thesis.txt", "plots/SingleArm/a.svg", "report.html", "summary.json", "run.json"):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text("precious")
     return folder
@@ -107,7 +107,7 @@ def test_results_are_replaced_only_where_that_was_asked_for(
     after = contents(folder)
     assert after["records.jsonl"] != before["records.jsonl"]
     assert after["notes.txt"] == after["plots/notes.txt"] == b"mine"
-    assert not (folder / "parts").exists()
+    assert not (folder / "chunks").exists()
     with pytest.raises(SystemExit):
         main([*arguments, "--resume", "--overwrite"])
 
@@ -135,7 +135,7 @@ def test_files_are_replaced_only_where_that_was_asked_for(
     assert "<mujoco" in file.read_text()
     video = tmp_path / "capture.mp4"
     video.write_text("precious")
-    a = write_folder(tmp_path / "a", episodes(1), states=True)
+    a = write_folder(tmp_path / "a", episodes(1), recorded=True)
     assert replay.main([str(a), "--episode", "0", "--video", str(video)]) == 2
     assert video.read_text() == "precious"
     prior = tmp_path / "prior.npz"
@@ -167,10 +167,10 @@ def test_one_process_writes_at_a_time(tmp_path: Path, capsys: pytest.CaptureFixt
 
 def test_a_running_evaluation_is_told_from_an_interrupted_one(tmp_path: Path) -> None:
     folder = tmp_path / "out"
-    (folder / "parts").mkdir(parents=True)
+    (folder / "chunks").mkdir(parents=True)
     plan = '{"entries": [["a"], ["b"]], "episodes": 60, "seeds": [0, 1]}'
     (folder / "run.json").write_text(plan)
-    (folder / "parts" / "one.npz").write_text("")
+    (folder / "chunks" / "one.npz").write_text("")
     with pytest.raises(ConfigurationError, match="was interrupted; run the same command with --resume"):
         read_folder(folder)
     with (folder / MARK).open("w") as mark:
@@ -184,7 +184,7 @@ def test_a_running_evaluation_is_told_from_an_interrupted_one(tmp_path: Path) ->
             (tmp_path / "old" / name).rename(folder / name)
         assert "is running, 1 of 12 chunks of 25 episodes evaluated;" in read_folder(folder).notes[0]
         for number in range(11):
-            (folder / "parts" / f"{number}.npz").write_text("")
+            (folder / "chunks" / f"{number}.npz").write_text("")
         assert "is running, 12 of 12 chunks of 25 episodes evaluated; timing" in read_folder(folder).notes[0]
     assert "was interrupted" in read_folder(folder).notes[0]
 

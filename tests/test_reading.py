@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from synthetic_results import CHARACTERS, make_episodes
 
 from agents.demonstrations import making as demonstrations
 from agents.learning.runs.nested_npz import load_nested, save_nested
@@ -23,9 +24,8 @@ from promp.storage import load_arrays
 from space_envs.errors import ConfigurationError, PolicyError, SpaceEnvsError
 from space_envs.evaluation.datasets.card import CARD, read_card
 from space_envs.evaluation.datasets.storage import Dataset
+from space_envs.evaluation.play.episode_file import load_episodes, save_episodes
 from space_envs.evaluation.records.storage import read_records
-from space_envs.evaluation.replay.states import States
-from space_envs.evaluation.replay.traces import Traces
 from space_envs.system.reading import parse_arrays, read_arrays, read_object
 
 SHIPPED = shipped_path("SpaceCapture/SingleArm-v0", "bc")
@@ -33,8 +33,7 @@ READERS: dict[str, Callable[[Path], Any]] = {
     "arrays": read_arrays,
     "object": read_object,
     "policy": load_policy_file,
-    "states": States.load,
-    "traces": Traces.load,
+    "episodes": load_episodes,
     "dataset": Dataset.load,
     "demonstrations": demonstrations.load,
     "checkpoint": load_nested,
@@ -114,8 +113,8 @@ def test_a_named_pipe_is_refused_at_once(reader: str, tmp_path: Path) -> None:
 def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     """A sound file of several kinds."""
     folder = tmp_path_factory.mktemp("whole")
-    plane, room = np.zeros((2, 4)), np.zeros((2, 4, 3))
-    Traces(np.arange(4.0), np.array([3, 2]), plane, room, room, plane, plane, room).save(folder / "traces")
+    made = make_episodes("mpc", CHARACTERS["mpc"], np.random.default_rng(0), count=1)
+    save_episodes(folder / "episodes", made)
     save_nested(folder / "checkpoint", {"a": np.arange(4.0), "b": [1, "two", None]})
     (folder / "policy").write_bytes(SHIPPED.read_bytes()[:4000] + SHIPPED.read_bytes()[-4000:])
     return {path.stem: path.read_bytes() for path in folder.iterdir()} | {"arrays": npz(a=np.arange(5.0))}

@@ -1,22 +1,19 @@
-"""Records and traces: what is written is read back, equal input gives equal bytes, bad input says where."""
+"""Records: what is written is read back, equal input gives equal bytes, bad input says where."""
 
-import dataclasses
 import json
 import math
-import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from synthetic_results import CHARACTERS, make_record, make_result, make_traces
+from synthetic_results import make_record, make_result
 
 from space_envs.errors import ConfigurationError
 from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.records.storage import read_records, records_without_timing, write_records
 from space_envs.evaluation.records.timing import UNTIMED
-from space_envs.evaluation.replay.traces import Traces
 
 FAILED = {"captured": False, "outcome": "timeout", "time_to_capture": None}
 FIELDS = (
@@ -162,80 +159,3 @@ def test_cut_binary_and_missing_files(tmp_path: Path) -> None:
         read_records(tmp_path / "none.jsonl")
     path.write_bytes(b"")
     assert read_records(path) == []
-
-
-def traces() -> Traces:
-    return make_traces(CHARACTERS["mpc"], np.random.default_rng(0), episodes=3)
-
-
-def test_traces_round_trip_and_equal_bytes(tmp_path: Path) -> None:
-    saved = traces()
-    saved.save(tmp_path / "a.npz")
-    loaded = Traces.load(tmp_path / "a.npz")
-    for item in dataclasses.fields(Traces):
-        np.testing.assert_array_equal(getattr(loaded, item.name), getattr(saved, item.name))
-    loaded.save(tmp_path / "b.npz")
-    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
-    assert loaded.episodes == 3
-
-
-def test_traces_do_not_share_memory_with_their_source() -> None:
-    time = np.arange(201) * 0.1
-    built = dataclasses.replace(traces(), time=time)
-    time[0] = 7.0
-    assert built.time[0] == 0.0
-    with pytest.raises(ValueError, match="read-only"):
-        built.attitude[0, 0] = 1.0
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "said"),
-    [
-        ("attitude", np.zeros((3, 200)), "attitude must have shape"),
-        ("attitude", np.zeros((2, 201)), "attitude must have shape"),
-        ("base_rotation", np.zeros((3, 201, 4)), "base_rotation must have shape"),
-        ("position_error", np.full((3, 201), np.nan), "position_error holds NaN"),
-        ("length", np.array([0, 200, 201]), "length must lie in 0..200"),
-        ("length", np.array([0, -1, 1]), "length must lie in 0..200"),
-        ("joint_position", np.zeros((3, 201)), "joint_position must have shape"),
-        ("time", np.array(["0"] * 201), "time must hold real numbers"),
-    ],
-)
-def test_bad_traces_are_refused(name: str, value: np.ndarray, said: str) -> None:
-    with pytest.raises(ConfigurationError, match=said):
-        dataclasses.replace(traces(), **{name: value})
-
-
-class Exploit:
-    """Unpickling it makes a folder."""
-
-    def __init__(self, path: str) -> None:
-        self.path = path
-
-    def __reduce__(self):
-        return os.mkdir, (self.path,)
-
-
-def test_traces_never_unpickle(tmp_path: Path) -> None:
-    path, folder = tmp_path / "a.npz", tmp_path / "made"
-    arrays = {item.name: getattr(traces(), item.name) for item in dataclasses.fields(Traces)}
-    del arrays["attitude"]
-    np.savez(path, attitude=np.array([Exploit(str(folder))], dtype=object), **arrays)
-    with pytest.raises(ConfigurationError, match=r"a\.npz"):
-        Traces.load(path)
-    assert not folder.exists()
-
-
-@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 not really", b"\x80\x04}."])
-def test_files_that_are_no_traces(tmp_path: Path, content: bytes) -> None:
-    path = tmp_path / "a.npz"
-    path.write_bytes(content)
-    with pytest.raises(ConfigurationError, match=r"a\.npz"):
-        Traces.load(path)
-    with path.open("wb") as file:
-        np.save(file, np.zeros(3))
-    with pytest.raises(ConfigurationError, match="not an npz archive"):
-        Traces.load(path)
-    np.savez(path, time=np.zeros(3))
-    with pytest.raises(ConfigurationError, match="expected"):
-        Traces.load(path)

@@ -17,7 +17,7 @@ import space_envs
 from agents.commands.evaluate import main
 from space_envs.envs import CaptureEnv, CaptureVectorEnv
 from space_envs.errors import ConfigurationError, UnknownIdError, UnknownKeywordError
-from space_envs.evaluation.records.episode import read_records
+from space_envs.evaluation.records.storage import read_records
 from space_envs.registration import ENTRIES, find, make_task, unregister
 from space_envs.tasks.single_arm import SingleArmTask
 

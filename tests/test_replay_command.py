@@ -32,7 +32,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     records = episodes(3, steps=6, time_to_capture=0.6)
     records += episodes(3, policy="promp", steps=6, time_to_capture=0.6)
     records += episodes(2, policy="promp", seed=1, **FAILED, steps=9, reason="base turned")
-    return write_folder(tmp_path_factory.mktemp("results") / "mine", records, states=True)
+    return write_folder(tmp_path_factory.mktemp("results") / "mine", records, recorded=True)
 
 
 def choose(records: list[EpisodeRecord], **asked: Any) -> EpisodeRecord:
@@ -125,20 +125,20 @@ def test_what_is_not_clear_or_not_there_is_said(asked: dict[str, Any], said: str
         choose(records, **{"episode": 0, **asked})
 
 
-def test_the_recorded_states_are_those_of_the_episode(folder: Path) -> None:
+def test_the_recorded_episode_is_those_of_the_episode(folder: Path) -> None:
     results = read_folder(folder)
     record = choose(list(results.records), policy="promp", seed=1, episode=1)
     replay = command.recorded(results, record)
     assert (replay.seed, replay.episode, replay.outcome, replay.reason) == (1, 1, "timeout", "base turned")
-    assert len(replay.time) == 10 and replay.scene[0, 7] == 1.0  # where the made-up states begin
+    assert len(replay.time) == 10 and replay.scene[0, 7] == 1.0  # where the made-up episodes begin
     wanted = replay.task.goals("test", np.array([record.index]))
     np.testing.assert_array_equal(replay.goals.position, wanted.position)
 
 
-def test_results_without_states_say_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_results_without_episodes_say_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     bare = write_folder(tmp_path / "bare", episodes(2))
     assert command.main([str(bare), "--episode", "0", "--video", str(tmp_path / "a.mp4")]) == 2
-    assert "bare has no recorded states of 'mpc' on SpaceCapture/SingleArm-v0" in capsys.readouterr().err
+    assert "bare has no recorded episodes of 'mpc' on SpaceCapture/SingleArm-v0" in capsys.readouterr().err
 
 
 def test_figures_of_the_episode_are_said(folder: Path) -> None:

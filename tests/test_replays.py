@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from synthetic_results import HOSTILE, changed, make_played, make_record
 
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.replay.exports import write_videos
 from space_envs.evaluation.replay.packing import (
     frames,
     json_text,
@@ -26,6 +25,7 @@ from space_envs.evaluation.replay.packing import (
 from space_envs.evaluation.replay.replay import Replay, make_replays
 from space_envs.evaluation.replay.scenes import make_motion, make_scene
 from space_envs.evaluation.replay.solids import Solid, box, capsule, cylinder, ellipsoid, geom_solid
+from space_envs.evaluation.replay.videos import write_videos
 from space_envs.evaluation.report.page.replays import REPLAY_LETTERS
 from space_envs.registration import ENTRIES, make_task
 from space_envs.rendering import missing_gl
@@ -34,7 +34,7 @@ from space_envs.rendering import missing_gl
 @pytest.fixture(scope="module")
 def replays() -> tuple[Replay, ...]:
     played = make_played("minimum_jerk", episodes=3)
-    return make_replays(played.task, played.rollout, played.records)
+    return make_replays(played.task, played.episodes, played.records)
 
 
 def volume(solid: Solid) -> float:
@@ -69,20 +69,20 @@ def test_best_median_and_worst_by_hand() -> None:
         )
         for record, (captured, attitude) in zip(played.records, ends, strict=True)
     ]
-    chosen = make_replays(played.task, played.rollout, records)
+    chosen = make_replays(played.task, played.episodes, records)
     # In order: 2, 3, 0, then the failures 4 and 1; a failure is worse than any capture.
     assert [(one.label, one.episode) for one in chosen] == [("best", 2), ("median", 0), ("worst", 1)]
     tied = [changed(record, final_attitude=0.0, attitude_cost=0.0) for record in records]
-    assert make_replays(played.task, played.rollout, tied)[0].episode == 0
+    assert make_replays(played.task, played.episodes, tied)[0].episode == 0
 
 
 def test_fewer_episodes_give_fewer_replays() -> None:
     for count, labels in ((1, ["best"]), (2, ["best", "worst"])):
         played = make_played("hold", episodes=count)
-        made = make_replays(played.task, played.rollout, played.records)
+        made = make_replays(played.task, played.episodes, played.records)
         assert [one.label for one in made] == labels
     with pytest.raises(ConfigurationError, match="different episodes"):
-        make_replays(played.task, played.rollout, played.records[::-1])
+        make_replays(played.task, played.episodes, played.records[::-1])
 
 
 def test_a_replay_ends_with_its_episode(replays: tuple[Replay, ...]) -> None:
@@ -163,7 +163,7 @@ def _sites(model: mujoco.MjModel) -> list[str]:
 def test_goals_that_come_in_sizes_are_drawn_in_their_sizes(env_id: str) -> None:
     played = make_played("hold", episodes=3, env_id=env_id)
     scene = make_scene(played.task.render_model)
-    for one in make_replays(played.task, played.rollout, played.records):
+    for one in make_replays(played.task, played.episodes, played.records):
         size = make_motion(one, scene).size
         names = [played.task.render_model.body(body).name for body in scene.bodies]
         if "obstacle1" in names:

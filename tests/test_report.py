@@ -22,12 +22,13 @@ from rich.console import Console
 from synthetic_results import CHARACTERS, HOSTILE, Character, entry, make_record, make_result, timed
 
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.records.causes import CAUSES
+from space_envs.evaluation.play.causes import CAUSES
+from space_envs.evaluation.play.episode_file import load_episodes
+from space_envs.evaluation.play.episodes import Episodes
 from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.records.names import csv_name, display_name, file_name, latex_name, markdown_name
 from space_envs.evaluation.records.storage import read_records, records_without_timing
 from space_envs.evaluation.replay.stills import Still
-from space_envs.evaluation.replay.traces import Traces
 from space_envs.evaluation.report import figures
 from space_envs.evaluation.report.drawing import Panel
 from space_envs.evaluation.report.folder import ReportPaths, write_report
@@ -49,8 +50,8 @@ def failed(**changes: object) -> EpisodeRecord:
     return make_record(captured=False, outcome="timeout", time_to_capture=None, **changes)
 
 
-def named(result: EvaluationResult) -> dict[str, Traces]:
-    return {each.policy: trace for each, trace in result.traces.items()}
+def named(result: EvaluationResult) -> dict[str, Episodes]:
+    return {each.policy: own for each, own in result.episodes.items()}
 
 
 def rows_of(records: list[EpisodeRecord]) -> list[Row]:
@@ -265,12 +266,8 @@ def test_figures_without_data() -> None:
 
 
 def test_representative_episode_is_the_middle_one(result: EvaluationResult) -> None:
-    trace = named(result)["mpc"]
     attitude = np.array([3.0, 1.0, 2.0, 9.0, 8.0])[:, None] * np.ones(201)
-    five = {
-        item.name: getattr(trace, item.name)[:5] for item in dataclasses.fields(Traces) if item.name != "time"
-    }
-    made = Traces(time=trace.time, **(five | {"attitude": attitude}))
+    made = dataclasses.replace(named(result)["mpc"].take(range(5)), attitude=attitude)
     assert figures.representative_episode({"a": made, "b": made}) == 0
 
 
@@ -395,12 +392,13 @@ def test_report_writes_what_can_be_read_back(result: EvaluationResult, paths: Re
     assert read_records(paths.records) == list(result.records)
     summary = json.loads(paths.summary.read_text(encoding="utf-8"))
     assert summary["schema"] == 3 and summary["provenance"]["commit"] == "3f2c9d1"
-    assert [row["rank"] for row in summary["rows"]] == [*range(1, len(result.traces)), None]
-    files = {row["policy"]: row["traces"] for row in summary["rows"]}
-    assert set(paths.traces) == set(result.traces) and len(set(files.values())) == len(files)
-    for each, trace in result.traces.items():
-        assert (paths.folder / files[each.policy]).samefile(paths.traces[each])
-        np.testing.assert_array_equal(Traces.load(paths.traces[each]).attitude, trace.attitude)
+    assert [row["rank"] for row in summary["rows"]] == [*range(1, len(result.episodes)), None]
+    files = {row["policy"]: row["episodes"] for row in summary["rows"]}
+    assert set(paths.episodes) == set(result.episodes) and len(set(files.values())) == len(files)
+    for each, own in result.episodes.items():
+        assert (paths.folder / files[each.policy]).samefile(paths.episodes[each])
+        stored = load_episodes(paths.episodes[each])
+        np.testing.assert_array_equal(stored.attitude, own.attitude.astype(np.float32))
     assert set(summary["checksums"]) == {"records.jsonl", *files.values()}
     for name, digest in summary["checksums"].items():
         assert hashlib.sha256((paths.folder / name).read_bytes()).hexdigest() == digest
@@ -438,17 +436,17 @@ def test_report_repeats_byte_for_byte(paths: ReportPaths, tmp_path: Path) -> Non
 def test_what_an_evaluation_before_left_is_removed(tmp_path: Path) -> None:
     made = make_result(episodes=4, policies=("mpc", "gjm"))
     write_report(made, tmp_path)
-    mine = tmp_path / "traces" / "notes.txt"
+    mine = tmp_path / "episodes" / "notes.txt"
     mine.write_text("mine")
     (tmp_path / "videos").mkdir()
     (tmp_path / "videos" / "old.mp4").write_bytes(b"")
     left = write_report(make_result(episodes=4, policies=("gjm",)), tmp_path)
-    assert {path for path in (tmp_path / "traces").iterdir()} == {mine, *left.traces.values()}
+    assert {path for path in (tmp_path / "episodes").iterdir()} == {mine, *left.episodes.values()}
     assert not list((tmp_path / "videos").iterdir())
 
 
 def test_another_clock_changes_timing_only(tmp_path: Path) -> None:
-    result = dataclasses.replace(make_result(episodes=10, policies=("mpc", "gjm")), traces={})
+    result = dataclasses.replace(make_result(episodes=10, policies=("mpc", "gjm")), episodes={})
     slower = [dataclasses.replace(record, timing=timed(None, 99.0)) for record in result.records]
     paths = write_report(result, tmp_path / "a")
     other = write_report(dataclasses.replace(result, records=slower), tmp_path / "b")
@@ -522,7 +520,7 @@ def test_page_shows_provenance_pictures_and_reasons(page: Page, result: Evaluati
 
 
 def test_page_says_why_there_are_no_pictures(tmp_path: Path) -> None:
-    result = dataclasses.replace(make_result(episodes=4, policies=("mpc",)), traces={})
+    result = dataclasses.replace(make_result(episodes=4, policies=("mpc",)), episodes={})
     page = write_report(result, tmp_path).html.read_text(encoding="utf-8")
     assert NO_PICTURES in page
     page = write_report(dataclasses.replace(result, pictures_note="No EGL <here>."), tmp_path).html.read_text(

@@ -7,7 +7,6 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +17,15 @@ import pytest
 from agents.commands.evaluate import main
 from agents.policies.resolve import resolve_policy
 from space_envs.errors import ConfigurationError, PolicyError
-from space_envs.evaluation.play import runner
-from space_envs.evaluation.play.chunks import CHUNK, Part, built, play
+from space_envs.evaluation.harness.chunk_result import ChunkResult, evaluate_chunk
+from space_envs.evaluation.harness.evaluation import Evaluation
+from space_envs.evaluation.harness.policy_times import ROUNDS, policy_times
+from space_envs.evaluation.harness.runner import collect, play_missing, prepare
+from space_envs.evaluation.play.chunks import CHUNK
+from space_envs.evaluation.play.entry import EvaluatedTask
+from space_envs.evaluation.play.playing import roll_out
 from space_envs.evaluation.play.policy_process import TimeLimits
-from space_envs.evaluation.play.rollout import PolicyTime, roll_out
-from space_envs.evaluation.play.runner import Evaluation, collect, play_missing, prepare, timings
-from space_envs.evaluation.records.entry import EvaluatedTask
+from space_envs.evaluation.play.timing import PolicyTime
 from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.records.storage import read_records, records_without_timing
 from space_envs.evaluation.records.timing import UNTIMED
@@ -51,15 +53,15 @@ def records_of(
     evaluated: Evaluation, folder: Path, jobs: int = 1, name: str = "loky", timed: bool = False
 ) -> list[EpisodeRecord]:
     prepare(evaluated, folder, resume=False)
-    units = evaluated.units()
-    play_missing(units, folder, jobs, name)
+    chunks = evaluated.chunks()
+    play_missing(chunks, folder, jobs, name)
     return finished(evaluated, folder, timed)
 
 
 def finished(evaluated: Evaluation, folder: Path, timed: bool = False) -> list[EpisodeRecord]:
-    units = evaluated.units()
-    times = timings(units, folder)[0] if timed else {unit.entry: UNTIMED for unit in units}
-    return [record for played in collect(units, times, folder) for record in played.records]
+    chunks = evaluated.chunks()
+    times = policy_times(chunks, folder)[0] if timed else {chunk.entry: UNTIMED for chunk in chunks}
+    return [record for played in collect(chunks, times, folder) for record in played.records]
 
 
 @pytest.fixture(scope="module")
@@ -96,7 +98,7 @@ def test_a_cluster_that_runs_already_is_used_and_goes_on(usual, tmp_path: Path) 
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
         address = cluster.scheduler_address
         prepare(evaluated, tmp_path, resume=False)
-        play_missing(evaluated.units(), tmp_path, 2, "dask", address)
+        play_missing(evaluated.chunks(), tmp_path, 2, "dask", address)
         with distributed.Client(address) as client:
             assert client.submit(sum, (1, 2)).result() == 3
     assert records_without_timing(finished(evaluated, tmp_path)) == records_without_timing(records)
@@ -125,13 +127,13 @@ def test_killed_again_and_again_it_ends_with_the_same_records(tmp_path: Path) ->
             os.killpg(process.pid, signal.SIGKILL)
             process.communicate()
             kills += 1
-        for path in folder.glob("parts/*.npz"):
+        for path in folder.glob("chunks/*.npz"):
             np.load(path, allow_pickle=False).close()  # whole, or not there
     assert process.returncode == 0
     assert kills >= 1
     made, undisturbed = (read_records(tmp_path / name / "records.jsonl") for name in ("killed", "quiet"))
     assert records_without_timing(made) == records_without_timing(undisturbed)
-    assert not (folder / "parts").exists()
+    assert not (folder / "chunks").exists()
 
 
 def test_killed_while_it_plays_it_ends_with_the_same_records(usual, tmp_path: Path) -> None:
@@ -147,12 +149,12 @@ def test_killed_while_it_plays_it_ends_with_the_same_records(usual, tmp_path: Pa
             stderr=subprocess.DEVNULL,
             process_group=0,
         )
-        while process.poll() is None and len(list(tmp_path.glob("parts/*.npz"))) <= kept:
+        while process.poll() is None and len(list(tmp_path.glob("chunks/*.npz"))) <= kept:
             time.sleep(0.01)
         os.killpg(process.pid, signal.SIGKILL)
         assert process.wait() == -signal.SIGKILL
-        kept = len(list(tmp_path.glob("parts/*.npz")))
-        assert 0 < kept < len(evaluated.units())
+        kept = len(list(tmp_path.glob("chunks/*.npz")))
+        assert 0 < kept < len(evaluated.chunks())
     assert main([*arguments, "--resume"]) == 0
     assert records_without_timing(read_records(tmp_path / "records.jsonl")) == records_without_timing(records)
 
@@ -160,14 +162,14 @@ def test_killed_while_it_plays_it_ends_with_the_same_records(usual, tmp_path: Pa
 def test_killed_between_two_units_it_goes_on_where_it_was(usual, tmp_path: Path) -> None:
     evaluated, records = usual
     prepare(evaluated, tmp_path, resume=False)
-    units = evaluated.units()
-    play_missing(units[::2], tmp_path, 1)
-    kept = {path: path.stat().st_mtime_ns for path in tmp_path.glob("parts/*.npz")}
+    chunks = evaluated.chunks()
+    play_missing(chunks[::2], tmp_path, 1)
+    kept = {path: path.stat().st_mtime_ns for path in tmp_path.glob("chunks/*.npz")}
     damaged = next(iter(kept))
     damaged.write_bytes(damaged.read_bytes()[:1000])  # as no kill can leave it, but a disk may
     del kept[damaged]
     prepare(evaluated, tmp_path, resume=True)
-    play_missing(units, tmp_path, 1)
+    play_missing(chunks, tmp_path, 1)
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
     assert records_without_timing(finished(evaluated, tmp_path)) == records_without_timing(records)
 
@@ -181,17 +183,17 @@ def test_a_resumed_evaluation_is_the_same_one(tmp_path: Path) -> None:
 
 
 def test_parts_never_unpickle(tmp_path: Path) -> None:
-    unit = evaluation("hold").units()[0]
-    part = play(unit)
+    chunk = evaluation("hold").chunks()[0]
+    part = evaluate_chunk(chunk)
     part.save(tmp_path / "part.npz")
-    again = Part.load(tmp_path / "part.npz", unit)
+    again = ChunkResult.load(tmp_path / "part.npz", chunk)
     assert again.records == part.records
-    np.testing.assert_array_equal(again.rollout.qpos, part.rollout.qpos)
+    np.testing.assert_array_equal(again.episodes.scene, part.episodes.scene)
     np.savez(tmp_path / "bad.npz", told=np.array([Path()], dtype=object))
     with pytest.raises(ConfigurationError, match=r"bad\.npz is damaged"):
-        Part.load(tmp_path / "bad.npz", unit)
+        ChunkResult.load(tmp_path / "bad.npz", chunk)
     with pytest.raises(ConfigurationError, match="other episodes"):
-        Part.load(tmp_path / "part.npz", replace(unit, indices=unit.indices[::-1]))
+        ChunkResult.load(tmp_path / "part.npz", replace(chunk, indices=chunk.indices[::-1]))
 
 
 @pytest.mark.parametrize(
@@ -281,23 +283,24 @@ def test_a_policy_that_ends_its_process_loses_only_its_own_episodes(
 
 @pytest.mark.parametrize("name", ["Raises", "NaNs", "Shapes", "Leaves", "Well"])
 def test_a_process_of_its_own_changes_nothing(name: str) -> None:
-    (unit,) = evaluation(f"{HARNESS}:{name}", episodes=6).units()
-    indices = np.array(unit.indices)
+    (chunk,) = evaluation(f"{HARNESS}:{name}", episodes=6).chunks()
+    indices = np.array(chunk.indices)
     here, apart = (
-        roll_out(partial(built, unit), unit.environment, SINGLE.split, indices, unit.seed, apart=away)
+        roll_out(chunk.build, chunk.environment, SINGLE.split, indices, chunk.seed, apart=away)
         for away in (False, True)
     )
-    assert (apart.outcome, apart.reason) == (here.outcome, here.reason)
+    assert apart.outcome.tolist() == here.outcome.tolist()
+    assert apart.reason.tolist() == here.reason.tolist()
     np.testing.assert_array_equal(apart.torque, here.torque)
     np.testing.assert_array_equal(apart.qpos, here.qpos)
 
 
 def test_a_policy_draws_anew_in_each_unit_and_seed() -> None:
     evaluated = evaluation("random", "hold", episodes=2 * CHUNK, seeds=(0, 1))
-    drawn = {unit: unit.policy_seed for unit in evaluated.units()}
+    drawn = {chunk: chunk.policy_seed for chunk in evaluated.chunks()}
     assert len(drawn) == 8
     for name in ("random", "hold"):
-        own = [seed for unit, seed in drawn.items() if unit.player.name == name]
+        own = [seed for chunk, seed in drawn.items() if chunk.policy.name == name]
         assert len(set(own)) == 4
 
 
@@ -328,25 +331,27 @@ def test_the_fastest_of_several_rounds_is_its_time(
 ) -> None:
     evaluated = evaluation("gjm", "hold")
     prepare(evaluated, tmp_path, resume=False)
-    units = evaluated.units()
-    rounds, turns = {"gjm": iter(told), "hold": iter([(None, 1.0)] * runner.ROUNDS)}, []
+    chunks = evaluated.chunks()
+    rounds, turns = {"gjm": iter(told), "hold": iter([(None, 1.0)] * ROUNDS)}, []
 
     def timed(call: Any) -> PolicyTime:
-        (unit,) = call[1]
-        turns.append(unit.player.name)
-        one = next(rounds[unit.player.name])
+        (chunk,) = call[1]
+        turns.append(chunk.policy.name)
+        one = next(rounds[chunk.policy.name])
         if one is None:
             raise PolicyError("it took too long")
         return PolicyTime(*one)
 
-    monkeypatch.setattr(runner, "elsewhere", timed)
-    found = {entry.policy: timing for entry, timing in timings(units, tmp_path)[0].items()}
+    monkeypatch.setattr("space_envs.evaluation.harness.policy_times.elsewhere", timed)
+    found = {entry.policy: timing for entry, timing in policy_times(chunks, tmp_path)[0].items()}
     assert (found["gjm"]["planning_ms"], found["gjm"]["action_ms"]) == (planning, action)
     assert (found["hold"]["planning_ms"], found["hold"]["action_ms"]) == (None, 1.0)
     # One after the other rather than all of one policy, and no more of one that failed.
-    assert turns == ["gjm", "hold"] * len(told) + ["hold"] * (runner.ROUNDS - len(told))
-    monkeypatch.setattr(runner, "elsewhere", lambda *_: pytest.fail("it was timed before"))
-    timings(units, tmp_path)
+    assert turns == ["gjm", "hold"] * len(told) + ["hold"] * (ROUNDS - len(told))
+    monkeypatch.setattr(
+        "space_envs.evaluation.harness.policy_times.elsewhere", lambda *_: pytest.fail("it was timed before")
+    )
+    policy_times(chunks, tmp_path)
 
 
 def test_several_ids_splits_and_seeds_in_one_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -12,7 +12,7 @@ from synthetic_results import make_record, make_result, record_of
 
 from docs.generate import DOCS
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.records.causes import CAUSES, NO_PLAN_CAUSES, OUTCOMES
+from space_envs.evaluation.play.causes import CAUSES, NO_PLAN_CAUSES, OUTCOMES
 from space_envs.evaluation.records.episode import SCHEMA_VERSION, EpisodeRecord
 from space_envs.evaluation.records.metrics import METRICS
 from space_envs.evaluation.records.schema import record_schema, schema_text

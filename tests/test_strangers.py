@@ -17,8 +17,9 @@ from agents.policies.registry import make_policy
 from agents.policies.resolve import resolve_policy
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import PolicyError
+from space_envs.evaluation.play.playing import roll_out
 from space_envs.evaluation.play.policy_process import PolicyProcess
-from space_envs.evaluation.play.rollout import ask, roll_out
+from space_envs.evaluation.play.steps import predicted
 from space_envs.evaluation.records.storage import read_records
 from space_envs.policy import PolicyContext
 from space_envs.strangers import described
@@ -105,7 +106,7 @@ globals().update({kind.__name__: kind for kind in CLASSES.values()})
 def test_what_is_no_action_is_a_reason(name: str) -> None:
     policy = CLASSES[name](PolicyContext.from_env(CaptureVectorEnv()), 0)
     with warnings.catch_warnings(action="error"), pytest.raises(PolicyError) as caught:
-        ask(policy, np.zeros((1, 60)), None, np.array([True]), (JOINTS,))
+        predicted(policy, np.zeros((1, 60)), None, np.array([True]), JOINTS)
     assert HOSTILE[name][1] in str(caught.value)
     assert len(str(caught.value)) < 1200
 
@@ -115,18 +116,18 @@ def test_the_same_in_a_process_of_its_own(name: str) -> None:
     policy = resolve_policy(f"{__name__}:{CLASSES[name].__name__}")
     assert policy.foreign
     found = roll_out(policy.factory(0), {"env_id": SINGLE}, "test", np.arange(2), 0, apart=True)
-    assert found.outcome == ["policy_error"] * 2
+    assert found.outcome.tolist() == ["policy_error"] * 2
     assert all(reason is not None and HOSTILE[name][1] in reason for reason in found.reason)
 
 
 def test_ctrl_c_is_the_users_and_a_stranger_cannot_raise_it() -> None:
     hostile = type("Interrupts", (Returns,), {"misbehave": raising(KeyboardInterrupt())})
+    policy = hostile(PolicyContext.from_env(CaptureVectorEnv()), 0)
     with pytest.raises(KeyboardInterrupt):
-        ask(hostile(PolicyContext.from_env(CaptureVectorEnv()), 0), np.zeros((1, 60)), None, np.ones(1, bool),
-            (JOINTS,))  # fmt: skip
+        predicted(policy, np.zeros((1, 60)), None, np.ones(1, bool), JOINTS)
     environment = {"env_id": SINGLE}
     found = roll_out(lambda context: hostile(context, 0), environment, "test", np.arange(1), 0, apart=True)
-    assert found.reason == ["it raised KeyboardInterrupt: (step 0)"]
+    assert found.reason.tolist() == ["it raised KeyboardInterrupt: (step 0)"]
 
 
 def test_an_action_that_changes_later_is_the_one_that_was_given() -> None:
@@ -140,7 +141,7 @@ def test_an_action_that_changes_later_is_the_one_that_was_given() -> None:
 
     observation = np.zeros((1, 60))
     policy: Any = Changes(PolicyContext.from_env(CaptureVectorEnv()), 0)
-    action, _ = ask(policy, observation, None, np.array([True]), (JOINTS,))
+    action, _ = predicted(policy, observation, None, np.array([True]), JOINTS)
     kept[0][:] = 9.0
     assert (action == 0.5).all()
     assert (observation == 0.0).all()
@@ -205,7 +206,7 @@ class Answers(Returns):
 def test_a_stranger_that_breaks_its_process_loses_its_episodes(name: str, reason: str) -> None:
     policy = resolve_policy(f"{__name__}:{name}")
     found = roll_out(policy.factory(0), {"env_id": SINGLE}, "test", np.arange(1), 0, apart=True)
-    assert found.reason == [reason]
+    assert found.reason.tolist() == [reason]
 
 
 def test_a_stranger_reaches_neither_the_environment_nor_the_harness(
@@ -214,7 +215,7 @@ def test_a_stranger_reaches_neither_the_environment_nor_the_harness(
     """With one job, where the harness plays in this process; results come to where they were asked for."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(Path(__file__).parent))
-    monkeypatch.setattr("space_envs.evaluation.play.runner.ROUNDS", 1)
+    monkeypatch.setattr("space_envs.evaluation.harness.policy_times.ROUNDS", 1)
     policies = [f"{__name__}:Cheats", f"{__name__}:Chaotic", "hold"]
     arguments = ["--policy", *policies, "--episodes", "2", "--no-pictures", "--jobs", "1"]
     assert main([*arguments, "--output", "out"]) == 0

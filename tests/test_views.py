@@ -47,7 +47,7 @@ def corners(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
 @pytest.mark.parametrize("env_id", ENTRIES)
 def test_overview_and_chase_show_the_whole_robot_and_its_target_at_every_aspect(env_id: str) -> None:
     played = make_played("hold", episodes=4, env_id=env_id)
-    for replay in make_replays(played.task, played.rollout, played.records):
+    for replay in make_replays(played.task, played.episodes, played.records):
         model = copy.copy(played.task.render_model)
         data = mujoco.MjData(model)
         for state in list(model_states(replay, model))[::40]:  # the target tumbles

@@ -19,8 +19,8 @@ from space_envs.control import CONTROL_MODES
 from space_envs.errors import ConfigurationError, unknown_name
 from space_envs.evaluation.datasets.card import read_card
 from space_envs.evaluation.datasets.minari import ROOT_VARIABLE, require_minari
-from space_envs.evaluation.play.chunks import task_keywords
-from space_envs.evaluation.records.entry import EvaluatedTask
+from space_envs.evaluation.play.entry import EvaluatedTask
+from space_envs.evaluation.play.episodes import task_keywords
 from space_envs.evaluation.records.names import display_name
 from space_envs.evaluation.report.tables import print_at, width_of
 from space_envs.registration import ENTRIES, make_task
@@ -157,7 +157,7 @@ def _requests(options: argparse.Namespace) -> list[Request]:
     distinct("name of a dataset", [request.id for request in requests])
     for request in requests:
         check_fit(request.policy, request.task.env_id, task_keywords(request.task, request.variant))
-        request.units()  # says what is wrong with the number of episodes
+        request.chunks()  # says what is wrong with the number of episodes
     return requests
 
 

@@ -20,9 +20,10 @@ from space_envs.evaluation.datasets.card import CARD, EPISODES, checksum, make_c
 from space_envs.evaluation.datasets.minari import DATA, write_minari
 from space_envs.evaluation.datasets.recording import Recorded, record
 from space_envs.evaluation.datasets.storage import Dataset
-from space_envs.evaluation.play.chunks import CHUNK, Unit, task_keywords
-from space_envs.evaluation.play.rollout import split_indices
-from space_envs.evaluation.records.entry import EvaluatedTask
+from space_envs.evaluation.play.chunks import CHUNK, Chunk
+from space_envs.evaluation.play.entry import EvaluatedTask
+from space_envs.evaluation.play.episodes import task_keywords
+from space_envs.evaluation.play.playing import split_indices
 from space_envs.registration import find
 from space_envs.system.parallel import ProcessDiedError, backend
 from space_envs.system.provenance import provenance
@@ -63,7 +64,7 @@ class Request:
         """The environment, for one episode."""
         return CaptureVectorEnv(self.task.env_id, 1, **self.keywords)
 
-    def units(self) -> list[Unit]:
+    def chunks(self) -> list[Chunk]:
         """All episodes.
 
         Raises:
@@ -72,7 +73,7 @@ class Request:
         task = self.make_env().task
         indices = split_indices(task, self.task.split, self.episodes, self.seed).tolist()
         return [
-            Unit(
+            Chunk(
                 self.policy,
                 self.task,
                 self.variant,
@@ -188,15 +189,16 @@ def make(requests: Sequence[Request], places: Places, jobs: int) -> Iterator[tup
     Raises:
         PolicyError: if a process died with its policy; what is complete is kept.
     """
-    units = [(number, unit) for number, request in enumerate(requests) for unit in request.units()]
-    if not units:
+    chunks = [(number, chunk) for number, request in enumerate(requests) for chunk in request.chunks()]
+    if not chunks:
         return
-    left = [sum(number == of for of, _ in units) for number in range(len(requests))]
+    left = [sum(number == of for of, _ in chunks) for number in range(len(requests))]
     parts: list[list[Recorded]] = [[] for _ in requests]
-    bar = tqdm(total=sum(len(unit.indices) for _, unit in units), unit="episode", leave=False, smoothing=0.0)
-    with bar, backend(min(jobs, len(units))) as spread:
+    total = sum(len(chunk.indices) for _, chunk in chunks)
+    bar = tqdm(total=total, unit="episode", leave=False, smoothing=0.0)
+    with bar, backend(min(jobs, len(chunks))) as spread:
         try:
-            for number, episodes, recorded in spread(delayed(_recorded)(*pair) for pair in units):
+            for number, episodes, recorded in spread(delayed(_recorded)(*pair) for pair in chunks):
                 bar.update(episodes)
                 parts[number].append(recorded)
                 left[number] -= 1
@@ -209,8 +211,8 @@ def make(requests: Sequence[Request], places: Places, jobs: int) -> Iterator[tup
             ) from None
 
 
-def _recorded(number: int, unit: Unit) -> tuple[int, int, Recorded]:
-    return number, len(unit.indices), record(unit)
+def _recorded(number: int, chunk: Chunk) -> tuple[int, int, Recorded]:
+    return number, len(chunk.indices), record(chunk)
 
 
 def _written(request: Request, parts: Sequence[Recorded], places: Places) -> dict[str, Any]:

@@ -5,10 +5,11 @@ from dataclasses import dataclass, replace
 
 from tqdm import tqdm
 
-from space_envs.evaluation.play.chunks import Unit, play
-from space_envs.evaluation.play.rates import REPORT, Seconds, playing, recorded, remember, timing
-from space_envs.evaluation.play.runner import ROUNDS, TIMED_EPISODES
-from space_envs.evaluation.records.entry import LeaderboardEntry
+from space_envs.evaluation.harness.chunk_result import evaluate_chunk
+from space_envs.evaluation.harness.policy_times import ROUNDS, TIMED_EPISODES
+from space_envs.evaluation.harness.rates import REPORT, Seconds, playing, recorded, remember, timing
+from space_envs.evaluation.play.chunks import Chunk
+from space_envs.evaluation.play.entry import LeaderboardEntry
 
 TRIAL = 2  # episodes that are played of a policy of which nothing was measured
 _WIDE = (0.5, 3.0)  # of what so few say, the interval
@@ -31,16 +32,16 @@ class Estimate:
         return self.playing + self.timing + self.report
 
 
-def estimate(units: Sequence[Unit], jobs: int) -> Estimate:
+def estimate(chunks: Sequence[Chunk], jobs: int) -> Estimate:
     """What an evaluation will take; a few episodes are played of policies of which nothing was measured."""
-    first = {unit.entry: unit for unit in reversed(units)}
+    first = {chunk.entry: chunk for chunk in reversed(chunks)}
     unknown = [entry for entry in first if recorded(playing(entry)) is None]
     for entry in tqdm(unknown, unit="policy", desc="measuring", leave=False):
         remember({playing(entry): _measured(first[entry])})
     nothing = Seconds(0.0, 0.0, 0.0)
     episode = {entry: recorded(playing(entry)) or nothing for entry in first}
-    work = [episode[unit.entry] * len(unit.indices) for unit in units]
-    share = sum(work, nothing) * (1.0 / min(jobs, len(units)))
+    work = [episode[chunk.entry] * len(chunk.indices) for chunk in chunks]
+    share = sum(work, nothing) * (1.0 / min(jobs, len(chunks)))
     # Nothing is done before its longest part.
     longest = Seconds(*(max(getattr(one, name) for one in work) for name in ("least", "usual", "most")))
     played = Seconds(*(max(getattr(one, n) for one in (share, longest)) for n in ("least", "usual", "most")))
@@ -48,9 +49,9 @@ def estimate(units: Sequence[Unit], jobs: int) -> Estimate:
     return Estimate(episode, played, timed, (recorded(REPORT) or _UNMEASURED_REPORT) * len(first))
 
 
-def _measured(unit: Unit) -> Seconds:
-    some = replace(unit, indices=unit.indices[:TRIAL])
-    seconds = play(some).seconds / len(some.indices)
+def _measured(chunk: Chunk) -> Seconds:
+    some = replace(chunk, indices=chunk.indices[:TRIAL])
+    seconds = evaluate_chunk(some).seconds / len(some.indices)
     return Seconds(_WIDE[0] * seconds, seconds, _WIDE[1] * seconds)
 
 

@@ -14,10 +14,11 @@ from agents.policies.registry import POLICIES
 from agents.policies.resolve import ResolvedPolicy
 from space_envs.control import CONTROL_MODES
 from space_envs.errors import ConfigurationError, positive
-from space_envs.evaluation.play.chunks import task_keywords
+from space_envs.evaluation.harness.evaluation import Evaluation
+from space_envs.evaluation.harness.runner import EVALUATION
+from space_envs.evaluation.play.entry import EvaluatedTask
+from space_envs.evaluation.play.episodes import task_keywords
 from space_envs.evaluation.play.policy_process import TimeLimits
-from space_envs.evaluation.play.runner import EVALUATION, Evaluation
-from space_envs.evaluation.records.entry import EvaluatedTask
 from space_envs.registration import ENTRIES, make_task
 from space_envs.robots.parameters import VARIANTS
 from space_envs.system.command_line import AppendValues, Parser, exit_status, output_path
@@ -155,7 +156,7 @@ def _checked(options: argparse.Namespace, arguments: list[str]) -> tuple[Evaluat
         options.variant,
         limits,
     )
-    evaluation.units()  # says what is wrong with the number of episodes
+    evaluation.chunks()  # says what is wrong with the number of episodes
     chosen = Options(
         options.output.absolute(),
         options.resume,

@@ -20,26 +20,18 @@ from agents.commands.defects import defects
 from agents.commands.estimate import estimate
 from agents.commands.show import show
 from agents.policies.registry import POLICIES
-from space_envs.evaluation.play.chunks import Unit, task_keywords
-from space_envs.evaluation.play.rates import REPORT, Seconds, playing, recorded, remember, timing
-from space_envs.evaluation.play.runner import (
-    EVALUATION,
-    Evaluation,
-    Played,
-    collect,
-    finish,
-    play_missing,
-    prepare,
-    timings,
-)
+from space_envs.evaluation.harness.evaluation import Evaluated, Evaluation
+from space_envs.evaluation.harness.policy_times import policy_times
+from space_envs.evaluation.harness.rates import REPORT, Seconds, playing, recorded, remember, timing
+from space_envs.evaluation.harness.runner import EVALUATION, collect, finish, play_missing, prepare
+from space_envs.evaluation.play.chunks import Chunk
+from space_envs.evaluation.play.entry import LeaderboardEntry
+from space_envs.evaluation.play.episodes import Episodes
 from space_envs.evaluation.records.configuration import config_hash, configuration
-from space_envs.evaluation.records.entry import LeaderboardEntry
 from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.records.names import counted, display_name
 from space_envs.evaluation.replay.replay import Replay, make_replays
-from space_envs.evaluation.replay.states import States, states_of
 from space_envs.evaluation.replay.stills import capture_pictures
-from space_envs.evaluation.replay.traces import Traces, episode_traces
 from space_envs.evaluation.report.folder import BOOTSTRAP_SEED, ReportPaths, write_report
 from space_envs.evaluation.report.tables import to_terminal
 from space_envs.evaluation.results.folders import read_folder
@@ -85,22 +77,22 @@ def _held(evaluation: Evaluation, options: Options) -> int:
         records = read_folder(folder).records
         show(records, folder, notes=(f"{folder} is complete; nothing was played",))
         return _told(evaluation, records)
-    units = evaluation.units()
-    play_missing(units, folder, options.jobs, options.backend, options.address)
-    times, spent = timings(units, folder)
-    played = list(collect(units, times, folder))
+    chunks = evaluation.chunks()
+    play_missing(chunks, folder, options.jobs, options.backend, options.address)
+    times, spent = policy_times(chunks, folder)
+    evaluated = list(collect(chunks, times, folder))
     before = perf_counter()
-    result = _result(evaluation, units, played, options, started)
+    result = _result(evaluation, chunks, evaluated, options, started)
     paths = write_report(result, folder, videos=options.videos)
     finish(folder)
-    _remember(played, spent, (perf_counter() - before) / len(played))
+    _remember(evaluated, spent, (perf_counter() - before) / len(evaluated))
     _show(result, paths)
     return _told(evaluation, result.records)
 
 
-def _remember(played: Sequence[Played], spent: Mapping[LeaderboardEntry, float], report: float) -> None:
+def _remember(evaluated: Sequence[Evaluated], spent: Mapping[LeaderboardEntry, float], report: float) -> None:
     """What all this took, for a dry run of another evaluation."""
-    rates = {playing(one.entry): Seconds.of(one.pace) for one in played}
+    rates = {playing(one.episodes.entry): Seconds.of(one.pace) for one in evaluated}
     rates |= {timing(entry): Seconds.of([seconds]) for entry, seconds in spent.items()}
     before = recorded(REPORT)
     known = [report] if before is None else [report, before.least, before.most]
@@ -121,40 +113,38 @@ def _told(evaluation: Evaluation, records: Sequence[EpisodeRecord]) -> int:
 
 
 def _result(
-    evaluation: Evaluation, units: list[Unit], played: list[Played], options: Options, started: float
+    evaluation: Evaluation, chunks: list[Chunk], evaluated: list[Evaluated], options: Options, started: float
 ) -> EvaluationResult:
     """Everything that the report is made from."""
     records: list[EpisodeRecord] = []
-    traces: dict[LeaderboardEntry, Traces] = {}
+    episodes: dict[LeaderboardEntry, Episodes] = {}
     replays: dict[LeaderboardEntry, tuple[Replay, ...]] = {}
-    states: dict[LeaderboardEntry, States] = {}
     pictures: dict[LeaderboardEntry, Any] = {}
     notes: set[str] = set()
-    for one in played:
-        task = make_task(one.entry.task.env_id, task_keywords(one.entry.task, one.variant))
+    for one in evaluated:
+        entry, task = one.episodes.entry, one.episodes.task()
         records += one.records
-        traces[one.entry] = episode_traces(one.rollout, task)
-        replays[one.entry] = make_replays(task, one.rollout, one.records)
-        states[one.entry] = states_of(one, task)
+        episodes[entry] = one.episodes
+        replays[entry] = make_replays(task, one.episodes, one.records)
         if options.pictures:
-            frames, note = capture_pictures(task, {one.entry: one.rollout})
+            frames, note = capture_pictures(task, {entry: one.episodes})
             pictures |= frames
             notes |= {note} if note else set()
     note = "Pictures were switched off with --no-pictures."
     if options.pictures:
         note = "" if pictures else " ".join(sorted(notes))
-    about = _about(evaluation, units, options, started)
-    return EvaluationResult(records, traces, about, pictures, note, replays, states, expert_names())
+    about = _about(evaluation, chunks, options, started)
+    return EvaluationResult(records, episodes, about, pictures, note, replays, expert_names())
 
 
-def _about(evaluation: Evaluation, units: list[Unit], options: Options, started: float) -> dict[str, Any]:
+def _about(evaluation: Evaluation, chunks: list[Chunk], options: Options, started: float) -> dict[str, Any]:
     """Provenance: what a reader needs to repeat the evaluation, and to know whether another is comparable."""
     command = shlex.join(["evaluate.py", *options.arguments])
     configurations = {}
-    for unit in {unit.entry: unit for unit in units}.values():
-        task, mode = make_task(unit.task.env_id, unit.keywords), unit.player.control_mode
-        configurations[config_hash(unit.task.env_id, mode, task)] = configuration(
-            unit.task.env_id, mode, task
+    for chunk in {chunk.entry: chunk for chunk in chunks}.values():
+        task, mode = make_task(chunk.task.env_id, chunk.keywords), chunk.policy.control_mode
+        configurations[config_hash(chunk.task.env_id, mode, task)] = configuration(
+            chunk.task.env_id, mode, task
         )
     return {
         **provenance(command, evaluation.seeds),
@@ -170,21 +160,21 @@ def _about(evaluation: Evaluation, units: list[Unit], options: Options, started:
 
 def dry_run(evaluation: Evaluation, options: Options) -> None:
     """Say what would be played and, from what was measured on this machine, how long that takes."""
-    units, console = evaluation.units(), Console()
-    told = estimate(units, options.jobs)
-    for task in dict.fromkeys(unit.task for unit in units):
+    chunks, console = evaluation.chunks(), Console()
+    told = estimate(chunks, options.jobs)
+    for task in dict.fromkeys(chunk.task for chunk in chunks):
         table = Table("policy", box=box.SIMPLE_HEAD, title=str(task), title_justify="left")
         for title in ("episodes", "s an episode", "s on one core"):
             table.add_column(title, justify="right")
-        for entry in dict.fromkeys(unit.entry for unit in units if unit.task == task):
-            episodes = sum(len(unit.indices) for unit in units if unit.entry == entry)
+        for entry in dict.fromkeys(chunk.entry for chunk in chunks if chunk.task == task):
+            episodes = sum(len(chunk.indices) for chunk in chunks if chunk.entry == entry)
             seconds = told.episode[entry].usual
             cells = (str(episodes), f"{seconds:.3g}", f"{seconds * episodes:.3g}")
             table.add_row(Text(display_name(entry.policy)), *cells)
         console.print(table)
     total = told.total
     console.print(
-        f"{counted(len(units), 'chunk')} of episodes; about {total.usual:.0f} s, "
+        f"{counted(len(chunks), 'chunk')} of episodes; about {total.usual:.0f} s, "
         f"between {total.least:.0f} and {total.most:.0f} s: {told.playing.usual:.0f} s of playing with "
         f"{counted(options.jobs, 'job')}, "
         f"{told.timing.usual:.0f} s of timing, {told.report.usual:.0f} s for the report. Nothing was kept.",

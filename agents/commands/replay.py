@@ -9,9 +9,9 @@ from typing import Any
 from space_envs.errors import ConfigurationError, RenderingError, unknown_name
 from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.records.names import display_name
-from space_envs.evaluation.replay.exports import write_video
 from space_envs.evaluation.replay.frames import model_states
 from space_envs.evaluation.replay.replay import Replay, replay_of
+from space_envs.evaluation.replay.videos import write_video
 from space_envs.evaluation.results.folders import ResultFolder, read_folder
 from space_envs.registration import find
 from space_envs.rendering import Renderer
@@ -113,19 +113,19 @@ def choose(records: Sequence[EpisodeRecord], asked: dict[str, Any]) -> EpisodeRe
 
 
 def recorded(folder: ResultFolder, record: EpisodeRecord) -> Replay:
-    """The recorded states of a record's episode.
+    """Recorded episode of a record.
 
     Raises:
         ConfigurationError: if there are none, or not of a task of this version.
     """
-    states = folder.states(record.entry)
-    if states is None:
+    episodes = folder.episodes(record.entry)
+    if episodes is None:
         raise ConfigurationError(
-            f"{folder.path} has no recorded states of {record.policy!r} on {record.entry.task}; they are "
+            f"{folder.path} has no recorded episodes of {record.policy!r} on {record.entry.task}; they are "
             "written by evaluate.py"
         )
-    row = states.row(record.seed, record.episode)
-    return replay_of("", row, states.task(), states, record, states.goals())
+    row = episodes.row(record.seed, record.episode)
+    return replay_of("", row, episodes.task(), episodes, record)
 
 
 def said(record: EpisodeRecord) -> list[str]:

@@ -11,7 +11,7 @@ from agents.planners.common.plans import Failure, JointPath
 from agents.policies.base import BasePolicy
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import PolicyError
-from space_envs.evaluation.records.causes import PlanState
+from space_envs.evaluation.play.causes import PlanState
 
 State = TypeVar("State")
 

@@ -16,7 +16,7 @@ from agents.policies.following import rows_to_plan
 from agents.policies.needs import POSE
 from agents.policies.single_arm.optimal import drive_limits
 from space_envs.dynamics.rotations import Array
-from space_envs.evaluation.records.causes import PlanState
+from space_envs.evaluation.play.causes import PlanState
 from space_envs.policy import PolicyContext
 
 LOOK_AHEAD = 4.0  # s; at the limits of rate and acceleration a joint stops in 1.2 s

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError, PolicyError
-from space_envs.evaluation.records.causes import (
+from space_envs.evaluation.play.causes import (
     MissingPlan,
     PlanState,
     missing_plans,

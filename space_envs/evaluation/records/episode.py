@@ -13,8 +13,8 @@ from functools import cached_property
 from typing import Any, Self, get_type_hints
 
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.records.causes import check_cause
-from space_envs.evaluation.records.entry import EvaluatedTask, LeaderboardEntry
+from space_envs.evaluation.play.causes import check_cause
+from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
 from space_envs.evaluation.records.timing import Timing
 from space_envs.evaluation.records.values import abbreviated, checked, checked_metrics, checked_timing
 

@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
+from space_envs.evaluation.play.entry import LeaderboardEntry
 from space_envs.evaluation.records.configuration import config_hash
-from space_envs.evaluation.records.entry import LeaderboardEntry
 from space_envs.evaluation.records.episode import SCHEMA_VERSION, EpisodeRecord
 from space_envs.evaluation.records.metrics import episode_metrics
 from space_envs.evaluation.records.timing import UNTIMED, Timing

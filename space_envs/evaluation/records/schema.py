@@ -9,7 +9,7 @@ twice, and metrics beyond those of every task are those of the id's own task.
 import json
 from typing import Any, get_type_hints
 
-from space_envs.evaluation.records.causes import CAUSES, OUTCOMES, causes_of
+from space_envs.evaluation.play.causes import CAUSES, OUTCOMES, causes_of
 from space_envs.evaluation.records.episode import FIELDS, MAY_BE_EMPTY, PLAIN, SCHEMA_VERSION
 from space_envs.evaluation.records.metrics import METRICS
 from space_envs.evaluation.records.timing import Timing

@@ -2,18 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from space_envs.errors import ConfigurationError
+from space_envs.evaluation.play.episodes import Episodes
+from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.tasks.base import CaptureTask
-
-if TYPE_CHECKING:  # both know what a replay is
-    from space_envs.evaluation.play.rollout import Rollout
-    from space_envs.evaluation.records.episode import EpisodeRecord
-    from space_envs.evaluation.replay.states import States
+from space_envs.tasks.common import Goals
 
 LABELS = ("best", "median", "worst")
 
@@ -41,11 +39,11 @@ class Replay:
     distance: NDArray[np.float64]
     scene: NDArray[np.float64]
     task: CaptureTask
-    goals: Any
+    goals: Goals
 
 
 def make_replays(
-    task: CaptureTask, rollout: "Rollout | States", records: "Sequence[EpisodeRecord]"
+    task: CaptureTask, episodes: Episodes, records: Sequence[EpisodeRecord]
 ) -> tuple[Replay, ...]:
     """The best, the median and the worst episode; fewer where there are fewer episodes.
 
@@ -54,13 +52,13 @@ def make_replays(
     the middle of that order.
 
     Args:
-        task: that was played. rollout: K episodes. records: K, of the rollout's rows.
+        task: that was played. episodes: K of them. records: K, of their rows.
 
     Raises:
-        ConfigurationError: if rollout and records are not of the same episodes.
+        ConfigurationError: if episodes and records are not the same.
     """
-    if [record.index for record in records] != rollout.index.tolist():
-        raise ConfigurationError("rollout and records are of different episodes")
+    if [record.index for record in records] != episodes.index.tolist():
+        raise ConfigurationError("episodes and records are not of the same")
     order = sorted(range(len(records)), key=lambda row: _merit(records[row]))
     if not order:
         return ()
@@ -69,23 +67,19 @@ def make_replays(
         del chosen[LABELS[1]]
     if len(order) < 2:
         del chosen[LABELS[2]]
-    goals = task.goals(records[0].split, rollout.index)
-    return tuple(replay_of(label, row, task, rollout, records[row], goals) for label, row in chosen.items())
+    return tuple(replay_of(label, row, task, episodes, records[row]) for label, row in chosen.items())
 
 
-def _merit(record: "EpisodeRecord") -> tuple[Any, ...]:
+def _merit(record: EpisodeRecord) -> tuple[Any, ...]:
     """Smaller is better; what does not exist is worse than any number."""
     numbers = (record.metrics[name] for name in ("final_attitude", "attitude_cost"))
     figures = [np.inf if number is None else number for number in numbers]
     return (not record.captured, *figures, record.seed, record.episode)
 
 
-def replay_of(
-    label: str, row: int, task: CaptureTask, rollout: "Rollout | States", record: "EpisodeRecord", goals: Any
-) -> Replay:
-    """One recorded episode of a row, its record, and the goals of all rows, as a replay."""
-    """A row of what was recorded as a replay with this label; `goals` are of all rows."""
-    until = slice(0, int(rollout.length[row]) + 1)
+def replay_of(label: str, row: int, task: CaptureTask, episodes: Episodes, record: EpisodeRecord) -> Replay:
+    """Replay with this label of one of the episodes, whose record is given."""
+    until = slice(0, int(episodes.length[row]) + 1)
     return Replay(
         label=label,
         seed=record.seed,
@@ -93,10 +87,10 @@ def replay_of(
         index=record.index,
         outcome=record.outcome,
         reason=record.explanation,
-        time=np.array(task.control_period * np.arange(until.stop), dtype=np.float64),
-        attitude=np.array(rollout.attitude[row, until], dtype=np.float64),
-        distance=np.array(rollout.position_error[row, until], dtype=np.float64),
-        scene=np.array(rollout.scene[row, until], dtype=np.float64),
+        time=episodes.time[until],
+        attitude=episodes.attitude[row, until].astype(np.float64),
+        distance=episodes.position_error[row, until].astype(np.float64),
+        scene=episodes.scene[row, until].astype(np.float64),
         task=task,
-        goals=type(goals)(**{name: value[row : row + 1] for name, value in vars(goals).items()}),
+        goals=episodes.goals.take(np.array([row])),
     )

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from space_envs.errors import RenderingError
-from space_envs.evaluation.play.rollout import Rollout
-from space_envs.evaluation.records.entry import LeaderboardEntry
+from space_envs.evaluation.play.entry import LeaderboardEntry
+from space_envs.evaluation.play.episodes import Episodes
 from space_envs.tasks.base import CaptureTask
 
 FRAMES = 4
@@ -25,7 +25,7 @@ class Still:
 
 
 def capture_pictures(
-    task: CaptureTask, rollouts: Mapping[LeaderboardEntry, Rollout]
+    task: CaptureTask, episodes: Mapping[LeaderboardEntry, Episodes]
 ) -> tuple[dict[LeaderboardEntry, list[Still]], str]:
     """Stills (HEIGHT, WIDTH, 3) of each policy's farthest capture, and a note where there are none."""
     from space_envs.rendering import Renderer  # OpenGL may be missing, and is not needed without pictures
@@ -36,18 +36,18 @@ def capture_pictures(
     pictures: dict[LeaderboardEntry, list[Still]] = {}
     try:
         renderer = Renderer(model, width=WIDTH, height=HEIGHT, camera="overview")
-        for name, rollout in rollouts.items():
-            captured = np.array([outcome == "captured" for outcome in rollout.outcome])
+        for entry, played in episodes.items():
+            captured = played.outcome == "captured"
             if not captured.any():
                 continue
-            row = int(np.argmax(np.where(captured, rollout.position_error[:, 0], -1.0)))
+            row = int(np.argmax(np.where(captured, played.position_error[:, 0], -1.0)))
             stills = []
-            for step in np.linspace(0, rollout.length[row], FRAMES).round().astype(int):
-                data.qpos[:] = rollout.scene[row, step]
-                task.update_visuals(renderer.model, data, rollout.goals, row)
+            for step in np.linspace(0, played.length[row], FRAMES).round().astype(int):
+                data.qpos[:] = played.scene[row, step]
+                task.update_visuals(renderer.model, data, played.goals, row)
                 mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
                 stills.append(Still(float(step * task.control_period), renderer.render(state)))
-            pictures[name] = stills
+            pictures[entry] = stills
         renderer.close()
     except RenderingError as error:
         return {}, f"There are no pictures: {error}"

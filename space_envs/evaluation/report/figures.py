@@ -14,8 +14,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from space_envs.dynamics.rotations import Array
+from space_envs.evaluation.play.episodes import Episodes
 from space_envs.evaluation.records.names import display_name, figure_name
-from space_envs.evaluation.replay.traces import Traces
 from space_envs.evaluation.report.drawing import INK, LONE, Panel, draw_panel, label_points
 from space_envs.evaluation.report.tables import row_name
 from space_envs.evaluation.report.templating import shown_unit
@@ -265,28 +266,26 @@ def cost_plot(rows: Sequence[Row], shade: Mapping[str, Look]) -> Plot | None:
     return Plot("cost", "Cost against planning time", caption, (panel,))
 
 
-def attitude_plot(traces: Mapping[str, Traces], shade: Mapping[str, Look]) -> Plot | None:
+def attitude_plot(episodes: Mapping[str, Episodes], shade: Mapping[str, Look]) -> Plot | None:
     """Base attitude against time: median and quartile band of each policy, all the others in grey behind."""
-    if not traces:
+    if not episodes:
         return None
-    bands = {
-        policy: np.quantile(trace.attitude, [0.25, 0.5, 0.75], axis=0) for policy, trace in traces.items()
-    }
+    bands = {policy: np.quantile(own.attitude, [0.25, 0.5, 0.75], axis=0) for policy, own in episodes.items()}
     top = 1.05 * max(float(band[2].max()) for band in bands.values()) or 1.0
     # A policy that spins the base must not push those that keep it onto zero.
     telling = [float(height) for band in bands.values() for height in (band[1].max(), band[1][-1])]
     logarithmic = is_wide(telling)
-    end = max(float(trace.time[-1]) for trace in traces.values())
+    end = max(float(own.time[-1]) for own in episodes.values())
     panels = []
-    for number, (policy, trace) in enumerate(traces.items()):
+    for number, (policy, own) in enumerate(episodes.items()):
 
-        def draw(axes: Axes, policy: str = policy, trace: Traces = trace) -> None:
+        def draw(axes: Axes, policy: str = policy, own: Episodes = own) -> None:
             for other, band in bands.items():
                 if other != policy:
-                    axes.plot(traces[other].time, band[1], color=INK, alpha=0.2, lw=0.9)
+                    axes.plot(episodes[other].time, band[1], color=INK, alpha=0.2, lw=0.9)
             low, middle, high = bands[policy]
-            axes.fill_between(trace.time, low, high, color=shade[policy].colour, alpha=0.3, lw=0)
-            axes.plot(trace.time, middle, color=shade[policy].colour, lw=2.2)
+            axes.fill_between(own.time, low, high, color=shade[policy].colour, alpha=0.3, lw=0)
+            axes.plot(own.time, middle, color=shade[policy].colour, lw=2.2)
             axes.set(xlim=(0, end), ylim=(0, top), xlabel="time [s]", ylabel="base attitude [deg]")
             if logarithmic:
                 wide_scale(axes.yaxis, telling)
@@ -296,7 +295,7 @@ def attitude_plot(traces: Mapping[str, Traces], shade: Mapping[str, Look]) -> Pl
 
         alt = f"{display_name(policy)}: median base attitude {bands[policy][1][-1]:.3g} deg at the end"
         panels.append(draw_panel(f"attitude-{number}", draw, alt, height=2.5))
-    first = max(trace.episodes for trace in traces.values())
+    first = max(len(own) for own in episodes.values())
     caption = (
         f"Median and quartiles over the first {first} episodes of each policy, on one scale; the thin lines "
         "are the medians of the others. An episode that ended keeps its last value."
@@ -305,33 +304,34 @@ def attitude_plot(traces: Mapping[str, Traces], shade: Mapping[str, Look]) -> Pl
     return Plot("attitude", "Base attitude against time", caption, tuple(panels))
 
 
-def motion_plot(traces: Mapping[str, Traces]) -> Plot | None:
+def motion_plot(episodes: Mapping[str, Episodes]) -> Plot | None:
     """Rotation and translation of the base in one episode, the same one for every policy."""
-    moving = {
-        policy: trace
-        for policy, trace in traces.items()
-        if np.any(trace.base_rotation) or np.any(trace.base_position)
-    }
+    moving = {policy: own for policy, own in episodes.items() if any(map(np.any, own.base_displacement()))}
     if not moving:
         return None
     episode = representative_episode(moving)
     panels = []
-    for number, (policy, trace) in enumerate(moving.items()):
-        row = min(episode, trace.episodes - 1)
-        stop = int(trace.length[row]) + 1
+    for number, (policy, own) in enumerate(moving.items()):
+        row = min(episode, len(own) - 1)
+        until = slice(0, int(own.length[row]) + 1)
+        rotation, translation = (values[row] for values in own.base_displacement())
 
         def draw(
-            figure: Figure, policy: str = policy, trace: Traces = trace, row: int = row, stop: int = stop
+            figure: Figure,
+            policy: str = policy,
+            time: Array = own.time[until],
+            rotation: Array = rotation[until],
+            translation: Array = translation[until],
         ) -> None:
             above, below = figure.subplots(2, 1, sharex=True)
             for axes, values, label in (
-                (above, trace.base_rotation[row, :stop], "rotation [deg]"),
-                (below, 1000 * trace.base_position[row, :stop], "shift [mm]"),
+                (above, rotation, "rotation [deg]"),
+                (below, 1000 * translation, "translation [mm]"),
             ):
                 for axis, (name, colour, dash) in enumerate(
                     (("x", BLUE, "-"), ("y", VERMILION, (0, (5, 1.5))), ("z", GREEN, (0, (1.5, 1.2))))
                 ):
-                    axes.plot(trace.time[:stop], values[:, axis], color=colour, ls=dash, lw=1.9, label=name)
+                    axes.plot(time, values[:, axis], color=colour, ls=dash, lw=1.9, label=name)
                 axes.set_ylabel(label)
                 axes.grid()
             above.set_title(figure_name(policy))
@@ -341,12 +341,12 @@ def motion_plot(traces: Mapping[str, Traces]) -> Plot | None:
             figure.align_ylabels()
 
         alt = (
-            f"{display_name(policy)}: the base turns by up to {trace.attitude[row].max():.3g} deg and "
-            f"moves by up to {1000 * np.linalg.norm(trace.base_position[row], axis=-1).max():.3g} mm"
+            f"{display_name(policy)}: the base rotates by up to {own.attitude[row].max():.3g} deg and "
+            f"moves by up to {1000 * np.linalg.norm(translation, axis=-1).max():.3g} mm"
         )
         panels.append(draw_panel(f"motion-{number}", draw, alt, height=3.4, whole=True))
     caption = (
-        f"Rotation vector and shift of the base from where it started, in inertial axes, in episode "
+        f"Rotation vector and translation of the base from where it started, in inertial axes, in episode "
         f"{episode}: the one whose peak attitude is the middle one over the policies' medians. "
         "Scales differ between policies."
     )
@@ -362,8 +362,8 @@ def _from_zero(axes: Axes, values: Sequence[float]) -> None:
         axes.set_xlim(left=-0.03 * axes.get_xlim()[1])
 
 
-def representative_episode(traces: Mapping[str, Traces]) -> int:
-    """The traced episode with the middle peak attitude, taking for each episode the median over policies."""
-    count = min(trace.episodes for trace in traces.values())
-    peaks = np.median([trace.attitude[:count].max(axis=1) for trace in traces.values()], axis=0)
+def representative_episode(episodes: Mapping[str, Episodes]) -> int:
+    """Episode with the middle peak attitude, taking for each episode the median over policies."""
+    count = min(len(own) for own in episodes.values())
+    peaks = np.median([own.attitude[:count].max(axis=1) for own in episodes.values()], axis=0)
     return int(np.argsort(peaks, kind="stable")[(count - 1) // 2])

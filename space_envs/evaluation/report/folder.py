@@ -1,4 +1,4 @@
-"""The folder that an evaluation leaves: records, states, summary, tables, plots and one page for people."""
+"""The folder that an evaluation leaves: records, episodes, summary, tables, plots and one page for people."""
 
 import hashlib
 import json
@@ -10,16 +10,17 @@ import numpy as np
 from tqdm import tqdm
 
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.records.entry import EvaluatedTask, LeaderboardEntry
+from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
+from space_envs.evaluation.play.episode_file import save_episodes
 from space_envs.evaluation.records.episode import RECORDS, REPORT, SCHEMA_VERSION, SUMMARY
 from space_envs.evaluation.records.names import file_name, joined_file_name
 from space_envs.evaluation.records.storage import write_records
-from space_envs.evaluation.replay.exports import write_videos
+from space_envs.evaluation.replay.videos import write_videos
 from space_envs.evaluation.report.figures import Plot
 from space_envs.evaluation.report.page.html import make_plots, to_html
 from space_envs.evaluation.report.page.scores import all_scores, plain_scores
 from space_envs.evaluation.report.tables import to_csv, to_latex, to_markdown
-from space_envs.evaluation.results.result import EvaluationResult, entry_stem
+from space_envs.evaluation.results.result import EPISODES, EvaluationResult, entry_stem
 from space_envs.evaluation.statistics.leaderboard import build_rows
 from space_envs.evaluation.statistics.normalised import Scores
 from space_envs.evaluation.statistics.row import Row
@@ -40,7 +41,7 @@ class ReportPaths:
     latex: Path
     html: Path
     plots: Path  # a folder
-    traces: Mapping[LeaderboardEntry, Path]
+    episodes: Mapping[LeaderboardEntry, Path]
     videos: Mapping[LeaderboardEntry, Path]
     videos_note: str  # why there are none, if videos were asked for
 
@@ -65,7 +66,7 @@ def write_report(
     summary_json(result, rows, scores, {})  # refuses provenance that is not plain, before plots take time
     plots = make_plots(result, rows, scores, generator)
     folder = Path(folder)
-    traces = {entry: folder / "traces" / f"{entry_stem(entry)}.npz" for entry in result.traces}
+    episodes = {entry: folder / EPISODES / f"{entry_stem(entry)}.npz" for entry in result.episodes}
     # All text is made first, so that a result that cannot be reported leaves the folder as it was.
     texts = {
         "leaderboard.md": to_markdown(rows),
@@ -73,15 +74,12 @@ def write_report(
         "leaderboard.tex": to_latex(rows),
         REPORT: to_html(result, rows, plots, scores),
     }
-    for entry, path in traces.items():
-        result.traces[entry].save(path)
-    states = {entry: folder / "states" / f"{entry_stem(entry)}.npz" for entry in result.states}
-    for entry, path in states.items():
-        result.states[entry].save(path)
+    for entry, path in episodes.items():
+        save_episodes(path, result.episodes[entry])
     write_records(folder / RECORDS, result.records)
     for name, text in texts.items():
         atomic_write_text(folder / name, text)
-    relied_on = [folder / RECORDS, *traces.values(), *states.values()]
+    relied_on = [folder / RECORDS, *episodes.values()]
     checksums = {path.relative_to(folder).as_posix(): _sha256(path) for path in relied_on}
     atomic_write_text(folder / SUMMARY, summary_json(result, rows, scores, checksums))
     write_plots(plots, folder / "plots")
@@ -93,8 +91,7 @@ def write_report(
             if replays
         }
         written, note = write_videos(targets)
-    _remove_others(folder / "traces", "*.npz", traces.values())
-    _remove_others(folder / "states", "*.npz", states.values())
+    _remove_others(folder / EPISODES, "*.npz", episodes.values())
     _remove_others(folder / "videos", "*.mp4", written.values())
     return ReportPaths(
         folder=folder,
@@ -105,7 +102,7 @@ def write_report(
         latex=folder / "leaderboard.tex",
         html=folder / REPORT,
         plots=folder / "plots",
-        traces=traces,
+        episodes=episodes,
         videos=written,
         videos_note=note,
     )
@@ -114,15 +111,19 @@ def write_report(
 def summary_json(
     result: EvaluationResult, rows: Sequence[Row], scores: Scores, checksums: Mapping[str, str]
 ) -> str:
-    """Schema version, provenance, rows, each with its trace file if it has one, and the SHA-256 of files that
-    others may rely on, as indented JSON."""
+    """Schema version, provenance, rows, each with its file of episodes if it has one, and the SHA-256 of
+    files that others may rely on, as indented JSON."""
     summary = {
         "schema": SCHEMA_VERSION,
         "provenance": result.provenance,
         "rows": [
             row.to_dict()
             | {"normalised": plain_scores(scores[row.entry])}
-            | {"traces": f"traces/{entry_stem(row.entry)}.npz" if row.entry in result.traces else None}
+            | {
+                "episodes": f"{EPISODES}/{entry_stem(row.entry)}.npz"
+                if row.entry in result.episodes
+                else None
+            }
             for row in rows
         ],
         "checksums": dict(checksums),

@@ -14,8 +14,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from space_envs.evaluation.records.causes import CAUSES, OUTCOMES
-from space_envs.evaluation.records.entry import EvaluatedTask
+from space_envs.evaluation.play.causes import CAUSES, OUTCOMES
+from space_envs.evaluation.play.entry import EvaluatedTask
 from space_envs.evaluation.records.names import csv_name, display_name, latex_name, markdown_name
 from space_envs.evaluation.statistics.columns import NOTE, RANK, RULES, Column, columns_of, leaders
 from space_envs.evaluation.statistics.figures import FIGURES, HEADLINE, TIMINGS

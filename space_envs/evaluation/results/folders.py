@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.play.runner import PARTS, PLAN, progress
+from space_envs.evaluation.harness.runner import CHUNKS, PLAN, progress
+from space_envs.evaluation.play.entry import LeaderboardEntry
+from space_envs.evaluation.play.episode_file import load_episodes
+from space_envs.evaluation.play.episodes import Episodes
 from space_envs.evaluation.records.configuration import configuration_hash
-from space_envs.evaluation.records.entry import LeaderboardEntry
 from space_envs.evaluation.records.episode import RECORDS, SCHEMA_VERSION, SUMMARY, EpisodeRecord
 from space_envs.evaluation.records.storage import read_records
-from space_envs.evaluation.replay.states import States
-from space_envs.evaluation.replay.traces import Traces
-from space_envs.evaluation.results.result import entry_stem
+from space_envs.evaluation.results.result import EPISODES, entry_stem
 from space_envs.system.output import holder
 from space_envs.system.reading import read_bytes, read_object
 
@@ -43,46 +43,31 @@ class ResultFolder:
         """What defines each task, by its hash, as far as the folder says."""
         return self.provenance.get("configurations", {})
 
-    def traces(self, entry: LeaderboardEntry) -> Traces | None:
-        """The entry's traces, if there are any.
-
-        Raises:
-            ConfigurationError: if their file is damaged or was edited.
-        """
-        path = self._file("traces", entry)
-        return None if path is None else Traces.load(path)
-
-    def states(self, entry: LeaderboardEntry) -> States | None:
-        """The entry's recorded states, if there are any.
+    def episodes(self, entry: LeaderboardEntry) -> Episodes | None:
+        """Recorded episodes of an entry, if there are any.
 
         Raises:
             ConfigurationError: if their file is damaged, was edited, or is of other episodes.
         """
-        path = self._file("states", entry)
-        if path is None:
-            return None
-        states = States.load(path)
-        ends = {
-            (r.seed, r.episode): (r.index, r.outcome, r.metrics["steps"])
-            for r in self.records
-            if r.entry == entry
-        }
-        columns = (states.seed, states.episode, states.index, states.outcome, states.length)
-        for seed, episode, *end in zip(*(column.tolist() for column in columns), strict=True):
-            if ends.get((seed, episode)) != tuple(end):
-                raise ConfigurationError(
-                    f"{path}: episode {episode} of seed {seed} is another one than in {RECORDS}"
-                )
-        return states
-
-    def _file(self, kind: str, entry: LeaderboardEntry) -> Path | None:
-        name = f"{kind}/{entry_stem(entry)}.npz"
+        name = f"{EPISODES}/{entry_stem(entry)}.npz"
         checksums = self.summary.get("checksums", {})
         # Files that the summary does not know are left from something else that was written here.
         if not (self.path / name).is_file() or (checksums and name not in checksums):
             return None
         _verify(self.path, name, self.summary)
-        return self.path / name
+        episodes = load_episodes(self.path / name)
+        ends = {
+            (r.seed, r.episode): (r.index, r.outcome, r.metrics["steps"])
+            for r in self.records
+            if r.entry == entry
+        }
+        columns = (episodes.seed, episodes.episode, episodes.index, episodes.outcome, episodes.length)
+        for seed, episode, *end in zip(*(column.tolist() for column in columns), strict=True):
+            if ends.get((seed, episode)) != tuple(end):
+                raise ConfigurationError(
+                    f"{self.path / name}: episode {episode} of seed {seed} is another one than in {RECORDS}"
+                )
+        return episodes
 
 
 def read_folder(path: str | Path) -> ResultFolder:
@@ -94,7 +79,7 @@ def read_folder(path: str | Path) -> ResultFolder:
     """
     path = Path(path)
     records, summary = path / RECORDS, path / SUMMARY
-    interrupted = (path / PARTS).is_dir()
+    interrupted = (path / CHUNKS).is_dir()
     if not path.is_dir():
         what = "is a file" if path.exists() else "does not exist"
         raise ConfigurationError(f"{path} {what}; expected a folder that evaluate.py left")

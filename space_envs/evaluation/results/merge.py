@@ -6,11 +6,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.records.entry import EvaluatedTask, LeaderboardEntry
+from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
+from space_envs.evaluation.play.episodes import Episodes, concatenate
 from space_envs.evaluation.records.episode import RECORDS, EpisodeRecord
 from space_envs.evaluation.replay.replay import Replay, make_replays
-from space_envs.evaluation.replay.states import States, concatenate
-from space_envs.evaluation.replay.traces import Traces
 from space_envs.evaluation.results.agreement import check_agreement
 from space_envs.evaluation.results.folders import ResultFolder
 from space_envs.evaluation.results.result import EvaluationResult
@@ -49,8 +48,8 @@ def merge(
 ) -> tuple[EvaluationResult, list[str]]:
     """One result of several folders, and notes about what a reader should know of it.
 
-    An episode that stands in two folders alike is counted once. Traces, recorded states and replays are those
-    of the folders, where they have them.
+    An episode that stands in two folders alike is counted once. Recorded episodes and replays are those of
+    the folders, where they have them.
 
     Args:
         provenance: of the merged result; configurations and the sources' own provenance are added to it.
@@ -67,18 +66,13 @@ def merge(
         entries.setdefault(entry, []).append(one)
     for group in entries.values():
         group.sort(key=lambda one: (one.record.seed, one.record.episode))
-    traces: dict[LeaderboardEntry, Traces] = {}
-    states: dict[LeaderboardEntry, States] = {}
+    episodes: dict[LeaderboardEntry, Episodes] = {}
     replays: dict[LeaderboardEntry, Sequence[Replay]] = {}
     unknown: dict[str, None] = {}
     for entry, group in entries.items():
-        owners = list(dict.fromkeys(one.source for one in group))
-        found = [own for source in owners if (own := source.folder.traces(source.original(entry)))]
-        if found:
-            traces[entry] = found[0]
-        recorded = _states(entry, group, owners)
+        recorded = _episodes(entry, group)
         if recorded is not None:
-            states[entry] = recorded
+            episodes[entry] = recorded
             try:
                 replays[entry] = _replays(recorded, group)
             except (
@@ -87,11 +81,10 @@ def merge(
                 unknown[f"there are no replays of {entry.task}: {error}"] = None
     result = EvaluationResult(
         records=[one.record for group in entries.values() for one in group],
-        traces=traces,
+        episodes=episodes,
         provenance=_provenance(sources, provenance),
         pictures_note=NO_PICTURES,
         replays=replays,
-        states=states,
     )
     read = [note for source in sources for note in source.folder.notes]
     return result, [*read, *_repetitions(repeated), *_mixtures(entries), *_coverage(entries), *unknown]
@@ -136,24 +129,24 @@ def _conflict(one: _Kept, two: _Kept) -> str:
     )
 
 
-def _states(entry: LeaderboardEntry, group: Sequence[_Kept], owners: Sequence[Source]) -> States | None:
-    """The recorded states of the episodes that were kept."""
+def _episodes(entry: LeaderboardEntry, group: Sequence[_Kept]) -> Episodes | None:
+    """Recorded ones of the episodes that were kept."""
     parts = []
-    for source in owners:
-        found = source.folder.states(source.original(entry))
+    for source in dict.fromkeys(one.source for one in group):
+        found = source.folder.episodes(source.original(entry))
         if found is None:
             continue
         recorded = set(zip(found.seed.tolist(), found.episode.tolist(), strict=True))
         own = [(one.record.seed, one.record.episode) for one in group if one.source is source]
         part = found.take([found.row(*pair) for pair in own if pair in recorded])
-        parts.append(replace(part, about={**part.about, "policy": entry.policy}))
+        parts.append(replace(part, entry=entry))
     return concatenate(parts) if parts else None
 
 
-def _replays(states: States, group: Sequence[_Kept]) -> Sequence[Replay]:
+def _replays(episodes: Episodes, group: Sequence[_Kept]) -> Sequence[Replay]:
     records = {(one.record.seed, one.record.episode): one.record for one in group}
-    pairs = zip(states.seed.tolist(), states.episode.tolist(), strict=True)
-    return make_replays(states.task(), states, [records[pair] for pair in pairs])
+    pairs = zip(episodes.seed.tolist(), episodes.episode.tolist(), strict=True)
+    return make_replays(episodes.task(), episodes, [records[pair] for pair in pairs])
 
 
 def _provenance(sources: Sequence[Source], provenance: Mapping[str, Any]) -> dict[str, Any]:

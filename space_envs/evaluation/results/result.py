@@ -4,12 +4,14 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from space_envs.evaluation.records.episode import EpisodeRecord, LeaderboardEntry
+from space_envs.evaluation.play.entry import LeaderboardEntry
+from space_envs.evaluation.play.episodes import Episodes
+from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.records.names import joined_file_name
 from space_envs.evaluation.replay.replay import Replay
-from space_envs.evaluation.replay.states import States
 from space_envs.evaluation.replay.stills import Still
-from space_envs.evaluation.replay.traces import Traces
+
+EPISODES = "episodes"  # folder of the files of episodes
 
 
 @dataclass(frozen=True)
@@ -19,18 +21,17 @@ class EvaluationResult:
     `provenance` is shown in the report as it is: `command`, `versions`, `machine`, `commit`, ... What a clock
     or the machine's load decides goes under its key `timing`, so that the rest repeats byte for byte.
     `pictures` holds stills of a capture for each entry, in order of time; where it is empty,
-    `pictures_note` says why in one sentence. `replays` holds the best, the median and the worst
-    episode of each, `states` the recorded states of all. `experts` are the names of policies among which the
+    `pictures_note` says why in one sentence. `episodes` holds all recorded ones of each entry, `replays` the
+    best, the median and the worst of them. `experts` are the names of policies among which the
     best has the normalised score 1.
     """
 
     records: Sequence[EpisodeRecord]
-    traces: Mapping[LeaderboardEntry, Traces] = field(default_factory=dict)
+    episodes: Mapping[LeaderboardEntry, Episodes] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)
     pictures: Mapping[LeaderboardEntry, Sequence[Still]] = field(default_factory=dict)
     pictures_note: str = ""
     replays: Mapping[LeaderboardEntry, Sequence[Replay]] = field(default_factory=dict)
-    states: Mapping[LeaderboardEntry, States] = field(default_factory=dict)
     experts: Collection[str] = ()
 
 

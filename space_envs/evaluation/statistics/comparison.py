@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from space_envs.errors import ConfigurationError, unknown_name
-from space_envs.evaluation.records.entry import LeaderboardEntry
+from space_envs.evaluation.play.entry import LeaderboardEntry
 from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.statistics.figures import HEADLINE, metric_values
 from space_envs.evaluation.statistics.intervals import (

@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.records.causes import CAUSES, OUTCOMES
-from space_envs.evaluation.records.entry import EvaluatedTask, LeaderboardEntry
+from space_envs.evaluation.play.causes import CAUSES, OUTCOMES
+from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
 from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.statistics.figures import (
     HEADLINE,

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from space_envs.evaluation.records.entry import LeaderboardEntry
+from space_envs.evaluation.play.entry import LeaderboardEntry
 from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.statistics.comparison import COSTS, by_entry, episode_costs, seeds_of, words
 from space_envs.evaluation.statistics.figures import HEADLINE, capture_key, kept_key, metric_values

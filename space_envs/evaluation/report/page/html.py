@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from space_envs.evaluation.records.entry import EvaluatedTask, LeaderboardEntry
+from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
 from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.records.names import counted, display_name, plural
 from space_envs.evaluation.report import figures
@@ -41,6 +41,7 @@ from space_envs.evaluation.statistics.row import Row
 from space_envs.registration import ENTRIES
 
 SCRIPTS = ("pages.js", "table.js", "scrolling.js", "scene.js", "webgl.js", "painter.js", "player.js")
+DRAWN = 30  # episodes of a policy whose course in time is drawn
 PLOT_LETTERS = 4_200_000  # of a page of ten million
 
 
@@ -52,7 +53,11 @@ def make_plots(
     plots = {}
     for task, group in by_task(rows):
         named = {row_name(row, group): row for row in group}
-        traces = {name: result.traces[row.entry] for name, row in named.items() if row.entry in result.traces}
+        episodes = {
+            name: result.episodes[row.entry].take(range(min(DRAWN, len(result.episodes[row.entry]))))
+            for name, row in named.items()
+            if row.entry in result.episodes
+        }
         coloured = {name: shade[row.policy] for name, row in named.items()}
         records = [record for record in result.records if record.entry.task == task]
         made = [
@@ -61,8 +66,8 @@ def make_plots(
             *comparison_plots(group, records, shade, generator),
             figures.cost_plot(group, shade),
             figures.outcomes_plot(group),
-            figures.attitude_plot(traces, coloured),
-            figures.motion_plot(traces),
+            figures.attitude_plot(episodes, coloured),
+            figures.motion_plot(episodes),
         ]
         plots[task] = [plot for plot in made if plot]
     return plots

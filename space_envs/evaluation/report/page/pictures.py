@@ -8,7 +8,7 @@ import numpy as np
 from PIL import Image
 
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.records.entry import EvaluatedTask, LeaderboardEntry
+from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
 from space_envs.evaluation.records.names import display_name
 from space_envs.evaluation.replay.stills import Still
 from space_envs.evaluation.report.tables import row_name

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from space_envs.evaluation.records.entry import EvaluatedTask, LeaderboardEntry
+from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
 from space_envs.evaluation.records.names import display_name
 from space_envs.evaluation.replay.packing import json_text, replay_values, scene_values, size_of
 from space_envs.evaluation.replay.replay import Replay

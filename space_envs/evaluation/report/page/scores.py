@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from space_envs.evaluation.records.entry import EvaluatedTask
+from space_envs.evaluation.play.entry import EvaluatedTask
 from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.records.names import display_name
 from space_envs.evaluation.report.tables import row_name

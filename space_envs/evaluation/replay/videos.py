@@ -8,7 +8,7 @@ import numpy as np
 from tqdm import tqdm
 
 from space_envs.errors import ConfigurationError, RenderingError
-from space_envs.evaluation.records.entry import LeaderboardEntry
+from space_envs.evaluation.play.entry import LeaderboardEntry
 from space_envs.evaluation.replay.frames import model_states
 from space_envs.evaluation.replay.replay import Replay
 from space_envs.system.files import atomic_write

@@ -8,7 +8,7 @@ from typing import Any, Self
 
 from space_envs.codegen.cache import LibraryError, cache_folder, private_folder
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.records.entry import LeaderboardEntry
+from space_envs.evaluation.play.entry import LeaderboardEntry
 from space_envs.system.files import atomic_write_text
 from space_envs.system.reading import read_object
 

@@ -1,0 +1,1 @@
+"""Evaluations that can be stopped and resumed: chunks of episodes played in any process, results, timing."""

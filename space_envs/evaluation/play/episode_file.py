@@ -1,0 +1,84 @@
+"""The file format of episodes: npz without pickles, with 32-bit floats."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from space_envs.errors import ConfigurationError
+from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
+from space_envs.evaluation.play.episodes import ARRAYS, Episodes
+from space_envs.system.files import atomic_write
+from space_envs.system.reading import parse_json, read_arrays
+
+_GOAL = "goal_"  # begins the names of the goals' arrays
+_TYPES = {"f": np.float32, "i": np.int64, "U": np.str_}
+
+
+def compact(episodes: Episodes) -> Episodes:
+    """Episodes as they are read back from a file: with 32-bit floats, and no arrays that a file has not."""
+    arrays: dict[str, Any] = {
+        name: getattr(episodes, name).astype(_TYPES[kind]) for name, (kind, _) in ARRAYS.items()
+    }
+    return Episodes(
+        entry=episodes.entry, variant=episodes.variant, period=episodes.period, goal=episodes.goal, **arrays
+    )
+
+
+def to_arrays(episodes: Episodes) -> dict[str, NDArray[Any]]:
+    """Arrays of a file, by name; equal episodes give equal arrays."""
+    stored = compact(episodes)
+    about = json.dumps({**asdict(stored.entry), "variant": stored.variant})
+    header = {"about": np.array(about), "period": np.array(stored.period)}
+    goal = {f"{_GOAL}{name}": value for name, value in stored.goal.items()}
+    return header | {name: getattr(stored, name) for name in ARRAYS} | goal
+
+
+def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> Episodes:
+    """Episodes from the arrays of a file.
+
+    Raises:
+        ConfigurationError, ValueError, KeyError, TypeError: if there are others, or they do not fit.
+    """
+    given: dict[str, Any] = dict(arrays)
+    about = parse_json(str(given.pop("about")))
+    period = float(given.pop("period"))
+    goal = {name[len(_GOAL) :]: given.pop(name) for name in arrays if name.startswith(_GOAL)}
+    if set(given) != set(ARRAYS):
+        raise ConfigurationError(f"holds {sorted(given)}, expected {sorted(ARRAYS)}")
+    entry, variant = _read_about(about)
+    return Episodes(entry=entry, variant=variant, period=period, goal=goal, **given)
+
+
+def save_episodes(path: str | Path, episodes: Episodes) -> None:
+    """Write an npz file, whole or not at all; equal episodes give equal bytes."""
+    with atomic_write(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, **to_arrays(episodes))
+
+
+def load_episodes(path: str | Path) -> Episodes:
+    """Read what `save_episodes` wrote; never unpickles anything.
+
+    Raises:
+        ConfigurationError: naming the file, if it holds no episodes or is damaged.
+    """
+    try:
+        return from_arrays(read_arrays(path))
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ConfigurationError(f"{path}: not a file of episodes: {error}") from error
+
+
+def _read_about(about: Any) -> tuple[LeaderboardEntry, str | None]:
+    """Entry and variant from plain values."""
+    if not isinstance(about, dict) or not isinstance(about.get("task"), dict):
+        raise ConfigurationError(f"about must be an object with a task, got {about!r}")
+    task, variant = EvaluatedTask(**about["task"]), about["variant"]
+    entry = LeaderboardEntry(task, about["policy"], about["control_mode"])
+    texts = [*vars(task).values(), entry.policy, entry.control_mode]
+    if not all(isinstance(text, str) for text in texts) or not isinstance(variant, str | None):
+        raise ConfigurationError(f"about must hold texts, got {about!r}")
+    return entry, variant
