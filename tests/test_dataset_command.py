@@ -1,7 +1,6 @@
 """`evaluate.py dataset`: what it leaves out, skips and refuses; the number of processes changes nothing."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,15 +19,14 @@ from space_envs.registration import ENTRIES
 
 
 def test_episodes_that_do_not_come_out_again_are_left_out(tmp_path, monkeypatch, capsys):
-    played = datasets_recording._side_by_side
+    played = datasets_recording.roll_out
 
-    def tampered(*arguments):
-        first, second, third = played(*arguments)
-        action = second.actions.copy()
-        action[5] *= np.float32(0.5)
-        return [first, replace(second, actions=action), third]
+    def tampered(*arguments, **keywords):
+        rollout = played(*arguments, **keywords)
+        rollout.action[1, 5] *= 0.5
+        return rollout
 
-    monkeypatch.setattr(datasets_recording, "_side_by_side", tampered)
+    monkeypatch.setattr(datasets_recording, "roll_out", tampered)
     assert run(tmp_path, "--policy", "gjm", "--episodes", "3") == 0
     said = capsys.readouterr().out
     assert "episode 1 (goal 865): the replay from its actions differs: observations differ from row 6" in said

@@ -66,16 +66,15 @@ def test_same_seed_same_bytes_apart_from_timing(tmp_path, capsys):
     a, b = (read_records(tmp_path / folder / "records.jsonl") for folder in ("a", "b"))
     assert records_without_timing(a) == records_without_timing(b)
     assert len(a) == 8
-    for kind in ("traces", "states"):
-        names = [sorted(path.name for path in (tmp_path / folder / kind).iterdir()) for folder in ("a", "b")]
-        assert names[0] == names[1]
-        assert len(names[0]) == 2
+    names = [sorted(path.name for path in (tmp_path / name / "episodes").iterdir()) for name in ("a", "b")]
+    assert names[0] == names[1]
+    assert len(names[0]) == 2
     summaries = [json.loads((tmp_path / folder / "summary.json").read_text()) for folder in ("a", "b")]
     for summary in summaries:
         assert summary["provenance"].pop("timing")
         assert summary["checksums"].pop("records.jsonl")  # its lines have timing too
         assert summary["provenance"].pop("command")
-        assert len(summary["checksums"]) == 4  # traces and states
+        assert len(summary["checksums"]) == 2  # episodes
         for row in summary["rows"]:
             row.pop("timing")
     assert summaries[0] == summaries[1]

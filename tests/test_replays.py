@@ -81,7 +81,7 @@ def test_fewer_episodes_give_fewer_replays() -> None:
         played = make_played("hold", episodes=count)
         made = make_replays(played.task, played.episodes, played.records)
         assert [one.label for one in made] == labels
-    with pytest.raises(ConfigurationError, match="different episodes"):
+    with pytest.raises(ConfigurationError, match="not of the same"):
         make_replays(played.task, played.episodes, played.records[::-1])
 
 
