@@ -30,7 +30,6 @@ from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.records.storage import read_records, records_without_timing
 from space_envs.evaluation.records.timing import UNTIMED
 from space_envs.registration import make_task
-from space_envs.system.parallel import backend, check_backend
 
 ROOT = Path(__file__).resolve().parents[1]
 SINGLE = EvaluatedTask("SpaceCapture/SingleArm-v0", "medium", "validation")
@@ -159,7 +158,7 @@ def test_killed_while_it_plays_it_ends_with_the_same_records(usual, tmp_path: Pa
     assert records_without_timing(read_records(tmp_path / "records.jsonl")) == records_without_timing(records)
 
 
-def test_killed_between_two_units_it_goes_on_where_it_was(usual, tmp_path: Path) -> None:
+def test_killed_between_two_chunks_it_goes_on_where_it_was(usual, tmp_path: Path) -> None:
     evaluated, records = usual
     prepare(evaluated, tmp_path, resume=False)
     chunks = evaluated.chunks()
@@ -182,18 +181,24 @@ def test_a_resumed_evaluation_is_the_same_one(tmp_path: Path) -> None:
         prepare(evaluation("gjm", "hold"), tmp_path, resume=True)
 
 
-def test_parts_never_unpickle(tmp_path: Path) -> None:
+def test_results_of_chunks_are_read_back_and_never_unpickled(tmp_path: Path) -> None:
     chunk = evaluation("hold").chunks()[0]
-    part = evaluate_chunk(chunk)
-    part.save(tmp_path / "part.npz")
-    again = ChunkResult.load(tmp_path / "part.npz", chunk)
-    assert again.records == part.records
-    np.testing.assert_array_equal(again.episodes.scene, part.episodes.scene)
-    np.savez(tmp_path / "bad.npz", told=np.array([Path()], dtype=object))
+    result = evaluate_chunk(chunk)
+    result.save(tmp_path / "chunk.npz")
+    again = ChunkResult.load(tmp_path / "chunk.npz", chunk)
+    assert again.records == result.records
+    np.testing.assert_array_equal(again.episodes.scene, result.episodes.scene)
+    np.savez(tmp_path / "bad.npz", records=np.array([Path()], dtype=object))
     with pytest.raises(ConfigurationError, match=r"bad\.npz is damaged"):
         ChunkResult.load(tmp_path / "bad.npz", chunk)
     with pytest.raises(ConfigurationError, match="other episodes"):
-        ChunkResult.load(tmp_path / "part.npz", replace(chunk, indices=chunk.indices[::-1]))
+        ChunkResult.load(tmp_path / "chunk.npz", replace(chunk, indices=chunk.indices[::-1]))
+
+
+@pytest.fixture(scope="module")
+def well(tmp_path_factory: pytest.TempPathFactory) -> list[EpisodeRecord]:
+    """Records of a policy that behaves."""
+    return records_of(evaluation(f"{HARNESS}:Well", episodes=6), tmp_path_factory.mktemp("well"))
 
 
 @pytest.mark.parametrize(
@@ -210,10 +215,9 @@ def test_parts_never_unpickle(tmp_path: Path) -> None:
     ],
 )
 def test_a_policy_loses_only_the_episodes_that_it_spoils(
-    name: str, limits: TimeLimits | None, reason: str, tmp_path: Path
+    name: str, limits: TimeLimits | None, reason: str, well: list[EpisodeRecord], tmp_path: Path
 ) -> None:
-    well = records_of(evaluation(f"{HARNESS}:Well", episodes=6), tmp_path / "well")
-    ill = records_of(evaluation(f"{HARNESS}:{name}", episodes=6, limits=limits), tmp_path / "ill")
+    ill = records_of(evaluation(f"{HARNESS}:{name}", episodes=6, limits=limits), tmp_path)
     goals = make_task(SINGLE.env_id, {}).goals(SINGLE.split, np.array([record.index for record in well]))
     spoilt = harness_policies.chosen(goals.position)
     assert 0 < spoilt.sum() < 6
@@ -369,35 +373,3 @@ def test_several_ids_splits_and_seeds_in_one_run(tmp_path: Path, capsys: pytest.
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert {record.config_hash for record in records} == set(summary["provenance"]["configurations"])
     capsys.readouterr()
-
-
-@pytest.mark.parametrize(
-    ("jobs", "name", "address", "said"),
-    [
-        (0, "loky", None, "jobs must be at least 1"),
-        (1, "lokey", None, "Did you mean 'loky'"),
-        (1, "loky", "localhost:1", "takes no address"),
-    ],
-)
-def test_backends_that_cannot_be_are_refused(jobs: int, name: str, address: str | None, said: str) -> None:
-    with pytest.raises(ConfigurationError, match=said):
-        check_backend(jobs, name, address)
-
-
-def test_an_address_that_nobody_answers_at_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("distributed")
-    monkeypatch.setattr("space_envs.system.parallel.PATIENCE", 0.5)
-    with pytest.raises(ConfigurationError, match="no Dask cluster answers at tcp://127.0.0.1:9"):
-        with backend(2, "dask", "tcp://127.0.0.1:9"):
-            pytest.fail("there is no cluster")
-
-
-def test_results_come_as_they_are_done() -> None:
-    from joblib import delayed
-
-    def wait(seconds: float) -> float:
-        time.sleep(seconds)
-        return seconds
-
-    with backend(2) as spread:
-        assert sorted(spread(delayed(wait)(s) for s in (0.2, 0.0, 0.1))) == [0.0, 0.1, 0.2]
