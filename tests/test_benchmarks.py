@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from offenders import assert_none
 
 from benchmarks import momentum, planners
 from benchmarks.__main__ import main, names
@@ -29,22 +30,25 @@ NUMBERS = {
 }
 
 
-def refused(name: str, arguments: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def refusal(name: str, arguments: list[str], monkeypatch, capsys) -> str:
+    """Message with which a benchmark refuses arguments."""
     monkeypatch.setattr(sys, "argv", [f"benchmarks/{name}.py", *arguments])
     with pytest.raises(SystemExit) as exit_:
         import_module(f"benchmarks.{name}").main()
     assert exit_.value.code == 2
+    return capsys.readouterr().err
 
 
-@pytest.mark.parametrize("value", ["-1", "0", "1.5", "nan", "1e3", "", str(10**30)])
-@pytest.mark.parametrize(("name", "option"), [(n, o) for n, several in NUMBERS.items() for o in several])
-def test_numbers_are_checked_before_anything_runs(
-    name: str, option: str, value: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_numbers_are_checked_before_anything_runs(monkeypatch, capsys) -> None:
     assert set(NUMBERS) == set(names())
-    refused(name, [f"{option}={value}"], monkeypatch)
-    told = capsys.readouterr().err
-    assert f"python -m benchmarks.{name}: error: argument {option}: must be a whole number from 1 to" in told
+    assert_none(
+        f"{name} {option}={value}: {message}"
+        for name, options in NUMBERS.items()
+        for option in options
+        for value in ("-1", "0", "1.5", "nan", "1e3", "", str(10**30))
+        if f"python -m benchmarks.{name}: error: argument {option}: must be a whole number from 1 to"
+        not in (message := refusal(name, [f"{option}={value}"], monkeypatch, capsys))
+    )
 
 
 @pytest.mark.parametrize(
@@ -60,14 +64,9 @@ def test_numbers_are_checked_before_anything_runs(
     ],
 )
 def test_names_are_checked_and_the_nearest_is_named(
-    name: str,
-    arguments: list[str],
-    message: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    name: str, arguments: list[str], message: str, monkeypatch, capsys
 ) -> None:
-    refused(name, arguments, monkeypatch)
-    assert message in capsys.readouterr().err
+    assert message in refusal(name, arguments, monkeypatch, capsys)
 
 
 @pytest.mark.parametrize("name", ["mismatch", "optimal", "planning", "stochastic_feedback", "tracking"])

@@ -15,7 +15,7 @@ from result_folders import episodes, write_folder
 from agents.commands import replay
 from agents.commands.evaluate import main
 from agents.commands.train import main as train
-from agents.demonstrations import making as demonstrations
+from agents.demonstrations import __main__ as demonstrations
 from reproduce.__main__ import main as reproduce
 from space_envs.errors import ConfigurationError
 from space_envs.evaluation.results.folders import read_folder

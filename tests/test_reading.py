@@ -4,7 +4,7 @@ import io
 import json
 import os
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from offenders import assert_none
 from synthetic_results import CHARACTERS, make_episodes
 
-from agents.demonstrations import making as demonstrations
+from agents.demonstrations import storage as demonstrations
 from agents.learning.runs.nested_npz import load_nested, save_nested
 from agents.policies.learned.learned_policy import shipped_path
 from agents.policies.learned.policy_file import load_policy_file
@@ -85,28 +86,40 @@ def test_what_is_nested_too_deeply_is_said_to_be(tmp_path: Path) -> None:
             read(path)
 
 
-@pytest.mark.parametrize("reader", READERS)
-@pytest.mark.parametrize("content", HOSTILE)
-def test_hostile_files_are_refused(reader: str, content: str, tmp_path: Path) -> None:
-    path = tmp_path / "file"
-    path.write_bytes(HOSTILE[content])
-    if (reader, content) in {("records", "empty"), ("arrays", "no arrays"), ("arrays", "other arrays")} | {
-        ("arrays", "texts")
-    }:
-        READERS[reader](path)  # it is what it says
-        return
-    with pytest.raises(REFUSED) as caught:
+HARMLESS = {("records", "empty"), *(("arrays", name) for name in ("no arrays", "other arrays", "texts"))}
+
+
+def misread(reader: str, path: Path) -> str | None:
+    """Outcome of reading a file that has to be refused by name, or None if it is as it should be."""
+    try:
         READERS[reader](path)
-    assert "allow_pickle" not in str(caught.value)
-    assert reader in ("arrays", "object") or str(path) in str(caught.value)
+    except REFUSED as error:
+        if "allow_pickle" in str(error) or not (reader in ("arrays", "object") or str(path) in str(error)):
+            return f"unhelpful: {error}"
+        return None
+    return "accepted"
 
 
-@pytest.mark.parametrize("reader", READERS)
-def test_a_named_pipe_is_refused_at_once(reader: str, tmp_path: Path) -> None:
+def test_hostile_files_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+
+    def offenders() -> Iterator[str]:
+        for content, data in HOSTILE.items():
+            path.write_bytes(data)
+            for reader in READERS:
+                expected = "accepted" if (reader, content) in HARMLESS else None
+                if (found := misread(reader, path)) != expected:
+                    yield f"{content} by {reader}: {found}"
+
+    assert_none(offenders())
+
+
+def test_a_named_pipe_is_refused_at_once(tmp_path: Path) -> None:
     path = tmp_path / "pipe"
     os.mkfifo(path)
-    with pytest.raises((*REFUSED, OSError), match="not a regular file"):
-        READERS[reader](path)
+    for read in READERS.values():
+        with pytest.raises((*REFUSED, OSError), match="not a regular file"):
+            read(path)
 
 
 @pytest.fixture(scope="module")
