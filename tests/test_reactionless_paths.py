@@ -10,15 +10,9 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 from agents.planners.common.plans import Cause, Failure, Limits
-from agents.planners.dual_arm.prescribed_paths.instantaneous import (
-    Singular,
-    least_energy,
-    plan_local,
-    plan_zeta_zero,
-    solutions,
-)
-from agents.planners.dual_arm.prescribed_paths.instantaneous import zeta_zero as chosen_by_zeta_zero
-from agents.planners.dual_arm.prescribed_paths.model import PathModel
+from agents.planners.dual_arm.prescribed_paths.instantaneous import plan_local, plan_zeta_zero
+from agents.planners.dual_arm.prescribed_paths.model import Matrices, PathModel
+from agents.planners.dual_arm.prescribed_paths.null_space import least_energy, solutions, zeta_zero
 from agents.planners.dual_arm.prescribed_paths.polynomial import PolynomialPath
 from agents.planners.dual_arm.problem import Capture, CapturePlan
 from space_envs.dynamics import FloatingRobot
@@ -69,6 +63,13 @@ def near(robot: FloatingRobot, start: Array, away: float, duration: float = 12.0
 
 def scalar_path(start: float, end: float, first: float, last: float, duration: float) -> PolynomialPath:
     return PolynomialPath(np.array([start]), np.array([end]), np.array([first]), np.array([last]), duration)
+
+
+def split(at: Matrices, velocity: Array) -> tuple[Array, Array]:
+    """A particular solution and the null space."""
+    found = solutions(at, velocity)
+    assert not isinstance(found, Failure)
+    return found
 
 
 def task_rows(robot: FloatingRobot, q: Array) -> Array:
@@ -166,8 +167,8 @@ def test_zeta_zero_is_coordinate_partitioning():
         spins = -np.linalg.pinv(dependent) @ (independent[None] @ velocity)
         expected = np.linalg.solve(jg, np.concatenate([velocity, spins]))
         at = model(q)
-        some, null = solutions(at, velocity)
-        found = some + null @ chosen_by_zeta_zero(at, some, null)
+        some, null = split(at, velocity)
+        found = some + null @ zeta_zero(at, some, null)
         np.testing.assert_allclose(found, expected, atol=1e-8 * np.abs(expected).max())
     assert tried >= 10
 
@@ -178,7 +179,7 @@ def test_local_choice_is_the_minimum_of_eq_12():
     for q in rng.uniform(-2.0, 2.0, (8, 6)):
         velocity, metric = 0.1 * rng.normal(size=4), np.array(mass(q))
         at = model(q)
-        some, null = solutions(at, velocity)
+        some, null = split(at, velocity)
         way = np.linalg.svd(task_rows(robot, q))[2][-1]
         assert np.abs(null.ravel() @ way) == pytest.approx(1.0, abs=1e-9)
 
@@ -215,7 +216,7 @@ def test_local_needs_least_at_each_instant():
     model, plan = PathModel.of(robot_of()), canonical_plan("reactionless")
     for q, rate in zip(plan.position[20::40], plan.rate[20::40], strict=True):
         at = model(q)
-        some, null = solutions(at, (at.task @ rate)[:4])
+        some, null = split(at, (at.task @ rate)[:4])
         best = some + null @ least_energy(at, some, null)
         assert best @ at.mass @ best <= rate @ at.mass @ rate * (1.0 + 1e-9)
 
@@ -273,17 +274,20 @@ def test_joint_limit_is_said(method):
     assert isinstance(PLANNERS[method](robot_of(), canonical(), Limits(position=bounds)), CapturePlan)
 
 
-def test_lost_rank_is_refused():
+def test_lost_rank_is_a_typed_failure():
     """The planner's own factorisation has to notice constraints that depend on each other."""
     model = PathModel.of(robot_of())
     at = model(START)
-    alike = at.task.copy()
-    alike[1] = 0.7 * alike[0] - 0.2 * alike[4]
-    with pytest.raises(Singular, match="depend"):
-        solutions(replace(at, task=alike), np.ones(4))
-    some, null = solutions(at, np.ones(4))
-    with pytest.raises(Singular, match="null space"):
-        chosen_by_zeta_zero(replace(at, angular=np.zeros((2, 6))), some, null)
+    dependent = at.task.copy()
+    dependent[1] = 0.7 * dependent[0] - 0.2 * dependent[4]
+    some, null = split(at, np.ones(4))
+    for found, message in (
+        (solutions(replace(at, task=dependent), np.ones(4)), "depend"),
+        (zeta_zero(replace(at, angular=np.zeros((2, 6))), some, null), "null space"),
+    ):
+        assert isinstance(found, Failure)
+        assert found.cause is Cause.SINGULAR
+        assert message in found.reason
 
 
 @pytest.mark.parametrize(
