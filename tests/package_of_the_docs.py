@@ -16,7 +16,7 @@ PAGE = Path(__file__).resolve().parent.parent / "docs" / "extending.md"
 NAME = "my_capture"
 _FILE = re.compile(r"^<!-- file: (my_capture/\S+) -->\n```python\n(.*?)^```$", re.M | re.S)
 _COMMAND = re.compile(
-    r"^python ((?:evaluate|train)\.py .*my_capture.*|train\.py --resume runs/sprint.*)$", re.M
+    r"^python ((?:evaluate|train)\.py .*my_capture:.*|train\.py --resume runs/sprint.*)$", re.M
 )
 
 
