@@ -11,7 +11,7 @@ import pytest
 from package_of_the_docs import commands, forget, installed
 
 from agents.commands.evaluate import main as evaluate
-from space_envs.evaluation.records.storage import read_records
+from space_envs.evaluation.records.storage import read_records, records_without_timing
 
 ENV_ID = "MyCapture/Sprint-v0"
 POLICY = "my_capture.policies:Straight"
@@ -19,7 +19,8 @@ POLICY = "my_capture.policies:Straight"
 SHORT = {
     "evaluate.py --env": ["--episodes", "2", "--jobs", "2", "--no-pictures"],
     "evaluate.py dataset": ["--episodes", "2", "--jobs", "1"],
-    "train.py --env": ["--steps", "256"],
+    "train.py --env": ["--steps", "512", "--num-envs", "4", "--validation-episodes", "4"],
+    "train.py --resume": ["--steps", "1024", "--validation-episodes", "4"],
 }
 
 
@@ -38,6 +39,8 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     with installed(folder), pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         patch.setattr("space_envs.evaluation.play.runner.ROUNDS", 1)
+        patch.setattr("space_envs.evaluation.replay.exports.WIDTH", 160)
+        patch.setattr("space_envs.evaluation.replay.exports.HEIGHT", 120)
         for words in commands():
             assert run(words) == 0, words
         yield folder
