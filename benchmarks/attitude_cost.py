@@ -93,18 +93,18 @@ def main() -> None:
     few = max(repeats // 10, 3)
     compiled = best_time(lambda: trajectory_cost(robot, q, qdot, dt), repeats)
     rows = {
-        "limit: the arithmetic alone": limit,
+        "limit: arithmetic only": limit,
         "default: numpy, see below" if lacking else "default: compiled": compiled,
         "numpy": best_time(lambda: attitude_cost(robot.base_twist(q, qdot), dt), few),
-        "MuJoCo's mass matrices only": mujoco_time(q, few),
+        "MuJoCo, mass matrices only": mujoco_time(q, few),
     }
     cells = [
-        [way, f"{duration:.2f}", f"{1e3 * duration / samples:.3f}", f"{duration / limit:.1f}"]
-        for way, duration in rows.items()
+        [method, f"{duration:.2f}", f"{1e3 * duration / samples:.3f}", f"{duration / limit:.1f}"]
+        for method, duration in rows.items()
     ]
     print(f"Eq. 20 costs of {options.trajectories} trajectories of {options.points} points, one core used.\n")
     print(f"{machine_class()}, casadi {version('casadi')}\n")
-    print(markdown_table(["way", "ms", "microseconds a point", "times the limit"], cells))
+    print(markdown_table(["method", "ms", "microseconds per point", "times the limit"], cells))
     difference = np.abs(base_twist(robot, q, qdot) - robot.base_twist(q, qdot)).max()
     print("", *(warning.message for warning in lacking), sep="\n")
     print(f"First call, which compiles or loads the kernel: {first:.2f} s.")

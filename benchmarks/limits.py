@@ -85,7 +85,14 @@ def main(arguments: list[str] | None = None) -> None:
             + [f"{max(w.rate for w in found):.2f}", f"{min(w.distance for w in found):.3f}"]
         )
     print(f"\n{options.episodes} episodes of {SECONDS:g} s, seed {options.seed}; {machine_class()}\n")
-    header = ["robot", "control period, s", "step, ms", "drift", "rate, of its limit", "to the end, rad"]
+    header = [
+        "robot",
+        "control period, s",
+        "step, ms",
+        "drift",
+        "peak rate / rate limit",
+        "distance to joint limit, rad",
+    ]
     print(markdown_table(header, rows))
 
 

@@ -20,14 +20,14 @@ ENV = "SpaceCapture/SingleArm-v0"
 POLICIES = ("nmpc", "promp_optimal_kept")
 SCALES = (0.9, 1.0, 1.1)
 BATCH = 50  # episodes simulated together
-ALLOWED = 0.3  # deg, of the attitude that an episode may leave
+ALLOWED = 0.3  # deg, final attitude error
 
 
 def play(name: str, scale: float, goals: NDArray[np.int64], split: str) -> dict[str, Array]:
     """Episodes on medium goals with the satellite's mass and inertia scaled; arrays (K,).
 
-    position, rotation, attitude: m, deg and deg when a planned motion is over. captured; left: deg of
-    attitude at the end of the episode. planned: whether there was a plan.
+    position, rotation, attitude: errors at the end of the planned motion, m, deg and deg. captured; final:
+    attitude error at the end of the episode, deg. planned: whether there was a plan.
     """
     n = len(goals)
     env = CaptureVectorEnv(ENV, n, split=split, autoreset_mode="disabled")
@@ -56,7 +56,7 @@ def play(name: str, scale: float, goals: NDArray[np.int64], split: str) -> dict[
             break
     planned = np.array([failure is None for failure in state.failures])
     env.close()
-    return made | {"captured": outcome == "captured", "left": attitude, "planned": planned}
+    return made | {"captured": outcome == "captured", "final": attitude, "planned": planned}
 
 
 def main() -> None:
@@ -77,7 +77,7 @@ def main() -> None:
                     bar.update(len(goals))
                 made = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
                 planned = made["planned"]
-                good = made["captured"] & (made["left"] <= ALLOWED)
+                good = made["captured"] & (made["final"] <= ALLOWED)
                 at_end = [np.median(made[key][planned]) for key in ("position", "rotation", "attitude")]
                 rows.append(
                     [
@@ -89,13 +89,13 @@ def main() -> None:
                         f"{at_end[2]:.3f}" if name != "nmpc" else "-",
                         f"{made['captured'].sum()}",
                         f"{good.sum()}",
-                        f"{np.median(made['left'][planned]):.3f}",
-                        f"{made['left'][planned].max():.3f}",
+                        f"{np.median(made['final'][planned]):.3f}",
+                        f"{made['final'][planned].max():.3f}",
                     ]
                 )
     head = ["policy", "mass and inertia", "planned", "plan's end, mm", "deg", "attitude, deg"]
-    head += ["captured", f"with at most {ALLOWED:g} deg", "attitude left, median, deg", "worst, deg"]
-    print(markdown_table(head, rows))
+    head += ["captured", f"captured within {ALLOWED:g} deg", "final attitude error, median, deg"]
+    print(markdown_table([*head, "worst, deg"], rows))
     print(f"\n{options.goals} medium {options.split} goals, {machine_class()}.")
 
 

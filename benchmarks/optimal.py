@@ -27,14 +27,14 @@ from space_envs.robots.single_arm import single_arm_model
 from space_envs.system.command_line import Parser, exit_status
 from space_envs.tasks.single_arm import SingleArmTask
 
-NEAR = 16  # stored motions from which the reference is sought, of those that promise most among 48
-DRAWN = 8  # starts of the reference that are drawn
-FINE = 1e-4  # relative gain of an iteration at which the reference is done
+NEAR = 16  # stored motions as initial guesses of the reference, those of least predicted cost among 48
+DRAWN = 8  # random initial guesses of the reference
+FINE = 1e-4  # relative decrease of an iteration below which the reference stops
 
 
 @dataclass(frozen=True)
 class Setting:
-    """What is asked of the planner."""
+    """Difficulty, terminal constraint and limits of the planner's problems."""
 
     difficulty: str
     keep_attitude: bool
@@ -42,13 +42,13 @@ class Setting:
 
     @property
     def limits(self) -> Limits:
-        """The model's, or none."""
+        """Limits of the model, or none."""
         return model_limits() if self.limited else Limits()
 
     @property
     def words(self) -> list[str]:
-        """For a table's row."""
-        attitude = "kept" if self.keep_attitude else "free"
+        """First cells of a table's row."""
+        attitude = "constrained" if self.keep_attitude else "unconstrained"
         return [self.difficulty, "model's" if self.limited else "none", attitude]
 
     def reaches(self, split: str, count: int) -> list[Reach]:
@@ -62,7 +62,7 @@ class Setting:
 
 
 def best_known(setting: Setting, reach: Reach, number: int, collocation: bool) -> tuple[float, float]:
-    """Least costs found, m^2/s, by many starts in the weights, and by collocation; infinite if none."""
+    """Least costs, m^2/s, from many initial guesses in the weights, and of collocation; infinite if none."""
     robot = SingleArmTask().robot
     library = shipped_library(setting.keep_attitude, setting.limited)
     planner = OptimalPlanner(robot, setting.limits, library)
@@ -83,7 +83,7 @@ def best_known(setting: Setting, reach: Reach, number: int, collocation: bool) -
 def timed(
     plan: Callable[[Reach], ReachPlan | Failure], asked: list[Reach]
 ) -> tuple[list[ReachPlan | Failure], Array]:
-    """Plans and the milliseconds of each, after one that is not counted."""
+    """Plans and the milliseconds of each, after one that is not timed."""
     plan(asked[0])
     plans, times = [], []
     for reach in asked:
@@ -106,7 +106,7 @@ def compared(
     solvable = np.isfinite(np.asarray(best.min(axis=1)))
     pairs = [(one, least) for one, least in zip(checked, best, strict=True) if one is not None]
     ratio = np.array([one.cost / min(least[0], one.cost) for one, least in pairs])
-    beside = [one.cost / least[1] for one, least in pairs if np.isfinite(least[1])]
+    to_collocation = [one.cost / least[1] for one, least in pairs if np.isfinite(least[1])]
     place, turn, kept = (
         np.array([one.violation[name] for one, _ in pairs])
         for name in ("position_error", "rotation_error", "end_attitude")
@@ -117,7 +117,7 @@ def compared(
         f"{np.median(ratio):.3f}",
         f"{np.percentile(ratio, 90):.3f}",
         f"{ratio.max():.2f}",
-        f"{np.median(beside):.3f}" if beside else "-",
+        f"{np.median(to_collocation):.3f}" if to_collocation else "-",
         f"{1e3 * place.max():.2f}",
         f"{np.rad2deg(turn.max()):.3f}",
         f"{np.rad2deg(kept.max() if setting.keep_attitude else np.median(kept)):.3f}",
@@ -128,7 +128,7 @@ def compared(
 
 
 def evaluation_time(repeats: int = 500) -> float:
-    """Milliseconds of the compiled twists with derivatives along a motion: no iteration can do with less."""
+    """Milliseconds of the compiled twists with derivatives along a motion, which every iteration needs."""
     functions = ArmFunctions.of(SingleArmTask().robot, INTERVALS)
     q = np.random.default_rng(0).standard_normal((2 * INTERVALS, 7))
     functions.slopes(q, q)
@@ -138,8 +138,8 @@ def evaluation_time(repeats: int = 500) -> float:
     return 1e3 * (time.perf_counter() - before) / repeats
 
 
-def table_of_targets(goals: dict[str, int], split: str, jobs: int, collocation: bool) -> None:
-    """The planner against the best that is known."""
+def table_of_goals(goals: dict[str, int], split: str, jobs: int, collocation: bool) -> None:
+    """Print the planner's results against the best known motions."""
     rows, lost = [], []
     for difficulty, count in goals.items():
         for limited in (False, True):
@@ -165,28 +165,26 @@ def table_of_targets(goals: dict[str, int], split: str, jobs: int, collocation: 
                 lost += [f"{', '.join(setting.words)}: {n} {cause}" for cause, n in causes.items()]
     head = ["goals", "limits", "attitude", "solved", "cost ratio, median", "90 %", "worst", "to ocp, median"]
     head += ["goal error, mm"]
-    head += ["deg", "end attitude, deg", "planning, ms", "95 %"]
+    head += ["deg", "final attitude error, deg", "planning, ms", "95 %"]
     print(markdown_table(head, rows))
     print(f"\nFailures: {'; '.join(lost) or 'none'}.")
 
 
-def table_of_starts(count: int) -> None:
-    """What the stored motions are worth, on validation goals within the model's limits."""
+def table_of_initial_guesses(count: int) -> None:
+    """Print the effect of stored initial guesses, on validation goals within the model's limits."""
     rows = []
     for keep_attitude in (False, True):
         setting = Setting("medium", keep_attitude, True)
         asked = setting.reaches("validation", count)
         library, robot = shipped_library(keep_attitude), SingleArmTask().robot
-        ways = {
-            "nothing stored": OptimalPlanner(robot, setting.limits),
-            "the nearest": OptimalPlanner(robot, setting.limits, library, candidates=1, improved=1),
-            "the best of 8 near": OptimalPlanner(robot, setting.limits, library, candidates=8, improved=1),
-            "the best 2 of 8 near": OptimalPlanner(robot, setting.limits, library, candidates=8, improved=2),
-            "the best 4 of 16 near": OptimalPlanner(
-                robot, setting.limits, library, candidates=16, improved=4
-            ),
+        planners = {
+            "none stored": OptimalPlanner(robot, setting.limits),
+            "nearest": OptimalPlanner(robot, setting.limits, library, candidates=1, improved=1),
+            "best of 8 nearest": OptimalPlanner(robot, setting.limits, library, candidates=8, improved=1),
+            "best 2 of 8 nearest": OptimalPlanner(robot, setting.limits, library, candidates=8, improved=2),
+            "best 4 of 16 nearest": OptimalPlanner(robot, setting.limits, library, candidates=16, improved=4),
         }
-        results = {name: timed(planner.plan, asked) for name, planner in ways.items()}
+        results = {name: timed(planner.plan, asked) for name, planner in planners.items()}
         costs = {
             name: np.array([plan.cost if isinstance(plan, ReachPlan) else np.inf for plan in plans])
             for name, (plans, _) in results.items()
@@ -204,7 +202,7 @@ def table_of_starts(count: int) -> None:
                     f"{np.median(times):.1f}",
                 ]
             )
-    head = ["attitude", "starts", "solved", "cost ratio, median", "90 %", "planning, ms"]
+    head = ["attitude", "initial guesses", "solved", "cost ratio, median", "90 %", "planning, ms"]
     print(markdown_table(head, rows))
 
 
@@ -218,14 +216,14 @@ def main() -> None:
         "--jobs", type=whole, default=2, help="processes for the reference (default %(default)s)"
     )
     parser.add_argument("--split", type=split, default="test", help="default %(default)s")
-    parser.add_argument("--no-ocp", action="store_true", help="leave collocation out of the reference")
+    parser.add_argument("--no-ocp", action="store_true", help="do not use collocation in the reference")
     options = parser.parse_args()
     check_goals("SpaceCapture/SingleArm-v0", options.split, options.goals)
     half = max(1, options.goals // 2)
     goals = {"medium": options.goals, "hard": half, "easy": half}
-    table_of_targets(goals, options.split, options.jobs, not options.no_ocp)
+    table_of_goals(goals, options.split, options.jobs, not options.no_ocp)
     print(f"\nOne evaluation of the base's twists with derivatives: {evaluation_time():.3f} ms.\n")
-    table_of_starts(half)
+    table_of_initial_guesses(half)
     print(f"\n{machine_class()}, one thread a plan.")
 
 

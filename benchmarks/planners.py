@@ -1,4 +1,4 @@
-"""Planning time against eq. 20 cost and end attitude, for every planner of the single arm, as one plot."""
+"""Planning time against base disturbance (eq. 20) and final attitude error of the single arm's planners."""
 
 import json
 import sys
@@ -22,8 +22,8 @@ from space_envs.system.files import atomic_write
 
 ENV = "SpaceCapture/SingleArm-v0"
 NO_PLANNERS = ("random", "hold", "gjm", "bc", "ppo")
-KEPT = "capture@0.1deg"  # of at least half of the goals: the planner keeps the attitude
-# What README.md and docs/optimal.md say that the figure shows.
+KEPT = "capture@0.1deg"  # on at least half of the goals: the planner constrains the final attitude
+# Of the figure in README.md and docs/optimal.md.
 CAPTION = (
     "Planning time against base disturbance (eq. 20) and against final attitude error, for the planners "
     f"of {ENV}; squares constrain the final attitude."
@@ -31,7 +31,7 @@ CAPTION = (
 
 
 def summary(env: str, output: Path, episodes: int, split: str) -> list[dict[str, Any]]:
-    """Rows of all planners of an id, played on medium goals."""
+    """Leaderboard rows of all planners of an id, evaluated on medium goals."""
     names = [name for name in policies_for(env) if name not in NO_PLANNERS]
     arguments = ["--env", env, "--policy", *names, "--split", split, "--episodes", str(episodes)]
     with redirect_stdout(sys.stderr):  # the table below is the output of this command
@@ -47,12 +47,12 @@ def planning_time(row: dict[str, Any]) -> float:
 
 
 def draw(rows: list[dict[str, Any]], path: Path) -> None:
-    """Two panels with a common axis of planning time; what keeps the attitude is a square in orange."""
+    """Draw two panels over planning time; planners that constrain the final attitude are orange squares."""
     matplotlib.rcParams["svg.hashsalt"] = "planners"
     figure = Figure(figsize=(10.0, 4.2), layout="constrained")
     panels = (
-        ("attitude_cost", 1e4, "eq. 20 cost [cm²/s]"),
-        ("final_attitude", 1.0, "attitude left at capture [deg]"),
+        ("attitude_cost", 1e4, "base disturbance, eq. 20 [cm²/s]"),
+        ("final_attitude", 1.0, "final attitude error [deg]"),
     )
     labels: list[tuple[Axes, list[tuple[str, float, float]]]] = []
     for number, (key, scale, title) in enumerate(panels):
@@ -62,7 +62,7 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
             x, y = planning_time(row), max(scale * row["figures"][key]["value"], 1e-4)
             kept = row["figures"][KEPT]["value"] >= 0.5
             marker, colour = ("s", VERMILION) if kept else ("o", BLUE)
-            label = "attitude kept" if kept else "attitude left free"
+            label = "final attitude constrained" if kept else "final attitude unconstrained"
             axes.plot(x, y, marker, color=colour, ms=7, label=label)
             places.append((row["policy"], x, y))
         axes.set(xscale="log", yscale="log", xlabel="planning time [ms]", ylabel=title)
@@ -71,8 +71,8 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
             log_ticks(axis, most=7)
         axes.grid(alpha=0.3)
         labels.append((axes, places))
-    told = dict(zip(*reversed(figure.axes[0].get_legend_handles_labels()), strict=True))
-    figure.legend(told.values(), told.keys(), loc="outside upper left", ncols=2, frameon=False)
+    legend = dict(zip(*reversed(figure.axes[0].get_legend_handles_labels()), strict=True))
+    figure.legend(legend.values(), legend.keys(), loc="outside upper left", ncols=2, frameon=False)
     for axes, places in labels:
         label_points(axes, places)
     with atomic_write(path) as temporary:
@@ -80,7 +80,7 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
 
 
 def main() -> None:
-    """Play, print the table and draw."""
+    """Evaluate, print the table and draw."""
     parser = Parser(prog="python -m benchmarks.planners", description=__doc__)
     parser.add_argument("--env", type=env_id, default=ENV, help="id; the plot is drawn for %(default)s alone")
     parser.add_argument("--episodes", type=whole, default=100, help="test goals (default %(default)s)")
@@ -105,8 +105,8 @@ def main() -> None:
         ]
         for row in sorted(rows, key=lambda row: row["figures"]["attitude_cost"]["value"])
     ]
-    head = ["planner", "planning, ms", "eq. 20 cost, cm^2/s", "attitude left, deg", "captured, %"]
-    head += ["with at most 0.1 deg, %"]
+    head = ["planner", "planning, ms", "base disturbance (eq. 20), cm^2/s", "final attitude error, deg"]
+    head += ["captured, %", "captured within 0.1 deg, %"]
     print(markdown_table(head, table))
     print(f"\n{options.episodes} medium {options.split} goals, {machine_class()}.")
     if len(rows) < len(played):

@@ -31,7 +31,7 @@ METHODS: dict[str, tuple[type[ReactionlessPolicy], dict[str, float]]] = {
 
 
 def measured(method: type[ReactionlessPolicy], task: str, goals: int) -> tuple[list[float], Counter[str]]:
-    """Seconds of each plan, after one that is not counted, and what became of them."""
+    """Seconds of each plan, after one that is not timed, and the number of each result."""
     env = CaptureVectorEnv(f"SpaceCapture/DualArm{task}-v0", goals)
     observation, _ = env.reset(options={"split": "validation", "index": np.arange(goals)})
     asked = method(PolicyContext.from_env(env)).inputs(observation)
@@ -46,8 +46,7 @@ def measured(method: type[ReactionlessPolicy], task: str, goals: int) -> tuple[l
 
 
 def evaluation_time(task: str, repeats: int = 2000) -> float:
-    """Seconds that the compiled matrices at one configuration take here and now: no method can do with less
-    than a few hundred of them."""
+    """Seconds for the compiled matrices at one configuration; every method needs some hundreds of them."""
     env = CaptureVectorEnv(f"SpaceCapture/DualArm{task}-v0", 1)
     robot = env.task.robot
     model = PathModel.of(robot)
@@ -81,11 +80,11 @@ def main() -> None:
                     f"{allowed[task]:g}",
                     verdict(float(np.median(times)), allowed[task]),
                     f"{np.median(times) / unit:,.0f}",
-                    ", ".join(f"{count} {what}" for what, count in outcomes.most_common()),
+                    ", ".join(f"{count} {result}" for result, count in outcomes.most_common()),
                 ]
             )
     head = ["robot", "method", "median, s", "90 %, s", "bound, s", "bound on the median"]
-    head += ["median / one evaluation", "of the plans"]
+    head += ["median / one evaluation", "results"]
     print(markdown_table(head, rows))
     print(f"\n{options.goals} validation goals of difficulty medium, one process, {machine_class()}.")
 

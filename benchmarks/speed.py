@@ -112,21 +112,21 @@ def single_rate(env_id: str, seconds: float) -> float:
 
 
 def aims(added: Mapping[tuple[str, str, int], float]) -> str:
-    """Whether what is aimed at was reached, in a sentence.
+    """Added times and whether they meet their goals, in a sentence.
 
     Args:
-        added: us an env step, by id, control mode and N.
+        added: us per env step, by id, control mode and N.
     """
-    told = [
-        f"at N = {n} {added[*AIMED_AT, n]:.1f} us are added, at most {most:g} are aimed at: "
+    parts = [
+        f"at N = {n}: {added[*AIMED_AT, n]:.1f} us added, goal at most {most:g} us, "
         f"{verdict(added[*AIMED_AT, n], most)}"
         for n, most in AIMS.items()
     ]
-    return f"{short(AIMED_AT[0])} in mode {AIMED_AT[1]}: {'; '.join(told)}."
+    return f"{short(AIMED_AT[0])} in mode {AIMED_AT[1]}: {'; '.join(parts)}."
 
 
 def reference_rate(python: Path) -> float:
-    """Steps a second of FetchReach-v4 in another interpreter."""
+    """Steps per second of FetchReach-v4 in another interpreter."""
     code = REFERENCE.replace("SECONDS", str(SECONDS))
     done = subprocess.run([python, "-c", code], capture_output=True, text=True, check=True)
     return float(done.stdout.split()[-1])
@@ -162,7 +162,7 @@ def main(arguments: list[str] | None = None) -> None:
         "N",
         "env steps/s",
         "simulation alone, steps/s",
-        "added, us an env step",
+        "added, us per env step",
         "share of limit",
     ]
     print(f"\nVector environment, 2 threads for N > 1; medians; {machine_class()}\n")
@@ -180,7 +180,7 @@ def main(arguments: list[str] | None = None) -> None:
             found.setdefault(f"{name}, gym.make_vec, N = 256", []).append(256 * vector)
     rates = {name: float(np.median(each)) for name, each in found.items()}
     base = next(iter(rates.values()))
-    print("\nSide by side, env steps a second (medians):\n")
+    print("\nComparison, env steps per second (medians):\n")
     compared = [[name, f"{rate:,.0f}", f"{rate / base:.3g}"] for name, rate in rates.items()]
     print(markdown_table(["environment", "env steps/s", "ratio"], compared))
 

@@ -41,9 +41,9 @@ class Setting:
 
 
 SETTINGS = (
-    Setting("as modelled", False, False),
+    Setting("nominal", False, False),
     Setting("noise", True, False),
-    Setting("masses off", False, True),
+    Setting("mass error", False, True),
     Setting("both", True, True),
 )
 
@@ -146,8 +146,8 @@ def main() -> None:
         joint, last, tip, turned, attitude, torque = np.median(made, axis=0)
         row = [f"{1e3 * joint:.2f}", f"{1e3 * last:.2f}", f"{1e3 * tip:.2f}", f"{turned:.3f}"]
         rows.append([setting, name, *row, f"{attitude:.4f}", f"{torque:.3f}"])
-    head = ["setting", "law", "joints, mrad", "joints at the end, mrad", "end-effector, mm"]
-    print(markdown_table([*head, "end-effector, deg", "attitude, deg", "torque varies, N m"], rows))
+    head = ["setting", "law", "joint error, mrad", "final joint error, mrad", "end-effector, mm"]
+    print(markdown_table([*head, "end-effector, deg", "attitude, deg", "torque variation, N m"], rows))
     print(
         f"\nMedians over {used} validation goals, {options.episodes} episodes each, seed {options.seed}; "
         f"{1e3 * PERIOD:g} ms of control, {machine_class()}."
