@@ -14,6 +14,7 @@ from space_envs.envs.keywords import EnvKeywords, explicit_keywords
 from space_envs.envs.vector import METADATA, CaptureVectorEnv
 from space_envs.errors import ActionError, ConfigurationError, UnknownKeywordError, shown
 from space_envs.registration import asked_of_make
+from space_envs.tasks.base import CaptureTask
 
 
 class CaptureEnv(gym.Env[NDArray, NDArray]):
@@ -41,7 +42,7 @@ class CaptureEnv(gym.Env[NDArray, NDArray]):
         self.action_space = self.vector.single_action_space
 
     @property
-    def task(self) -> Any:
+    def task(self) -> CaptureTask:
         """The task's configuration."""
         return self.vector.task
 
