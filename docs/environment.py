@@ -152,7 +152,7 @@ def _robot(env: CaptureVectorEnv) -> str:
         ("torque limit, N m", torque),
         (
             "reach from the centre of mass, m",
-            ", ".join(f"{robot.reach(arm):.2f}" for arm in range(len(robot.tip_link))),
+            ", ".join(f"{robot.reach(arm):.2f}" for arm in range(len(robot.end_effector_link))),
         ),
         ("control period, s", f"{number(task.control_period)}; at most {task.largest_control_period:g}"),
         ("simulation step, s", f"{number(task.step_size)}, fourth-order Runge-Kutta; {_steps(task)}"),
@@ -246,7 +246,7 @@ def _rewards(env: CaptureVectorEnv) -> str:
             "dt. Terms per second are multiplied by the control period.",
             *(
                 ["Errors are those of the arm with the larger error."]
-                if len(env.task.robot.tip_link) > 1
+                if len(env.task.robot.end_effector_link) > 1
                 else []
             ),
             table(header, rows),
@@ -273,7 +273,7 @@ def _capture(env: CaptureVectorEnv) -> str:
         [
             "## Capture and end of an episode",
             f"{summary(CaptureEnvelope)} This does not depend on the reward.",
-            *([f"{both}the worse of the two."] if len(env.task.robot.tip_link) > 1 else []),
+            *([f"{both}the worse of the two."] if len(env.task.robot.end_effector_link) > 1 else []),
             table(("error of the end-effector", "tolerance", "unit", "keyword"), limits[:-1]),
             f"Hold time: {limits[-1][1]} {limits[-1][2]} (keyword {limits[-1][3]}), in consecutive steps.",
             table(('`info["outcome"]`', "flag", "when"), ends),

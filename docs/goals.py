@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from docs.reading import comments, described, number, section, table
-from space_envs.dynamics.reactionless import tips
+from space_envs.dynamics.reactionless import end_effectors
 from space_envs.dynamics.rotations import Array, rotate
 from space_envs.tasks import clutter, dual_arm, single_arm
 from space_envs.tasks.base import CaptureTask
@@ -179,8 +179,8 @@ def _distances(task: DualArmTask, goals: TargetGoals) -> Array:
     """Distances (K, 2) of the end-effectors from their grapple points at the start, m."""
     robot = task.robot
     points = rotate(goals.quaternion[:, None], task.grapples(goals.half_width))
-    end_effectors = tips(robot, goals.joint_position).position
-    return np.linalg.norm(goals.position[:, None] + points - end_effectors, axis=-1)
+    hands = end_effectors(robot, goals.joint_position).position
+    return np.linalg.norm(goals.position[:, None] + points - hands, axis=-1)
 
 
 DESCRIPTIONS: dict[type[CaptureTask], Callable[[Any], str]] = {

@@ -10,6 +10,7 @@ from functools import cache
 import numpy as np
 
 from space_envs.dynamics import FloatingRobot, minimum_jerk, roll_out_base, trajectory_cost
+from space_envs.dynamics.reactionless import reactionless_projection
 from space_envs.dynamics.rotations import Array, rotate
 from space_envs.robots.dual_arm import END_EFFECTORS, DualArmOptions, dual_arm_model
 
@@ -66,7 +67,9 @@ def reactionless_swing() -> PlanarMotion:
     """The rates of `swing` projected onto the reaction null space at every configuration."""
     robot = planar_robot()
     rates = minimum_jerk(robot.home, robot.home + REACH, DURATION, 2 * NODES - 1)[1]
-    return _integrated(lambda half_step, q, angle: robot.reaction_null_space(q) @ rates[half_step])
+    return _integrated(
+        lambda half_step, q, angle: reactionless_projection(robot.base_map(q)[3:], rates[half_step])
+    )
 
 
 def straight_line(generalized: bool) -> PlanarMotion:

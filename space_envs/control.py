@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from space_envs.dynamics.reactionless import reactionless_projection
 from space_envs.dynamics.rotations import Array
 from space_envs.simulation import STAGE_POS, Simulation
 
@@ -22,6 +23,7 @@ OVERSPEED = 1.05  # times the rate limit, likewise
 BRAKING_SHARE = 0.2  # of a drive's torque; starts that take more to brake all joints together are refused
 STOP_MARGIN = 0.1  # rad; the drives stop this far inside the joint range, so that nothing hits its end
 AWAY = 0.1  # of the rate limit; a motion that breaks limits by more once it is reactionless is stopped first
+_REGULARISATION = 1e-9  # of the projection onto the reaction null space
 ATTITUDE_GAIN = 0.5  # 1/s, feedback of the attitude left in mode reactionless
 
 
@@ -300,10 +302,14 @@ class Reactionless:
             # For small angles twice the vector part is the rotation vector, in base axes too.
             attitude = 2.0 * attitude[:, 1:] * np.copysign(1.0, attitude[:, :1])
         wanted = -ATTITUDE_GAIN * attitude
+
+        def projected(rate: Array, free: Array) -> Array:
+            return reactionless_projection(turning, rate, wanted, free, _REGULARISATION)
+
         command = np.minimum(np.maximum(action * self.scale, low), high)
-        rate = _project(turning, command, wanted, np.ones_like(command))
+        rate = projected(command, np.ones_like(command))
         free = ((rate >= low) & (rate <= high)).astype(np.float64)
-        rate = _project(turning, np.minimum(np.maximum(rate, low), high), wanted, free)
+        rate = projected(np.minimum(np.maximum(rate, low), high), free)
         # Whatever still exceeds a limit is scaled as a whole, which stays in the null space.
         bound = np.where(rate > 0.0, high, -low)
         excess = (np.abs(rate) / np.maximum(bound, 1e-9)).max(axis=1, keepdims=True)
@@ -313,7 +319,7 @@ class Reactionless:
         late = ((now > high) | (now < low)).any(axis=1, keepdims=True)
         rate = np.where(late, 0.0, rate)
         # The acceleration limit slows the way from the present motion, made reactionless again, to the new.
-        present = _project(turning, now, wanted, np.ones_like(now))
+        present = projected(now, np.ones_like(now))
         change = (rate - present) / self.drive.control_period
         largest = np.abs(change).max(axis=1, keepdims=True) / self.drive.acceleration_limit
         correction = (present - now) / self.drive.control_period
@@ -323,14 +329,6 @@ class Reactionless:
         if away.any():
             torque = np.where(away, self.drive.track(np.zeros_like(now)), torque)
         return torque
-
-
-def _project(turning: Array, rate: Array, wanted: Array, free: Array) -> Array:
-    """Change rates (N, n) as little as possible, in the free joints only, so that turning @ rate = wanted."""
-    through = turning * free[:, None, :]
-    square = through @ turning.swapaxes(1, 2) + 1e-9 * np.eye(turning.shape[1])
-    missing = wanted - (turning @ rate[..., None])[..., 0]
-    return rate + (through.swapaxes(1, 2) @ np.linalg.solve(square, missing[..., None]))[..., 0]
 
 
 MODES: dict[str, Callable[[Drive], ControlMode]] = {

@@ -113,7 +113,7 @@ class PolicyContext:
     @property
     def arms(self) -> int:
         """Number of arms."""
-        return len(self.arm.tip_link)
+        return len(self.arm.end_effector_link)
 
     @property
     def joints(self) -> int:

@@ -5,7 +5,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from space_envs.dynamics.reactionless import Reached, reach, tips
+from space_envs.dynamics.reactionless import Reached, end_effectors, reach
 from space_envs.dynamics.rigid_body import tumble
 from space_envs.dynamics.rotations import Array, exponential, logarithm, multiply, rotate
 from space_envs.registration import make_task
@@ -43,7 +43,7 @@ def _posture(kind: type[DualArmTask]) -> tuple[Array, Array, Array]:
     task = kind()
     goals = task.goals("validation", np.array([0]))
     q = reached(task, goals).q[0]
-    return q, tips(task.robot, q).position, at_meeting(task, goals)[0][0]
+    return q, end_effectors(task.robot, q).position, at_meeting(task, goals)[0][0]
 
 
 def docked(task: DualArmTask, target_turn: float = 0.0, **changes: Any) -> dict[str, Array]:

@@ -10,7 +10,6 @@ from agents.planners.dual_arm.clearance import Links, Surroundings, gaps, turnin
 from agents.planners.dual_arm.free_paths.nearness import POSE, Nearness, parameters
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.capsules import box_distance, point_segment, segment_distance
-from space_envs.dynamics.reactionless import com
 from space_envs.dynamics.rigid_body import tumble
 from space_envs.dynamics.rotations import Array, exponential
 from space_envs.errors import ConfigurationError
@@ -111,7 +110,7 @@ def test_gaps_are_those_that_mujoco_measures_between_the_same_shapes(kind: str) 
     data = mujoco.MjData(model)
     q = configurations(robot, 60)
     start, times = robot.home, np.linspace(0.0, 20.0, 60)
-    origin = com(robot, robot.kinematics(start))
+    origin = robot.centre_of_mass(robot.kinematics(start))
     centre, attitude = tumbling(kind, times)
     expected = np.empty((60, 3))
 
@@ -121,7 +120,7 @@ def test_gaps_are_those_that_mujoco_measures_between_the_same_shapes(kind: str) 
 
     capsules = [f"capsule{place}" for place in range(len(links.link))]
     for row in range(60):
-        base = origin - com(robot, robot.kinematics(q[row]))
+        base = origin - robot.centre_of_mass(robot.kinematics(q[row]))
         set_pose(model, data, "satellite", base, np.array([1.0, 0.0, 0.0, 0.0]))
         set_pose(model, data, "target", centre, attitude[row])
         for name, angle in zip(names, q[row], strict=True):

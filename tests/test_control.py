@@ -338,7 +338,7 @@ def test_end_effector_velocity_reaches_the_commanded_twist(name, seed):
     env.reset(seed=0, options=bent)
     robot, q = env.task.robot, env.simulation.joint_position[0]
     rows = [0, 1, 5] if env.simulation.planar else list(range(6))
-    maps = [robot.generalized_jacobian(q, tip)[rows] for tip in range(len(robot.tip_link))]
+    maps = [robot.generalized_jacobian(q, tip)[rows] for tip in range(len(robot.end_effector_link))]
     command = np.random.default_rng(seed).normal(size=env.mode.size)
     rates = np.linalg.pinv(np.concatenate(maps)) @ (command * env.mode.scale)
     command *= min(0.1 / np.abs(rates).max(), 0.1 / np.abs(command).max())  # slow enough for every joint

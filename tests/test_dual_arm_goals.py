@@ -9,7 +9,7 @@ import pytest
 from dual_arm_goals import IDS, at_meeting, reached, task_of
 
 import space_envs  # noqa: F401  (registers the ids)
-from space_envs.dynamics.reactionless import tips
+from space_envs.dynamics.reactionless import end_effectors
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError, GoalError
 from space_envs.tasks.base import BLOCK
@@ -73,7 +73,7 @@ def test_starts_differ_from_each_other_and_are_not_symmetric(env_id):
     assert len(np.unique(starts, axis=0)) == 128
     assert np.ptp(starts, axis=0).min() > 0.1
     assert (np.abs(starts - task.robot.home).max(axis=1) <= task.draws.start[1]).all()
-    position = tips(task.robot, starts).position
+    position = end_effectors(task.robot, starts).position
     mirrored = position[:, 1] * [-1.0, 1.0, 1.0]  # the mounts are mirror images of each other in x
     assert np.linalg.norm(position[:, 0] - mirrored, axis=-1).min() > 0.02
 
@@ -141,7 +141,10 @@ def test_other_mounts_are_another_robot_with_goals_of_its_own():
     for arm, mount in enumerate(MOUNTS, start=1):
         np.testing.assert_allclose(task.model.body(f"arm{arm}_link1").pos[:2], mount)
         np.testing.assert_allclose(task.render_model.body(f"arm{arm}_link1").pos[:2], mount)
-    shift = tips(task.robot, task.robot.home).position - tips(usual.robot, usual.robot.home).position
+    shift = (
+        end_effectors(task.robot, task.robot.home).position
+        - end_effectors(usual.robot, usual.robot.home).position
+    )
     np.testing.assert_allclose(shift, [[0.0, 0.2, 0.0]] * 2, atol=1e-12)
     env = CaptureVectorEnv(env_id, 2, mounts=[list(mount) for mount in MOUNTS], split="validation")
     observation, _ = env.reset(seed=0, options={"index": [0, 40]})
@@ -149,7 +152,7 @@ def test_other_mounts_are_another_robot_with_goals_of_its_own():
     assert reached(task, goals).distance.max() < REACHED[0] * 1.001
     np.testing.assert_allclose(
         env.task.layout.read(observation, "end_effector_position")[0],
-        tips(task.robot, goals.joint_position[0]).position[:, :2].ravel(),
+        end_effectors(task.robot, goals.joint_position[0]).position[:, :2].ravel(),
         atol=1e-12,
     )
 

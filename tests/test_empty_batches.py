@@ -155,15 +155,11 @@ CASES: dict[str, Callable[[int], Any]] = {
     "end_effector_pose": lambda n: arm().end_effector_pose(numbers(n, 7)),
     "end_effector_jacobians": lambda n: arm().end_effector_jacobians(numbers(n, 7)),
     "generalized_jacobian": lambda n: arm().generalized_jacobian(numbers(n, 7)),
-    "reaction_null_space": lambda n: arm().reaction_null_space(numbers(n, 7)),
     "base_twist": lambda n: base_twist(arm(), numbers(n, 7), numbers(n, 7)),
-    "base_twist of the robot": lambda n: arm().base_twist(numbers(n, 7), numbers(n, 7), numbers(n, 6)),
+    "base_twist of the robot": lambda n: arm().base_twist(numbers(n, 7), numbers(n, 7)),
     "trajectory_cost": lambda n: trajectory_cost(arm(), numbers(n, 5, 7), numbers(n, 5, 7), 0.1),
     "attitude_cost": lambda n: attitude_cost(numbers(n, 5, 6), 0.1),
     "roll_out_base": lambda n: roll_out_base(arm(), numbers(n, 5, 7), numbers(n, 5, 7), 0.1),
-    "roll_out_base with momentum": lambda n: roll_out_base(
-        arm(), numbers(n, 5, 7), numbers(n, 5, 7), 0.1, momentum=np.ones(6)
-    ),
     "minimum_jerk": lambda n: minimum_jerk(numbers(n, 7), numbers(n, 7), 10.0, 5)[:2],
     "link_ends": lambda n: spheres.link_ends(arm(), numbers(n, 7), numbers(n, 3), quaternions(n)),
     "sphere_gaps": lambda n: spheres.sphere_gaps(numbers(n, 8, 3), numbers(2, 4), 0.05),
@@ -173,11 +169,11 @@ CASES: dict[str, Callable[[int], Any]] = {
     "point_motion": lambda n: rigid_body.point_motion(
         numbers(n, 3), quaternions(n), numbers(n, 3), numbers(n, 3)
     ),
-    "tips": lambda n: tuple(reactionless.tips(arms("Spatial"), numbers(n, 14))),
+    "end_effectors": lambda n: tuple(reactionless.end_effectors(arms("Spatial"), numbers(n, 14))),
     "reactionless_rates": lambda n: reactionless.reactionless_rates(
-        reactionless.tips(arms("Spatial"), numbers(n, 14)), numbers(n, 2, 3), numbers(n, 2, 3), numbers(n, 3)
+        reactionless.end_effectors(arms("Spatial"), numbers(n, 14)), numbers(n, 2, 3), numbers(n, 2, 3), numbers(n, 3)
     ),
-    "keep_attitude": lambda n: reactionless.keep_attitude(numbers(n, 3, 14), numbers(n, 14)),
+    "keep_attitude": lambda n: reactionless.reactionless_projection(numbers(n, 3, 14), numbers(n, 14)),
     "axis_turn": lambda n: reactionless.axis_turn(numbers(n, 3), numbers(n, 3)),
     "reach": lambda n: tuple(
         reactionless.reach(arms("Spatial"), numbers(n, 14), numbers(n, 2, 3), numbers(n, 2, 3))

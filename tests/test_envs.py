@@ -154,7 +154,7 @@ def test_goal_conditioned_rewards_every_end_effector_at_its_goal(env_id):
     observation, _ = env.reset(seed=0)
     base, layout = env.unwrapped, env.unwrapped.task.layout
     achieved, desired = observation["achieved_goal"], observation["desired_goal"]
-    tips = len(base.task.robot.tip_link)
+    tips = len(base.task.robot.end_effector_link)
     size = layout.read(observation["observation"], "goal_position").size
     width = size // tips
     np.testing.assert_array_equal(desired[:size], layout.read(observation["observation"], "goal_position"))

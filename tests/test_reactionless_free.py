@@ -22,7 +22,6 @@ from agents.planners.dual_arm.prescribed_paths.instantaneous import plan_local, 
 from agents.planners.dual_arm.prescribed_paths.ocp import plan_ocp
 from agents.planners.dual_arm.problem import Capture, CapturePlan
 from space_envs.dynamics import FloatingRobot
-from space_envs.dynamics.reactionless import com
 from space_envs.dynamics.rotations import Array
 from space_envs.dynamics.symbolic import SymbolicRobot
 from space_envs.errors import ConfigurationError
@@ -235,8 +234,8 @@ def test_motion_is_led_around_a_target_in_its_way() -> None:
     robot, middle = robot_of("planar"), len(free.time) // 2
     # A small box where arm 2 passes halfway, away from start and end.
     point = robot.end_effector_pose(free.position[middle], 1)[0]
-    shift = com(robot, robot.kinematics(CANONICAL.start)) - com(
-        robot, robot.kinematics(free.position[middle])
+    shift = robot.centre_of_mass(robot.kinematics(CANONICAL.start)) - robot.centre_of_mass(
+        robot.kinematics(free.position[middle])
     )
 
     def still(times: Array) -> tuple[Array, Array]:
@@ -322,7 +321,7 @@ def test_held_attitude_is_the_floating_robot_on_reactionless_motion(kind: str) -
     np.testing.assert_allclose((ahead - behind) / 2e-6, acceleration, rtol=1e-6, atol=1e-7)
     d = model.dimensions
     end = model.ending.value(q, rate, np.zeros((3, 4))).full()[:, 0]
-    centre = com(robot, robot.kinematics(q))
+    centre = robot.centre_of_mass(robot.kinematics(q))
     for arm in range(2):
         place = slice(d * arm, d * arm + d)
         position, _ = robot.end_effector_pose(q, arm)
@@ -383,8 +382,8 @@ def test_end_configurations_reach_the_goal_and_lie_apart(kind: str) -> None:
     capture = cases(kind, "medium", 2)[1][0]
     ends = end_configurations(robot, model, capture, drives(kind), "test", 24)
     assert not isinstance(ends, Failure) and len(ends) > 4
-    origin = com(robot, robot.kinematics(capture.start))
-    base = origin - com(robot, robot.kinematics(ends))
+    origin = robot.centre_of_mass(robot.kinematics(capture.start))
+    base = origin - robot.centre_of_mass(robot.kinematics(ends))
     goals = EndGoals.of(robot, model, capture)
     assert (
         np.abs(goals.across[:, :2].T @ goals.across[:, :2] - (capture.axis is not None) * np.eye(2)).max()

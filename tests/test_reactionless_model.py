@@ -8,7 +8,7 @@ import pytest
 
 from agents.planners.dual_arm.prescribed_paths.model import PathModel
 from space_envs.dynamics import FloatingRobot
-from space_envs.dynamics.reactionless import com, tips
+from space_envs.dynamics.reactionless import end_effectors
 from space_envs.dynamics.rotations import Array
 from space_envs.robots.dual_arm import END_EFFECTORS, DualArmOptions, dual_arm_model
 
@@ -44,8 +44,8 @@ def test_places_and_rows_are_those_of_the_momentum_level(name):
     d = model.dimensions
     assert d == (3 if name == "spatial" else 2)
     for q, rate in zip(positions, rates, strict=True):
-        at, now = model(q), tips(robot, q)
-        centre = com(robot, robot.kinematics(q))
+        at, now = model(q), end_effectors(robot, q)
+        centre = robot.centre_of_mass(robot.kinematics(q))
         np.testing.assert_allclose(at.tips, (now.position - centre)[:, :d].ravel(), atol=1e-12)
         # The generalised Jacobian's rows differ by multiples of Ibm~, so they agree on reactionless motion.
         rate = reactionless(model, q, rate)

@@ -11,7 +11,7 @@ from agents.planners.dual_arm.prescribed_paths.ocp import plan_ocp
 from agents.planners.dual_arm.prescribed_paths.polynomial import PolynomialPath
 from agents.planners.dual_arm.problem import Capture, CapturePlan
 from space_envs.dynamics import FloatingRobot
-from space_envs.dynamics.reactionless import com, tips
+from space_envs.dynamics.reactionless import end_effectors
 from space_envs.dynamics.rotations import Array
 from space_envs.dynamics.symbolic import SymbolicRobot
 from space_envs.errors import ConfigurationError
@@ -53,10 +53,12 @@ def random_capture(robot: FloatingRobot, seed: int) -> Capture:
     rng = np.random.default_rng(seed)
     start = CANONICAL.start + rng.uniform(-0.3, 0.3, 6)
     there = start + rng.uniform(-0.35, 0.35, 6)
-    base = com(robot, robot.kinematics(start)) - com(robot, robot.kinematics(there))
+    base = robot.centre_of_mass(robot.kinematics(start)) - robot.centre_of_mass(robot.kinematics(there))
     velocity = np.zeros((2, 3))
     velocity[:, :2] = rng.uniform(-0.02, 0.02, (2, 2))
-    return Capture(start, float(rng.uniform(10.0, 30.0)), tips(robot, there).position + base, velocity)
+    return Capture(
+        start, float(rng.uniform(10.0, 30.0)), end_effectors(robot, there).position + base, velocity
+    )
 
 
 def dense(plan: CapturePlan) -> tuple[Array, Array, Array, Array]:
@@ -73,12 +75,12 @@ def cost_beside(
     classical Runge-Kutta.
     """
     mass_of = SymbolicRobot(robot).reduced_mass
-    place = tips(robot, capture.start).position[:, :2].ravel()
+    place = end_effectors(robot, capture.start).position[:, :2].ravel()
     ends = capture.position[:, :2].ravel(), np.zeros(4), capture.velocity[:, :2].ravel()
     path = PolynomialPath(place, *ends, capture.duration)
 
     def split(q: Array, time: float) -> tuple[Array, Array, Array]:
-        now = tips(robot, q)
+        now = end_effectors(robot, q)
         rows = np.concatenate([now.linear[:, :, :2].reshape(-1, 4, 6), now.turning[:, 2:]], axis=1)
         mass = np.array(mass_of(np.ascontiguousarray(q.T))).reshape(6, -1, 6).transpose(1, 0, 2)
         way = np.linalg.svd(rows)[2][:, -1]
@@ -159,9 +161,9 @@ def test_never_worse_than_the_methods_that_do_not_look_ahead(seed):
     assert plan.energy <= min(energies) * (1.0 + 1e-9)
     time, q, rate, _ = dense(plan)
     assert np.abs(robot.base_twist(q, rate)[:, 5]).max() < 1e-8
-    centre = com(robot, robot.kinematics(capture.start))
+    centre = robot.centre_of_mass(robot.kinematics(capture.start))
     k = robot.kinematics(q)
-    place = tips(robot, q, k).position + (centre - com(robot, k))[:, None]
+    place = end_effectors(robot, q, k).position + (centre - robot.centre_of_mass(k))[:, None]
     path = PolynomialPath(
         place[0].ravel(), capture.position.ravel(), np.zeros(6), capture.velocity.ravel(), capture.duration
     )

@@ -16,7 +16,7 @@ from agents.planners.dual_arm.prescribed_paths.null_space import least_energy, s
 from agents.planners.dual_arm.prescribed_paths.polynomial import PolynomialPath
 from agents.planners.dual_arm.problem import Capture, CapturePlan
 from space_envs.dynamics import FloatingRobot
-from space_envs.dynamics.reactionless import com, reach, tips
+from space_envs.dynamics.reactionless import end_effectors, reach
 from space_envs.dynamics.rotations import Array
 from space_envs.dynamics.symbolic import SymbolicRobot
 from space_envs.errors import ConfigurationError
@@ -53,9 +53,9 @@ def canonical_plan(method: str) -> CapturePlan:
 
 def near(robot: FloatingRobot, start: Array, away: float, duration: float = 12.0) -> Capture:
     """A capture whose goals a reactionless motion from `start` is known to reach, `away` rad from it."""
-    centre = com(robot, robot.kinematics(start))
+    centre = robot.centre_of_mass(robot.kinematics(start))
     there = start + away * np.cos(np.arange(robot.n_joints))
-    moved = tips(robot, there).position + centre - com(robot, robot.kinematics(there))
+    moved = end_effectors(robot, there).position + centre - robot.centre_of_mass(robot.kinematics(there))
     found = reach(robot, start[None], moved[None])
     assert found.distance[0] < 1e-3
     return Capture(start, duration, moved, np.zeros((2, 3)))
@@ -74,7 +74,7 @@ def split(at: Matrices, velocity: Array) -> tuple[Array, Array]:
 
 def task_rows(robot: FloatingRobot, q: Array) -> Array:
     """[J_g linear; Ibm~ up to a factor] (5, 6) by the numpy mathematics."""
-    now = tips(robot, q)
+    now = end_effectors(robot, q)
     return np.concatenate([now.linear[:, :2].reshape(4, 6), now.turning[2:]])
 
 
@@ -115,7 +115,7 @@ def test_zeta_vanishes_for_one_and_jumps_late_for_the_other():
     assert local.zeta is not None and np.abs(local.zeta).max() > 1e-2
     time = np.linspace(0.0, 20.0, 4001)
     q, rate, _ = local.sample(time)
-    spins = (tips(robot_of(), q).angular @ rate[:, None, :, None])[..., 2, 0]
+    spins = (end_effectors(robot_of(), q).angular @ rate[:, None, :, None])[..., 2, 0]
     fastest = time[np.abs(np.diff(spins, axis=0)).argmax(axis=0)]
     # Arm 1's at 18.2 s, as the reference has it; arm 2's change is larger, and both together peak at 16 s.
     np.testing.assert_allclose(fastest, [18.2, 16.1], atol=0.1)
@@ -126,7 +126,7 @@ def test_an_integration_of_its_own_agrees(method):
     """Classical Runge-Kutta with numpy's mathematics alone, from eq. 7 to 9 and 12 to 14."""
     robot, plan = robot_of(), canonical_plan(method)
     mass = SymbolicRobot(robot).reduced_mass
-    place = tips(robot, START).position[:, :2].ravel()
+    place = end_effectors(robot, START).position[:, :2].ravel()
     path = PolynomialPath(place, GOALS[:, :2].ravel(), np.zeros(4), VELOCITIES[:, :2].ravel(), 20.0)
 
     def law(time: float, q: Array) -> Array:
@@ -134,7 +134,7 @@ def test_an_integration_of_its_own_agrees(method):
         some = np.linalg.pinv(rows) @ np.append(path.velocity(time), 0.0)
         way = np.linalg.svd(rows)[2][-1]
         if method == "reactionless":
-            spin = tips(robot, q).angular[:, 2]
+            spin = end_effectors(robot, q).angular[:, 2]
             metric = spin.T @ spin
         else:
             metric = np.array(mass(q))
@@ -156,7 +156,7 @@ def test_zeta_zero_is_coordinate_partitioning():
     robot, model, rng = robot_of(), PathModel.of(robot_of()), np.random.default_rng(5)
     tried = 0
     for q in rng.uniform(-2.5, 2.5, (40, 6)):
-        now = tips(robot, q)
+        now = end_effectors(robot, q)
         jg = np.concatenate([now.linear[:, :2].reshape(4, 6), now.angular[:, 2]])
         if np.linalg.cond(jg) > 50.0:
             continue
@@ -205,8 +205,8 @@ def test_other_robots_follow_their_paths(method, kind):
     time = np.linspace(0.0, plan.time[-1], 997)
     q, rate, _ = plan.sample(time)
     assert np.abs(robot.base_twist(q, rate)[:, 3:]).max() < 1e-8
-    centre = com(robot, robot.kinematics(capture.start))
-    end = tips(robot, q[-1]).position + centre - com(robot, robot.kinematics(q[-1]))
+    centre = robot.centre_of_mass(robot.kinematics(capture.start))
+    end = end_effectors(robot, q[-1]).position + centre - robot.centre_of_mass(robot.kinematics(q[-1]))
     np.testing.assert_allclose(end, capture.position, atol=1e-6)
     np.testing.assert_allclose(q[0], capture.start, atol=0.0)
 
@@ -250,7 +250,7 @@ def test_singular_path_is_said(method):
     """The goal of arm 1 is within the sum of its links, yet not with where the rest has to be."""
     goals = GOALS.copy()
     robot = robot_of()
-    centre = com(robot, robot.kinematics(START))
+    centre = robot.centre_of_mass(robot.kinematics(START))
     away = np.array([1.0, 0.35, 0.0]) / np.linalg.norm([1.0, 0.35])
     goals[0] = centre + 0.999 * robot.reach(0) * away
     found = PLANNERS[method](robot, canonical(position=goals))

@@ -11,13 +11,12 @@ from hypothesis import strategies as st
 
 from space_envs.dynamics import FloatingRobot, reactionless, roll_out_base
 from space_envs.dynamics.reactionless import (
-    Tips,
+    EndEffectors,
     axis_turn,
-    com,
-    keep_attitude,
+    end_effectors,
     reach,
+    reactionless_projection,
     reactionless_rates,
-    tips,
 )
 from space_envs.dynamics.rotations import Array, angle_between, exponential, rotate, to_matrix
 
@@ -47,7 +46,7 @@ def turns(kind: str, vectors: Array) -> Array:
     return vectors * [0.0, 0.0, 1.0] if kind == "planar" else vectors
 
 
-def asked(kind: str, now: Tips, rng: np.random.Generator, k: int = 3) -> dict[str, Any]:
+def asked(kind: str, now: EndEffectors, rng: np.random.Generator, k: int = 3) -> dict[str, Any]:
     """Random arguments of `reactionless_rates` besides the end-effectors and the damping."""
     n = robot_of(kind).n_joints
     turn = np.cross(now.axis, rng.normal(scale=0.1, size=(k, 2, 3)))  # across the approach axes
@@ -62,7 +61,7 @@ def asked(kind: str, now: Tips, rng: np.random.Generator, k: int = 3) -> dict[st
 @every_kind
 def test_tips_are_the_poses_and_generalised_jacobians_of_each_end_effector(kind: str) -> None:
     robot, q = robot_of(kind), drawn(kind, np.random.default_rng(0))
-    now = tips(robot, q)
+    now = end_effectors(robot, q)
     for tip in range(2):
         position, rotation = robot.end_effector_pose(q, tip)
         np.testing.assert_allclose(now.position[:, tip], position, atol=1e-12)
@@ -73,7 +72,7 @@ def test_tips_are_the_poses_and_generalised_jacobians_of_each_end_effector(kind:
     np.testing.assert_allclose(now.turning, robot.base_map(q)[:, 3:], atol=1e-12)
     # Of any batch shape.
     for name, value in now._asdict().items():
-        np.testing.assert_array_equal(getattr(tips(robot, q[1]), name), value[1])
+        np.testing.assert_array_equal(getattr(end_effectors(robot, q[1]), name), value[1])
 
 
 @every_kind
@@ -83,7 +82,7 @@ def test_the_base_turns_exactly_as_asked_whatever_the_damping(
     kind: str, seed: int, damping: float, weight: float, bare: bool
 ) -> None:
     rng = np.random.default_rng(seed)
-    now = tips(robot_of(kind), drawn(kind, rng))
+    now = end_effectors(robot_of(kind), drawn(kind, rng))
     wanted = asked(kind, now, rng)
     if bare:
         wanted |= {"base_rate": None, "posture": None, "turn": None}
@@ -97,7 +96,7 @@ def test_the_base_turns_exactly_as_asked_whatever_the_damping(
 @settings(max_examples=25, deadline=None)
 def test_with_little_damping_it_is_the_least_solution_of_all_constraints(kind: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    now = tips(robot_of(kind), drawn(kind, rng))
+    now = end_effectors(robot_of(kind), drawn(kind, rng))
     wanted = asked(kind, now, rng)
     posture = wanted["posture"]
     rate = reactionless_rates(now, **wanted, damping=1e-7)
@@ -125,14 +124,14 @@ def test_with_little_damping_it_is_the_least_solution_of_all_constraints(kind: s
 def test_keeping_the_attitude_changes_rates_as_little_as_possible(kind: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
     robot = robot_of(kind)
-    turning = tips(robot, drawn(kind, rng)).turning
+    turning = end_effectors(robot, drawn(kind, rng)).turning
     rate = rng.normal(scale=0.1, size=(3, robot.n_joints))
     base = turns(kind, rng.normal(scale=0.01, size=(3, 3)))
     for given_base in (None, base):
-        kept = keep_attitude(turning, rate, given_base)
+        kept = reactionless_projection(turning, rate, given_base)
         left = (turning @ kept[..., None])[..., 0]
         np.testing.assert_allclose(left, 0.0 if given_base is None else given_base, atol=1e-9)
-        np.testing.assert_allclose(keep_attitude(turning, kept, given_base), kept, atol=1e-8)
+        np.testing.assert_allclose(reactionless_projection(turning, kept, given_base), kept, atol=1e-8)
         # The change lies in the rows of the map: no rate that leaves the base alone is part of it.
         for row in range(3):
             null = np.linalg.svd(turning[row])[2][1 if kind == "planar" else 3 :]
@@ -173,11 +172,11 @@ def test_the_motion_that_proves_a_goal_reachable_leaves_the_base_alone(
     path = [goals.joint_position]
 
     def noted(*arguments: Any) -> Array:
-        step = keep_attitude(*arguments)
+        step = reactionless_projection(*arguments)
         path.append(path[-1] + step)
         return step
 
-    monkeypatch.setattr(reactionless, "keep_attitude", noted)
+    monkeypatch.setattr(reactionless, "reactionless_projection", noted)
     _, _, points, axes = at_meeting(task, goals)
     found = reach(robot, goals.joint_position, points, axes)
     np.testing.assert_allclose(path[-1], found.q, atol=1e-12)
@@ -193,12 +192,12 @@ def test_the_motion_that_proves_a_goal_reachable_leaves_the_base_alone(
         largest = max(largest, angle_between(quaternion, np.array([1.0, 0.0, 0.0, 0.0])).max())
     assert largest < 1e-3
     # Where that puts the end-effectors is where they were sent.
-    origin = com(robot, robot.kinematics(goals.joint_position))
-    expected = origin - com(robot, robot.kinematics(found.q))
+    origin = robot.centre_of_mass(robot.kinematics(goals.joint_position))
+    expected = origin - robot.centre_of_mass(robot.kinematics(found.q))
     np.testing.assert_allclose(position, expected, atol=2e-3)
     hands = (
         position[:, None]
-        + (to_matrix(quaternion)[:, None] @ tips(robot, found.q).position[..., None])[..., 0]
+        + (to_matrix(quaternion)[:, None] @ end_effectors(robot, found.q).position[..., None])[..., 0]
     )
     assert np.linalg.norm(hands - points, axis=-1).max() < 4e-3
 

@@ -1,5 +1,7 @@
 """The stable-baselines3 adapter says exactly what the Gymnasium environments say."""
 
+from typing import Any
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -25,7 +27,7 @@ def view_of(env: CaptureVectorEnv, *without: str) -> FeatureView:
     return FeatureView(table, env.task.layout, env.task.robot.home)
 
 
-def adapter(n: int = 3, view: bool = False, **keywords: object) -> NativeVecEnv:
+def adapter(n: int = 3, view: bool = False, **keywords: Any) -> NativeVecEnv:
     env = CaptureVectorEnv(num_envs=n, autoreset_mode="same_step", **{**EASY, **keywords})
     return NativeVecEnv(env, view_of(env) if view else None)
 

@@ -9,7 +9,6 @@ import numpy as np
 
 from agents.planners.dual_arm.problem import Capture
 from space_envs.dynamics import FloatingRobot
-from space_envs.dynamics.reactionless import com
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import PlanningError
 from space_envs.robots.dual_arm import END_EFFECTORS, DualArmOptions, dual_arm_model
@@ -126,7 +125,7 @@ def planar_robot() -> FloatingRobot:
 
 def reach_used(robot: FloatingRobot, case: Case) -> Array:
     """Distance (2,) of the grapple points from the system's centre of mass over what each arm can reach."""
-    origin = com(robot, robot.kinematics(np.array(case.start)))
+    origin = robot.centre_of_mass(robot.kinematics(np.array(case.start)))
     distance = np.linalg.norm(case.capture.position - origin, axis=1)
     return distance / np.array([robot.reach(arm) for arm in range(2)])
 

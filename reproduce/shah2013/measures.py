@@ -15,7 +15,7 @@ from agents.planners.dual_arm.prescribed_paths.check import null_velocities
 from agents.planners.dual_arm.problem import CapturePlan
 from reproduce.shah2013.cases import Case, planar_robot
 from space_envs.dynamics import FloatingRobot
-from space_envs.dynamics.reactionless import com, tips
+from space_envs.dynamics.reactionless import end_effectors
 from space_envs.dynamics.rotations import Array
 from space_envs.dynamics.symbolic import SymbolicRobot
 
@@ -59,9 +59,11 @@ def curves(plan: CapturePlan, samples: int = SAMPLES) -> Curves:
     robot = planar_robot()
     time = np.linspace(0.0, float(plan.time[-1]), samples)
     position, rate, acceleration = plan.sample(time)
-    now = tips(robot, position)
+    now = end_effectors(robot, position)
     twist = robot.base_twist(position, rate)
-    base = com(robot, robot.kinematics(position[:1])) - com(robot, robot.kinematics(position))
+    base = robot.centre_of_mass(robot.kinematics(position[:1])) - robot.centre_of_mass(
+        robot.kinematics(position)
+    )
     energy, torque = _dynamics()
     columns = np.ascontiguousarray(position.T), np.ascontiguousarray(rate.T)
     cost = 2.0 * np.array(energy(*columns, np.ascontiguousarray(twist.T))).ravel()
@@ -102,7 +104,7 @@ def free_direction(robot: FloatingRobot, position: Array) -> Array:
 
 def task_rows(robot: FloatingRobot, position: Array) -> Array:
     """[J_g linear; I_bm~ up to a factor] (K, 5, 6): what v and w0 = 0 ask of the joint rates."""
-    now = tips(robot, position)
+    now = end_effectors(robot, position)
     return np.concatenate([now.linear[..., :2, :].reshape(-1, 4, 6), now.turning[..., 2:, :]], axis=-2)
 
 

@@ -131,21 +131,16 @@ class FloatingRobot(RobotTree):
         base, coupling = self.momentum_matrices(q)
         return -_solve(base, coupling)
 
-    def base_twist(self, q: Array, qdot: Array, momentum: Array | None = None) -> Array:
-        """Base twist (..., 6) in base axes for joint rates qdot, m/s and rad/s.
+    def base_twist(self, q: Array, qdot: Array) -> Array:
+        """Base twist (..., 6) in base axes at zero momentum, m/s and rad/s.
 
-        `space_envs.dynamics.base_twist` is the fast way to the same at zero momentum.
+        `space_envs.dynamics.base_twist` computes the same with compiled code.
 
         Args:
-            q: (..., n) rad.
-            qdot: (..., n) rad/s.
-            momentum: (..., 6) total [p; L], base axes, L about the base origin; None is zero.
+            q: (..., n) rad. qdot: (..., n) rad/s.
         """
         base, coupling = self.momentum_matrices(q)
-        rest = -(coupling @ self.joint_array(qdot, "joint rates")[..., None])
-        if momentum is not None:
-            rest = rest + np.asarray(momentum)[..., None]
-        return _solve(base, rest)[..., 0]
+        return _solve(base, -(coupling @ self.joint_array(qdot, "joint rates")[..., None]))[..., 0]
 
     def momentum(self, q: Array, qdot: Array, twist: Array) -> Array:
         """Total momentum (..., 6) [p; L] in base axes, L about the base origin, N s and N m s.
@@ -161,9 +156,9 @@ class FloatingRobot(RobotTree):
     def end_effector_pose(self, q: Array, tip: int = 0) -> tuple[Array, Array]:
         """Position (..., 3) m and rotation (..., 3, 3) of an end-effector in the base frame."""
         k = self.kinematics(q)
-        upper = k.rotation[..., self.tip_link[tip] - 1, :, :]
-        position = k.position[..., self.tip_link[tip] - 1, :] + upper @ self.tip_offset[tip]
-        return position, upper @ self.tip_mounting[tip]
+        upper = k.rotation[..., self.end_effector_link[tip] - 1, :, :]
+        position = k.position[..., self.end_effector_link[tip] - 1, :] + upper @ self.end_effector_offset[tip]
+        return position, upper @ self.end_effector_mounting[tip]
 
     def end_effector_jacobians(self, q: Array, tip: int = 0) -> tuple[Array, Array]:
         """Jacobians J_s (..., 6, 6) of the base twist and J_m (..., 6, n) of the joint rates.
@@ -171,8 +166,8 @@ class FloatingRobot(RobotTree):
         The end-effector's inertial velocity, in base axes, is J_s xi + J_m qdot (eq. 7a of shyam2020).
         """
         k = self.kinematics(q)
-        link = self.tip_link[tip] - 1
-        point = k.position[..., link, :] + k.rotation[..., link, :, :] @ self.tip_offset[tip]
+        link = self.end_effector_link[tip] - 1
+        point = k.position[..., link, :] + k.rotation[..., link, :, :] @ self.end_effector_offset[tip]
         linear = cross(k.axis, point[..., None, :] - k.position)
         arm = np.concatenate([linear, k.axis], axis=-1).swapaxes(-1, -2) * self.carries[:, link]
         base = np.zeros((*point.shape[:-1], 6, 6))
@@ -185,11 +180,9 @@ class FloatingRobot(RobotTree):
         base, arm = self.end_effector_jacobians(q, tip)
         return arm + base @ self.base_map(q)
 
-    def reaction_null_space(self, q: Array) -> Array:
-        """Projector (..., n, n) onto joint rates that do not turn the base at zero momentum."""
-        turning = self.base_map(q)[..., 3:, :]
-        # Planar arms turn the base about one axis only; rounding must not pass for the other two.
-        return np.eye(self.n_joints) - np.linalg.pinv(turning, rcond=1e-10) @ turning
+    def centre_of_mass(self, kinematics: Kinematics) -> Array:
+        """Centre of mass (..., 3) of the whole robot in the base frame, m."""
+        return (self.mass[1:] @ kinematics.com + self.mass[0] * self.com[0]) / self.mass.sum()
 
     def reach(self, tip: int = 0) -> float:
         """Largest distance of an end-effector from the system's centre of mass over all configurations, m.
@@ -199,12 +192,12 @@ class FloatingRobot(RobotTree):
         cannot stretch it fully only make the true reach smaller.
         """
         total = self.mass.sum()
-        chain = [int(self.tip_link[tip])]
+        chain = [int(self.end_effector_link[tip])]
         while chain[-1] != 0:
             chain.append(int(self.parent[chain[-1] - 1]))
         # Body-fixed vectors whose sum is (tip - system centre of mass); one per body.
         vectors = -(self.mass / total)[:, None] * self.com
-        vectors[chain[0]] += self.tip_offset[tip]
+        vectors[chain[0]] += self.end_effector_offset[tip]
         for link in range(1, self.n_joints + 1):
             outboard = self.carries[link - 1] @ self.mass[1:] / total
             vectors[self.parent[link - 1]] += (float(link in chain) - outboard) * self.offset[link - 1]

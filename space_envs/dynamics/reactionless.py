@@ -16,7 +16,7 @@ _STEPS = 90
 _LARGEST_STEP = 0.06  # rad
 
 
-class Tips(NamedTuple):
+class EndEffectors(NamedTuple):
     """End-effectors of a robot: position (..., k, 3) m, approach axis z (..., k, 3), and their Jacobians at
     zero momentum, linear and angular (..., k, 3, n); turning (..., 3, n) is W."""
 
@@ -27,15 +27,15 @@ class Tips(NamedTuple):
     turning: Array
 
 
-def tips(robot: FloatingRobot, q: Array, kinematics: Kinematics | None = None) -> Tips:
+def end_effectors(robot: FloatingRobot, q: Array, kinematics: Kinematics | None = None) -> EndEffectors:
     """All end-effectors for joint angles q (..., n) rad, in the base frame."""
     k = robot.kinematics(q) if kinematics is None else kinematics
     base_map = robot.base_map(q)
     v0, w0 = base_map[..., None, :3, :], base_map[..., 3:, :]
-    links = robot.tip_link - 1
+    links = robot.end_effector_link - 1
     rotation = k.rotation[..., links, :, :]
-    position = k.position[..., links, :] + (rotation @ robot.tip_offset[..., None])[..., 0]
-    axis = (rotation @ robot.tip_mounting)[..., 2]
+    position = k.position[..., links, :] + (rotation @ robot.end_effector_offset[..., None])[..., 0]
+    axis = (rotation @ robot.end_effector_mounting)[..., 2]
     carries = robot.carries.T[links][..., None]  # (k, n, 1)
     axes = k.axis[..., None, :, :] * carries
     arm = cross(axes, position[..., :, None, :] - k.position[..., None, :, :])
@@ -43,11 +43,11 @@ def tips(robot: FloatingRobot, q: Array, kinematics: Kinematics | None = None) -
     carried = -cross(position[..., :, None, :], w0.swapaxes(-1, -2)[..., None, :, :])
     linear = (arm + carried).swapaxes(-1, -2) + v0
     angular = axes.swapaxes(-1, -2) + w0[..., None, :, :]
-    return Tips(position, axis, linear, angular, w0)
+    return EndEffectors(position, axis, linear, angular, w0)
 
 
 def reactionless_rates(
-    now: Tips,
+    now: EndEffectors,
     velocity: Array,
     turn: Array | None = None,
     base_rate: Array | None = None,
@@ -87,17 +87,27 @@ def reactionless_rates(
     return given + (free.swapaxes(-1, -2) @ np.linalg.solve(inner, rest[..., None]))[..., 0]
 
 
-def keep_attitude(turning: Array, rate: Array, base_rate: Array | None = None) -> Array:
-    """Change joint rates (..., n) as little as possible, so that they turn the base at `base_rate` (..., 3).
+def reactionless_projection(
+    turning: Array,
+    rate: Array,
+    base_rate: Array | None = None,
+    free: Array | None = None,
+    regularisation: float = _TINY,
+) -> Array:
+    """Joint rates (..., n) nearest to others with which the base rotates at `base_rate` (..., w).
 
     Args:
-        turning: (..., 3, n) of `tips`. base_rate: rad/s, base axes; None is zero.
+        turning: (..., w, n), angular velocity of the base per joint rate; w is 3, or 1 in the plane.
+        rate: (..., n) rad/s. base_rate: rad/s, in the axes of `turning`; None is zero.
+        free: (..., n), 1 for the joints that may change and 0 for the others; None lets all change.
+        regularisation: added to W W'.
     """
-    excess = (turning @ rate[..., None])[..., 0]
+    missing = -(turning @ rate[..., None])[..., 0]
     if base_rate is not None:
-        excess = excess - base_rate
-    square = turning @ turning.swapaxes(-1, -2) + _TINY * np.eye(3)
-    return rate - (turning.swapaxes(-1, -2) @ np.linalg.solve(square, excess[..., None]))[..., 0]
+        missing = base_rate + missing
+    through = turning if free is None else turning * free[..., None, :]
+    square = through @ turning.swapaxes(-1, -2) + regularisation * np.eye(turning.shape[-2])
+    return rate + (through.swapaxes(-1, -2) @ np.linalg.solve(square, missing[..., None]))[..., 0]
 
 
 def axis_turn(axis: Array, wanted: Array) -> Array:
@@ -113,12 +123,6 @@ def axis_turn(axis: Array, wanted: Array) -> Array:
         other = other / np.sqrt((other * other).sum(axis=-1, keepdims=True))
         normal, sine = np.where(opposite, 1e-9 * other, normal), np.where(opposite, 1e-9, sine)
     return normal * (np.arctan2(sine, cosine) / np.maximum(sine, 1e-300))
-
-
-def com(robot: FloatingRobot, kinematics: Kinematics) -> Array:
-    """Centre of mass (..., 3) of the whole robot in the base frame, m."""
-    total = robot.mass.sum()
-    return (robot.mass[1:] @ kinematics.com + robot.mass[0] * robot.com[0]) / total
 
 
 class Reached(NamedTuple):
@@ -139,14 +143,14 @@ def reach(robot: FloatingRobot, start: Array, position: Array, axis: Array | Non
         start: (K, n) rad. position: (K, k, 3) m, inertial frame. axis: (K, k, 3) approach axes, or None.
     """
     q = np.array(start, dtype=np.float64)
-    origin = com(robot, robot.kinematics(q))
+    origin = robot.centre_of_mass(robot.kinematics(q))
     turn = None
     for _ in range(_STEPS):
         now, left, turn = _left(robot, q, origin, position, axis)
         change = reactionless_rates(now, 0.3 * left, None if turn is None else 0.3 * turn)
         change *= np.minimum(_LARGEST_STEP / np.maximum(np.abs(change).max(axis=-1), 1e-12), 1.0)[:, None]
         # The step is projected at its middle.
-        q = q + keep_attitude(robot.base_map(q + 0.5 * change)[..., 3:, :], change)
+        q = q + reactionless_projection(robot.base_map(q + 0.5 * change)[..., 3:, :], change)
     _, left, turn = _left(robot, q, origin, position, axis)
     distance = np.sqrt((left * left).sum(axis=-1)).max(axis=-1)
     angle = np.zeros(len(q)) if turn is None else np.sqrt((turn * turn).sum(axis=-1)).max(axis=-1)
@@ -155,9 +159,9 @@ def reach(robot: FloatingRobot, start: Array, position: Array, axis: Array | Non
 
 def _left(
     robot: FloatingRobot, q: Array, origin: Array, position: Array, axis: Array | None
-) -> tuple[Tips, Array, Array | None]:
+) -> tuple[EndEffectors, Array, Array | None]:
     kinematics = robot.kinematics(q)
-    now = tips(robot, q, kinematics)
+    now = end_effectors(robot, q, kinematics)
     # The common centre of mass stays, so the base moves against what it does in the base frame.
-    base = (origin - com(robot, kinematics))[:, None]
+    base = (origin - robot.centre_of_mass(kinematics))[:, None]
     return now, position - (now.position + base), None if axis is None else axis_turn(now.axis, axis)

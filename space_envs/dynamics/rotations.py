@@ -33,7 +33,7 @@ def cross(a: Array, b: Array) -> Array:
 
 
 def rotate(q: Array, v: Array) -> Array:
-    """Turn vectors (..., 3) by quaternions (..., 4)."""
+    """Vectors (..., 3) rotated by quaternions (..., 4)."""
     t = 2.0 * cross(q[..., 1:], v)
     return v + q[..., :1] * t + cross(q[..., 1:], t)
 
@@ -58,11 +58,15 @@ def logarithm(q: Array) -> Array:
     return q[..., 1:] * np.divide(angle, sine, out=np.full_like(sine, 2.0), where=sine > 1e-12)
 
 
+def rotation_angle(q: Array) -> Array:
+    """Angle (...,) of unit quaternions (..., 4), rad, in [0, pi]."""
+    vector = q[..., 1:]
+    return 2.0 * np.arctan2(np.sqrt((vector * vector).sum(axis=-1)), np.abs(q[..., 0]))
+
+
 def angle_between(a: Array, b: Array) -> Array:
     """Angle (...,) of the rotation that takes a to b, rad, in [0, pi]."""
-    relative = multiply(conjugate(a), b)
-    sine = np.sqrt(np.sum(relative[..., 1:] * relative[..., 1:], axis=-1))
-    return 2.0 * np.arctan2(sine, np.abs(relative[..., 0]))
+    return rotation_angle(multiply(conjugate(a), b))
 
 
 def to_matrix(q: Array) -> Array:

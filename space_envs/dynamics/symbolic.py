@@ -21,14 +21,14 @@ class SymbolicRobot:
     """CasADi functions of one robot; each is built when it is first asked for.
 
     Inputs and outputs are columns and matrices, by name: q (n) rad, qdot (n) rad/s, qddot (n) rad/s^2,
-    twist (6) [v; w] m/s and rad/s, momentum (6) [p; L] N s and N m s.
+    twist (6) [v; w] m/s and rad/s; momentum (6) is [p; L], N s and N m s.
     """
 
     def __init__(self, robot: FloatingRobot) -> None:
         self.robot = robot
         n = robot.n_joints
         self._q, self._qdot, self._qddot = (ca.SX.sym(name, n) for name in ("q", "qdot", "qddot"))
-        self._twist, self._momentum = ca.SX.sym("twist", 6), ca.SX.sym("momentum", 6)
+        self._twist = ca.SX.sym("twist", 6)
         # Pose of link i + 1 in its parent: the hinge's turn first, then the fixed mounting.
         self._turn = [_about(axis, self._q[i]) for i, axis in enumerate(robot.hinge)]
         self._mounting = [ca.SX(ca.sparsify(ca.DM(_snapped(m)))) for m in robot.mounting]
@@ -71,13 +71,6 @@ class SymbolicRobot:
     def base_twist(self) -> ca.Function:
         """q, qdot -> twist (6) at zero momentum. The compiled kernel is this function."""
         return self._function("base_twist", ["q", "qdot"], ["twist"], [self._free_twist])
-
-    @cached_property
-    def base_twist_with_momentum(self) -> ca.Function:
-        """q, qdot, momentum -> twist (6)."""
-        twist = self._solve(self._momentum - self._total(ca.SX(6, 1)))
-        inputs = ["q", "qdot", "momentum"]
-        return self._function("base_twist_with_momentum", inputs, ["twist"], [twist])
 
     def end_effector_pose(self, tip: int = 0) -> ca.Function:
         """q -> position (3) m and rotation (3, 3) of an end-effector in the base frame."""
@@ -147,9 +140,9 @@ class SymbolicRobot:
 
     def _tip_pose(self, tip: int) -> tuple[ca.SX, ca.SX]:
         rotation, position = self._poses()
-        link = int(self.robot.tip_link[tip])
-        point = position[link] + rotation[link] @ ca.DM(self.robot.tip_offset[tip])
-        return point, rotation[link] @ ca.DM(_snapped(self.robot.tip_mounting[tip]))
+        link = int(self.robot.end_effector_link[tip])
+        point = position[link] + rotation[link] @ ca.DM(self.robot.end_effector_offset[tip])
+        return point, rotation[link] @ ca.DM(_snapped(self.robot.end_effector_mounting[tip]))
 
     def _velocities(self, twist: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
         """Velocity of every body frame's origin and its angular velocity, in that body's axes."""

@@ -4,7 +4,7 @@ import numpy as np
 
 from space_envs.dynamics.compiled import base_twist
 from space_envs.dynamics.floating import FloatingRobot
-from space_envs.dynamics.rotations import Array, conjugate, cross, exponential, multiply, rotate
+from space_envs.dynamics.rotations import Array, cross, exponential, multiply, rotate
 from space_envs.errors import ConfigurationError
 
 
@@ -38,10 +38,9 @@ def roll_out_base(
     dt: float,
     position: Array | None = None,
     quaternion: Array | None = None,
-    momentum: Array | None = None,
     twist: Array | None = None,
 ) -> tuple[Array, Array]:
-    """Base pose along a joint trajectory, from momentum conservation.
+    """Base pose along a joint trajectory at zero momentum.
 
     Second order in dt: the twist is taken as linear between nodes, and the pose is the exponential of its
     integral with the commutator that belongs to it (Magnus), so that it turns exactly where the twist is
@@ -51,8 +50,7 @@ def roll_out_base(
         q, qdot: (..., T, n) rad and rad/s at times 0, dt, ..., (T - 1) dt.
         dt: s.
         position, quaternion: (..., 3) m and (..., 4) of the base at time 0, inertial frame; identity if None.
-        momentum: (..., 6) total momentum [p; L] in inertial axes, L about the inertial origin; None is zero.
-        twist: (..., T, 6) base twists at zero momentum, if the caller has them already.
+        twist: (..., T, 6) base twists, if the caller has them already.
 
     Returns:
         Position (..., T, 3) and quaternion (..., T, 4) of the base in the inertial frame.
@@ -62,17 +60,11 @@ def roll_out_base(
         raise ConfigurationError(
             f"q and qdot must both have shape (..., T, {robot.n_joints}), got {q.shape} and {qdot.shape}"
         )
-    if momentum is not None and twist is not None:
-        raise ConfigurationError("twists at zero momentum cannot be combined with a momentum")
     batch = q.shape[:-2]
     start_position = np.broadcast_to(np.zeros(3) if position is None else position, (*batch, 3))
     start_quaternion = np.broadcast_to(
         [1.0, 0.0, 0.0, 0.0] if quaternion is None else quaternion, (*batch, 4)
     )
-    if momentum is not None:
-        return _roll_out_with_momentum(
-            robot, q, qdot, dt, start_position, start_quaternion, np.broadcast_to(momentum, (*batch, 6))
-        )
     twist = base_twist(robot, q, qdot) if twist is None else twist
     step_position, step_quaternion = _exponential_se3(_magnus(twist[..., :-1, :], twist[..., 1:, :], dt))
     # The pose at node k is the product of the first k steps: a prefix product, in log2(T) rounds.
@@ -85,42 +77,6 @@ def roll_out_base(
     moved = rotate(quaternions[..., :-1, :], step_position)
     positions = np.concatenate([start_position[..., None, :], moved], axis=-2).cumsum(axis=-2)
     return positions, quaternions
-
-
-def _roll_out_with_momentum(
-    robot: FloatingRobot,
-    q: Array,
-    qdot: Array,
-    dt: float,
-    position: Array,
-    quaternion: Array,
-    momentum: Array,
-) -> tuple[Array, Array]:
-    """The same with momentum (Heun): its components in the base frame depend on the pose; time is a loop."""
-    base, coupling = robot.momentum_matrices(q)
-    inverse = np.linalg.inv(base)
-    joint_momentum = (coupling @ qdot[..., None])[..., 0]
-
-    def twist_at(node: int, at: Array, turned: Array) -> Array:
-        linear, angular = momentum[..., :3], momentum[..., 3:]
-        back = conjugate(turned)
-        local = np.concatenate([rotate(back, linear), rotate(back, angular - cross(at, linear))], axis=-1)
-        return (inverse[..., node, :, :] @ (local - joint_momentum[..., node, :])[..., None])[..., 0]
-
-    positions, quaternions = np.empty((*q.shape[:-1], 3)), np.empty((*q.shape[:-1], 4))
-    positions[..., 0, :], quaternions[..., 0, :] = position, quaternion
-    for node in range(q.shape[-2] - 1):
-        first = twist_at(node, position, quaternion)
-        guess_position, guess_quaternion = _compose(position, quaternion, first * dt)
-        second = twist_at(node + 1, guess_position, guess_quaternion)
-        position, quaternion = _compose(position, quaternion, _magnus(first, second, dt))
-        positions[..., node + 1, :], quaternions[..., node + 1, :] = position, quaternion
-    return positions, quaternions
-
-
-def _compose(position: Array, quaternion: Array, displacement: Array) -> tuple[Array, Array]:
-    step_position, step_quaternion = _exponential_se3(displacement)
-    return position + rotate(quaternion, step_position), multiply(quaternion, step_quaternion)
 
 
 def _magnus(first: Array, second: Array, dt: float) -> Array:

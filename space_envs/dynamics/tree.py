@@ -27,7 +27,8 @@ class RobotTree:
         rotor_inertia: (n,) kg m^2 behind the gears; it adds to the joints' inertia alone.
         mass: (n + 1,) kg. com: (n + 1, 3) m, in the body's frame.
         inertia: (n + 1, 3, 3) kg m^2 about the centre of mass, in the body's axes.
-        tip_link: (k,) body of each end-effector. tip_offset, tip_mounting: its pose in that body.
+        end_effector_link: (k,) body of each end-effector. end_effector_offset, end_effector_mounting: its
+            pose in that body.
         range: (n, 2) rad, joint limits; infinite where there are none.
         home: (n,) rad, keyframe `home` of the model.
     """
@@ -40,9 +41,9 @@ class RobotTree:
     mass: Array
     com: Array
     inertia: Array
-    tip_link: NDArray[np.int64]
-    tip_offset: Array
-    tip_mounting: Array
+    end_effector_link: NDArray[np.int64]
+    end_effector_offset: Array
+    end_effector_mounting: Array
     range: Array
     home: Array
 
@@ -102,9 +103,9 @@ class RobotTree:
             mass=model.body_mass[members],
             com=model.body_ipos[members],
             inertia=principal @ (model.body_inertia[members][:, :, None] * principal.swapaxes(1, 2)),
-            tip_link=np.array([index[int(model.site_bodyid[s])] for s in sites], dtype=np.int64),
-            tip_offset=model.site_pos[sites],
-            tip_mounting=_matrices(model.site_quat[sites]),
+            end_effector_link=np.array([index[int(model.site_bodyid[s])] for s in sites], dtype=np.int64),
+            end_effector_offset=model.site_pos[sites],
+            end_effector_mounting=_matrices(model.site_quat[sites]),
             range=np.where(limited, model.jnt_range[joints], [-np.inf, np.inf]),
             home=qpos_home[model.jnt_qposadr[joints]],
         )

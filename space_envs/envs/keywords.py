@@ -1,7 +1,7 @@
 """Keywords that every environment has: their types, the defaults of those that no task sets, their checks."""
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, ParamSpec, TypedDict
 
@@ -40,7 +40,7 @@ class EnvKeywords(TypedDict, total=False):
     hold_time: float
     # Of some tasks only.
     variant: str
-    mounts: tuple[tuple[float, float], ...] | None
+    mounts: Sequence[Sequence[float]] | None
     orientation_tolerance: float
     angular_velocity_tolerance: float
     approach_tolerance: float

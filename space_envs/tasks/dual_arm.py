@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from space_envs.dynamics import FloatingRobot
-from space_envs.dynamics.reactionless import com, reach
+from space_envs.dynamics.reactionless import reach
 from space_envs.dynamics.rigid_body import tumble
 from space_envs.dynamics.rotations import Array, canonical, conjugate, rotate
 from space_envs.errors import GoalError
@@ -169,7 +169,7 @@ class DualArmTask(CaptureTask):
         quaternion = canonical(quaternion / norm)
         robot, k = self.robot, len(position)
         start = np.broadcast_to(robot.home if joint_position is None else joint_position, (k, robot.n_joints))
-        origin = com(robot, robot.kinematics(start))
+        origin = robot.centre_of_mass(robot.kinematics(start))
         points = position[:, None] + rotate(quaternion[:, None], self.grapples(half_width))
         distance = np.linalg.norm(points - origin[:, None], axis=-1)
         for arm in range(2):

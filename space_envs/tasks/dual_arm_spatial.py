@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from space_envs.dynamics.reactionless import axis_turn
-from space_envs.dynamics.rotations import Array, exponential
+from space_envs.dynamics.rotations import Array, exponential, rotation_angle
 from space_envs.robots.dual_arm import DualArmOptions, dual_arm_model
 from space_envs.robots.parameters import DUAL_ARM_SPATIAL
 from space_envs.tasks.common import UNIT, CaptureEnvelope, CaptureLimits, Field, GoalOption, ObservationLayout
@@ -147,9 +147,7 @@ class DualArmSpatialTask(DualArmTask):
 
     def attitude(self, observation: NDArray) -> Array:
         """Angle (N,) of the satellite from its initial attitude, rad."""
-        quaternion = observation[:, _SLICES["base_quaternion"]]
-        vector = quaternion[:, 1:]
-        return 2.0 * np.arctan2(np.sqrt((vector * vector).sum(axis=1)), np.abs(quaternion[:, 0]))
+        return rotation_angle(observation[:, _SLICES["base_quaternion"]])
 
 
 def _direction(rng: np.random.Generator) -> Array:

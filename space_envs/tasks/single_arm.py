@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from space_envs.dynamics import FloatingRobot, minimum_jerk, roll_out_base
-from space_envs.dynamics.rotations import Array, from_matrix, multiply, rotate
+from space_envs.dynamics.rotations import Array, from_matrix, multiply, rotate, rotation_angle
 from space_envs.errors import GoalError, unknown_name
 from space_envs.robots.capsules import SINGLE_ARM_SHAPE
 from space_envs.robots.parameters import (
@@ -228,9 +228,8 @@ class SingleArmTask(CaptureTask):
                 f"goal_quaternion must be a unit quaternion (w, x, y, z), got norm {norm.ravel().tolist()}"
             )
         robot = self.robot
-        com = robot.kinematics(robot.home if joints is None else joints).com
         # The base starts at the origin, and with zero momentum the common centre of mass stays where it is.
-        centre = (robot.mass[1:] @ com + robot.mass[0] * robot.com[0]) / robot.mass.sum()
+        centre = robot.centre_of_mass(robot.kinematics(robot.home if joints is None else joints))
         distance = np.linalg.norm(position - centre, axis=-1)
         reach = self.robot.reach()
         if (distance > reach).any():
@@ -279,9 +278,7 @@ class SingleArmTask(CaptureTask):
 
     def attitude(self, observation: Array) -> Array:
         """Angle (N,) of the satellite from its initial attitude, rad."""
-        quaternion = observation[:, LAYOUT.slices["base_quaternion"]]
-        vector = quaternion[:, 1:]
-        return 2.0 * np.arctan2(np.sqrt((vector * vector).sum(axis=1)), np.abs(quaternion[:, 0]))
+        return rotation_angle(observation[:, LAYOUT.slices["base_quaternion"]])
 
 
 def _quotient_tensor() -> Array:

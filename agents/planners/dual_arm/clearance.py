@@ -14,7 +14,6 @@ from scipy.interpolate import CubicHermiteSpline
 from space_envs.checks import count, finite_array, flag, non_negative
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.capsules import box_distance, segment_distance
-from space_envs.dynamics.reactionless import com
 from space_envs.dynamics.rigid_body import tumble
 from space_envs.dynamics.rotations import Array, conjugate, multiply, rotate
 from space_envs.errors import ConfigurationError, positive
@@ -134,11 +133,11 @@ class Links:
     def of(cls, robot: FloatingRobot) -> "Links":
         """Links from joint to joint, and from the last joint to the end-effector."""
         rows = []
-        for arm, tip in enumerate(robot.tip_link):
+        for arm, tip in enumerate(robot.end_effector_link):
             chain = [int(tip)]
             while robot.parent[chain[0] - 1] != 0:
                 chain.insert(0, int(robot.parent[chain[0] - 1]))
-            ends = [robot.offset[link - 1] for link in chain[1:]] + [robot.tip_offset[arm]]
+            ends = [robot.offset[link - 1] for link in chain[1:]] + [robot.end_effector_offset[arm]]
             for order, (link, end) in enumerate(zip(chain, ends, strict=True)):
                 if np.linalg.norm(end) > _SHORT:
                     rows.append((link, arm, order, end, link == tip))
@@ -150,7 +149,7 @@ class Links:
         k = robot.kinematics(q)
         begin = k.position[:, self.link - 1]
         end = begin + (k.rotation[:, self.link - 1] @ self.end[:, :, None])[..., 0]
-        return begin, end, com(robot, k)
+        return begin, end, robot.centre_of_mass(k)
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,7 +219,7 @@ def gaps(
     if around.target is not None and around.motion is not None:
         position, quaternion = around.motion(time) if poses is None else poses
         # Where the base is: the common centre of mass stays.
-        base = com(robot, robot.kinematics(start)) - centre
+        base = robot.centre_of_mass(robot.kinematics(start)) - centre
         counted = around.counted(np.linalg.norm(links.end, axis=1), time, duration)
         share = np.where(links.last, counted, 1.0)
         outer = begin + share[..., None] * (end - begin)

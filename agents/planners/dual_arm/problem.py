@@ -40,7 +40,7 @@ class Capture:
             ConfigurationError: if a shape is wrong, a number is not finite, the duration is not positive or
                 an axis is zero.
         """
-        arms = len(robot.tip_link)
+        arms = len(robot.end_effector_link)
         axis = None
         if self.axis is not None:
             axis = finite_array("axis", self.axis, (arms, 3))

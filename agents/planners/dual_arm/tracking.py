@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from agents.planners.dual_arm.problem import CapturePlan
 from space_envs.checks import non_negative
-from space_envs.dynamics.rotations import Array
+from space_envs.dynamics.rotations import Array, rotation_angle
 from space_envs.errors import ConfigurationError, positive
 from space_envs.robots.dual_arm import DualArmOptions, dual_arm_model
 from space_envs.simulation import Simulation
@@ -130,11 +130,10 @@ def track(
             step += 1
     time = (1 + np.arange(size)) * how.timestep
     planned, *_ = plan.sample(np.minimum(time, plan.time[-1]))
-    vector = np.sqrt((state[:, 4:7] ** 2).sum(axis=1))
     return Tracked(
         time=time,
         base_rate=state[:, 10:13],
-        attitude=2.0 * np.arctan2(vector, np.abs(state[:, 3])),
+        attitude=rotation_angle(state[:, 3:7]),
         momentum=momentum,
         torque=torque,
         position=state[:, 13 : 13 + n],

@@ -3,7 +3,7 @@
 import numpy as np
 
 from agents.policies.dual_arm.observed import Reader
-from space_envs.dynamics.reactionless import keep_attitude
+from space_envs.dynamics.reactionless import reactionless_projection
 from space_envs.dynamics.rotations import Array, conjugate, exponential, multiply, rotate
 from space_envs.tasks.contacts import Contacts
 
@@ -37,7 +37,7 @@ def clear_rates(reader: Reader, observation: Array, q: Array, rate: Array) -> Ar
         excess = least - (slope * rate[:, None]).sum(axis=-1)
         worst = excess.argmax(axis=1)
         along = slope[rows, worst]
-        direction = keep_attitude(twist[:, 3:], along)
+        direction = reactionless_projection(twist[:, 3:], along)
         share = np.maximum(excess[rows, worst], 0.0) / ((along * direction).sum(axis=1) + DAMPING**2)
         rate = rate + share[:, None] * direction
     return rate

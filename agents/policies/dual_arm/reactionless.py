@@ -19,7 +19,7 @@ from agents.policies.dual_arm.reactionless_rate import track_rates, within_drive
 from agents.policies.following import FollowedPlans, FollowingPolicy, Reference, sampled_plans
 from agents.policies.needs import RENDEZVOUS
 from space_envs.dynamics import FloatingRobot
-from space_envs.dynamics.reactionless import keep_attitude
+from space_envs.dynamics.reactionless import reactionless_projection
 from space_envs.dynamics.rotations import Array, conjugate, logarithm, multiply, rotate
 from space_envs.policy import PolicyContext
 from space_envs.robots.parameters import DUAL_ARM_PLANAR, DUAL_ARM_SPATIAL
@@ -152,7 +152,7 @@ class ReactionlessPolicy(FollowingPolicy):
         rate = super().track(observation, plans, reference)
         rotating = self.context.arm.base_map(reference.next_position)[:, 3:]
         attitude = logarithm(self.reader.quaternion(observation, "base"))
-        return keep_attitude(rotating, rate, -ATTITUDE_GAIN * attitude)
+        return reactionless_projection(rotating, rate, -ATTITUDE_GAIN * attitude)
 
     def hold(self, observation: Array, planned: NDArray[np.bool_]) -> Array:
         """Joint rates (k, n), rad/s, with which the end-effectors stay with their grapple points."""

@@ -9,7 +9,12 @@ from agents.policies.dual_arm.keep_clear import clear_rates
 from agents.policies.dual_arm.observed import Reader
 from agents.policies.needs import RENDEZVOUS
 from space_envs.control import BRAKING
-from space_envs.dynamics.reactionless import axis_turn, keep_attitude, reactionless_rates, tips
+from space_envs.dynamics.reactionless import (
+    axis_turn,
+    end_effectors,
+    reactionless_projection,
+    reactionless_rates,
+)
 from space_envs.dynamics.rotations import Array, conjugate, logarithm, rotate
 from space_envs.policy import PolicyContext
 
@@ -36,7 +41,7 @@ def track_rates(reader: Reader, observation: Array) -> Array:
     to_base = conjugate(attitude)
     # The command is reached at the end of the period, so it is made for the configuration then.
     then = q + period * reader.field(observation, "joint_velocity")
-    now = tips(context.arm, then)
+    now = end_effectors(context.arm, then)
     ahead = reader.grapples(observation, np.array([period]))
     hand = reader.vectors(observation, "end_effector_position")
     hand = hand + period * reader.vectors(observation, "end_effector_linear_velocity")
@@ -77,7 +82,7 @@ def within_drives(reader: Reader, observation: Array, rate: Array) -> Array:
     # The present rates are reactionless where the joints are; here they are made so where these will be.
     rotating = context.arm.base_map(q + context.control_period * now)[:, 3:]
     attitude = logarithm(reader.quaternion(observation, "base"))
-    present = keep_attitude(rotating, now, -ATTITUDE_GAIN * attitude)
+    present = reactionless_projection(rotating, now, -ATTITUDE_GAIN * attitude)
     change = rate - present
     most = ACCELERATION_SHARE * context.acceleration_limit * context.control_period
     return present + change / np.maximum(np.abs(change).max(axis=1, keepdims=True) / most, 1.0)

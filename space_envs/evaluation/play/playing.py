@@ -107,5 +107,5 @@ def fresh_policies(
 
             yield renewed
     else:
-        context = PolicyContext.from_env(CaptureVectorEnv(**{**environment, "num_envs": 1}))
+        context = PolicyContext.from_env(CaptureVectorEnv(**dict(environment, num_envs=1)))
         yield lambda: factory(context)

@@ -297,7 +297,7 @@ def _built(start: bytes) -> tuple[tuple[Policy, int], bytes]:
     from space_envs.envs import CaptureVectorEnv
 
     make, environment = pickle.loads(start)
-    context = PolicyContext.from_env(CaptureVectorEnv(**{**environment, "num_envs": 1}))
+    context = PolicyContext.from_env(CaptureVectorEnv(**dict(environment, num_envs=1)))
     return (make(context), len(context.action_scale)), _packed({})
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from agents.planners.common.plans import Limits
 from agents.planners.dual_arm.problem import Capture, CapturePlan
 from space_envs.dynamics import FloatingRobot
-from space_envs.dynamics.reactionless import com, tips
+from space_envs.dynamics.reactionless import end_effectors
 from space_envs.dynamics.rotations import Array, cross
 
 
@@ -39,8 +39,10 @@ def check(robot: FloatingRobot, capture: Capture, limits: Limits, plan: CaptureP
     )
     base_rate = (robot.base_map(q)[:, 3:] @ qdot[..., None])[..., 0]
     energy, torque = held_dynamics(robot, q, qdot, qddot)
-    now = tips(robot, q[len(time) - 1])
-    base = com(robot, robot.kinematics(capture.start)) - com(robot, robot.kinematics(q[len(time) - 1]))
+    now = end_effectors(robot, q[len(time) - 1])
+    base = robot.centre_of_mass(robot.kinematics(capture.start)) - robot.centre_of_mass(
+        robot.kinematics(q[len(time) - 1])
+    )
     violation = {
         "base_rate": float(np.abs(base_rate).max()),
         "start": float(max(np.abs(q[0] - capture.start).max(), np.abs(qdot[0]).max())),

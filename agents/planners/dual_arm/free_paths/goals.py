@@ -8,7 +8,6 @@ from agents.planners.common.plans import Cause, Failure, Limits
 from agents.planners.dual_arm.free_paths.model import HeldAttitude
 from agents.planners.dual_arm.problem import Capture
 from space_envs.dynamics import FloatingRobot
-from space_envs.dynamics.reactionless import com
 from space_envs.dynamics.rotations import Array
 
 _SPREAD = (1.2, 2.5)  # rad, largest displacement of a search's start from that of the capture, by turns
@@ -35,7 +34,7 @@ class EndGoals:
     def of(cls, robot: FloatingRobot, model: HeldAttitude, capture: Capture) -> "EndGoals":
         """Of a capture."""
         d = model.dimensions
-        centre = com(robot, robot.kinematics(capture.start))
+        centre = robot.centre_of_mass(robot.kinematics(capture.start))
         across = np.zeros((3, 4))
         if capture.axis is not None:
             for arm, axis in enumerate(capture.axis):
@@ -62,7 +61,7 @@ def end_configurations(
     `searches` in all.
     """
     goals, n, d = EndGoals.of(robot, model, capture), robot.n_joints, model.dimensions
-    centre = com(robot, robot.kinematics(capture.start))
+    centre = robot.centre_of_mass(robot.kinematics(capture.start))
     for arm in range(2):
         far, reach = float(np.linalg.norm(capture.position[arm] - centre)), robot.reach(arm)
         if far > reach:

@@ -123,7 +123,9 @@ def _build(robot: FloatingRobot) -> HeldAttitude:
 
 def _chains(robot: FloatingRobot) -> list[list[int]]:
     """Joints of each arm, from the base to its end-effector."""
-    chains = [[j for j in range(robot.n_joints) if robot.carries[j, link - 1]] for link in robot.tip_link]
+    chains = [
+        [j for j in range(robot.n_joints) if robot.carries[j, link - 1]] for link in robot.end_effector_link
+    ]
     if [joint for chain in chains for joint in chain] != list(range(robot.n_joints)):
         raise ConfigurationError("the robot must be made of arms on the base, numbered one after the other")
     return chains

@@ -14,7 +14,6 @@ from agents.planners.common.smooth import Smooth
 from agents.planners.dual_arm.clearance import Links, Surroundings
 from space_envs.codegen.functions import compiled
 from space_envs.dynamics import FloatingRobot
-from space_envs.dynamics.reactionless import com
 from space_envs.dynamics.rotations import Array, rotate
 from space_envs.dynamics.symbolic import SymbolicRobot
 
@@ -133,10 +132,10 @@ def parameters(
     if around.target is not None and poses is not None:
         target = around.target
         centre, quaternion = poses
-        p[:, :3] = centre - com(robot, robot.kinematics(start))
+        p[:, :3] = centre - robot.centre_of_mass(robot.kinematics(start))
         columns = [rotate(quaternion, np.broadcast_to(unit, (len(times), 3))) for unit in np.eye(3)]
         p[:, 3:12] = np.concatenate(columns, axis=1)
-        length = np.linalg.norm(robot.tip_offset[:1], axis=1)
+        length = np.linalg.norm(robot.end_effector_offset[:1], axis=1)
         p[:, 12] = around.counted(length, times, duration)[:, 0]
     if around.bus is not None:
         bus = around.bus

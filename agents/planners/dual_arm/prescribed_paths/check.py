@@ -8,7 +8,7 @@ from agents.planners.dual_arm.free_paths.check import check
 from agents.planners.dual_arm.prescribed_paths.polynomial import PolynomialPath
 from agents.planners.dual_arm.problem import Capture, CapturePlan
 from space_envs.dynamics import FloatingRobot
-from space_envs.dynamics.reactionless import com, tips
+from space_envs.dynamics.reactionless import end_effectors
 from space_envs.dynamics.rotations import Array
 
 DENSER = 4  # times as many points as the plan has nodes
@@ -71,7 +71,7 @@ def checked_plan(
 def path_error(robot: FloatingRobot, path: PolynomialPath, time: Array, q: Array) -> float:
     """Largest deviation of the end-effectors from their path at q (T, n), m."""
     kinematics = robot.kinematics(q)
-    places = tips(robot, q, kinematics).position - com(robot, kinematics)[:, None]
+    places = end_effectors(robot, q, kinematics).position - robot.centre_of_mass(kinematics)[:, None]
     flat = places[..., : path.start.size // 2].reshape(len(time), path.start.size)
     return float(np.abs(flat - path.position(time)).max())
 
@@ -79,7 +79,7 @@ def path_error(robot: FloatingRobot, path: PolynomialPath, time: Array, q: Array
 def null_velocities(robot: FloatingRobot, q: Array, qdot: Array) -> Array:
     """Share (K, 2) of the dependent angular velocities that lies in the null space of eq. 9, rad/s: the
     projector times zeta, which is all of zeta that moves anything. Of the planar robot."""
-    hands = tips(robot, q)
+    hands = end_effectors(robot, q)
     rows = np.concatenate(
         [hands.linear[..., :2, :].reshape(len(q), 4, q.shape[1]), hands.turning[:, 2:]], axis=1
     )

@@ -15,7 +15,6 @@ from agents.planners.dual_arm.prescribed_paths.null_space import (
 from agents.planners.dual_arm.prescribed_paths.polynomial import PolynomialPath
 from agents.planners.dual_arm.problem import Capture, CapturePlan
 from space_envs.dynamics import FloatingRobot
-from space_envs.dynamics.reactionless import com
 from space_envs.dynamics.rotations import Array
 
 LARGEST_RATE = 10.0  # rad/s; larger joint rates are those of a singularity
@@ -45,7 +44,7 @@ def capture_path(method: str, robot: FloatingRobot, capture: Capture) -> Polynom
     model = PathModel.of(robot)
     d = model.dimensions
     start = model(capture.start).tips
-    end = (capture.position - com(robot, robot.kinematics(capture.start)))[:, :d].ravel()
+    end = (capture.position - robot.centre_of_mass(robot.kinematics(capture.start)))[:, :d].ravel()
     for arm in range(2):
         distance, reach = float(np.linalg.norm(end[d * arm : d * (arm + 1)])), robot.reach(arm)
         if distance > reach:

@@ -93,14 +93,16 @@ def _build(robot: FloatingRobot) -> PathModel:
     turning = angular[2] if planar else angular
     energy = symbolic.kinetic_energy(q, qdot, rest) - 0.5 * ca.dot(linear, linear) / mass
     d = 2 if planar else 3
-    positions = [symbolic.end_effector_pose(tip)(q)[0] - centre for tip in range(len(robot.tip_link))]
+    positions = [
+        symbolic.end_effector_pose(tip)(q)[0] - centre for tip in range(len(robot.end_effector_link))
+    ]
     tips = ca.vertcat(*[position[:d] for position in positions])
     # Ibm~ has the unit kg m^2; divided by mass times a metre of the arms it is a velocity per rate.
     scale = float(robot.mass[1:].sum())
     task = ca.vertcat(ca.jacobian(tips, q), ca.jacobian(turning, qdot) / scale)
     axes = symbolic.kinematics(q)[2]
     rows = []
-    for link in robot.tip_link:
+    for link in robot.end_effector_link:
         carried = ca.DM(robot.carries[:, int(link) - 1]).T
         spin = axes * ca.repmat(carried, 3, 1)
         rows.append(spin[2, :] if planar else spin)

@@ -99,7 +99,7 @@ def rotated(r: ca.SX, x: ca.SX, back: bool = False) -> ca.SX:
 
 @built_once
 def _build(robot: FloatingRobot) -> SingleArm:
-    if len(robot.tip_link) != 1:
+    if len(robot.end_effector_link) != 1:
         raise ConfigurationError("optimal control of the single arm needs a robot with one end-effector")
     symbolic, n = SymbolicRobot(robot), robot.n_joints
     q, qdot, qddot = (ca.SX.sym(name, n) for name in ("q", "qdot", "qddot"))

@@ -150,8 +150,7 @@ class OptimalPlanner:
     def _out_of_reach(self, reach: Reach) -> Failure | None:
         """Failure if the goal is farther than the straight arm reaches."""
         robot = self._robot
-        com = robot.kinematics(reach.start).com
-        centre = (robot.mass[1:] @ com + robot.mass[0] * robot.com[0]) / robot.mass.sum()
+        centre = robot.centre_of_mass(robot.kinematics(reach.start))
         distance, longest = float(np.linalg.norm(reach.position - centre)), robot.reach()
         if distance <= longest:
             return None
