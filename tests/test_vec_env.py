@@ -17,7 +17,7 @@ from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError
 from space_envs.registration import ENTRIES
 
-EASY = {"difficulty": "easy", "horizon": 6}
+EASY: dict[str, Any] = {"difficulty": "easy", "horizon": 6}
 every_id = pytest.mark.parametrize("env_id", ENTRIES)
 
 

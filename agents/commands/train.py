@@ -26,7 +26,7 @@ Train a policy and keep the best one on the validation split (the held-out part 
   train.py --algo ppo --init none            ppo from random weights
   train.py --hidden 64 64 --learning-rate 1e-4 --env-kwargs horizon=100 reward=sparse
   train.py --env my_package:Mine/Task-v0     a task of your own
-  train.py --resume runs/my-ppo              go on with a run that was stopped or killed
+  train.py --resume runs/my-ppo              continue a run that was stopped or killed
   train.py --algo bc --seeds 0-9 --jobs 4    ten runs, four at a time; more on this at the end
 
 The run's folder holds config.json, policy.npz (the best policy; evaluate.py takes the folder as a policy),
@@ -61,7 +61,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _run(parsed: argparse.Namespace) -> int:
     if parsed.resume:
-        return _train(_resumed(parsed), parsed)
+        return _train(_resumed_run(parsed), parsed)
     if is_sweep(parsed):
         return sweep(parsed)
     settled = settle(given_options(parsed))
@@ -69,10 +69,10 @@ def _run(parsed: argparse.Namespace) -> int:
     if parsed.dry_run:
         print(to_toml(settled.settings, settled.parameters), end="")
         return 0
-    return _train(_begun(settled, parsed), parsed)
+    return _train(_new_run(settled, parsed), parsed)
 
 
-def _begun(settled: Settled, parsed: argparse.Namespace) -> RunFolder:
+def _new_run(settled: Settled, parsed: argparse.Namespace) -> RunFolder:
     """A new run, written to its folder."""
     settings = settled.settings
     task = settings.env_id.split(":")[-1].split("/")[-1]
@@ -88,7 +88,7 @@ def _begun(settled: Settled, parsed: argparse.Namespace) -> RunFolder:
     return folder
 
 
-def _resumed(parsed: argparse.Namespace) -> RunFolder:
+def _resumed_run(parsed: argparse.Namespace) -> RunFolder:
     """A run that exists, with more steps or minutes where they were given."""
     given = [name for name, value in vars(parsed).items() if value is not None and name not in _WITH_RESUME]
     if given:
@@ -115,7 +115,7 @@ def _train(folder: RunFolder, parsed: argparse.Namespace) -> int:
         with held(folder.path, RUN, known=True):
             summary = learn(folder, parsed.validation_episodes, parsed.quiet)
     except KeyboardInterrupt:
-        print(f"\nstopped; go on with: train.py --resume {folder.path}", file=sys.stderr)
+        print(f"\nstopped; continue with: train.py --resume {folder.path}", file=sys.stderr)
         return 130
     if not parsed.quiet:
         print(_ending(summary, folder))

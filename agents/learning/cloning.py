@@ -1,4 +1,4 @@
-"""Behaviour cloning: a network learns what an expert does in the states that the network itself visits."""
+"""Behaviour cloning: a network learns the actions of an expert in the states that the network visits."""
 
 import shutil
 from pathlib import Path
@@ -32,8 +32,8 @@ class Cloning:
     bits as one that was not.
 
     Args:
-        session: the sitting; its hyperparameters are those of BC. The data so far lie in the folder
-            `demonstrations` of the run until it ends.
+        session: of the run, with hyperparameters of BC. The data so far lie in the folder `demonstrations`
+            of the run until it ends.
 
     Raises:
         ConfigurationError, PolicyError: for an unknown expert, or one of another control mode.
@@ -76,7 +76,7 @@ class Cloning:
         return export_network(self.model, self.parameters.activation)
 
     def state(self) -> dict[str, Any]:
-        """What `restore` needs besides the data, which lie in files of their own."""
+        """State for `restore`, without the data, which have their own files."""
         return {"model": model_state(self.model), "optimizer": self.optimizer.state_dict()}
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -105,7 +105,7 @@ class Cloning:
         return self.steps
 
     def _round(self, index: int, epochs: int) -> float:
-        """Collect, keep and fit once; returns the loss."""
+        """Collect, store and fit once; returns the loss."""
         pairs = self._collect(index)
         save_nested(self._shard(index), pairs)
         self._data.append(pairs)

@@ -15,12 +15,12 @@ from agents.policies.learned.policy_file import PolicyFile, load_policy_file
 
 
 class Progress:
-    """Keeps a run's folder up to date.
+    """Writes the results of a run to its folder while it learns.
 
     Args:
-        session: the sitting.
+        session: of the run.
         view: what the network sees.
-        checkpoint: of an earlier sitting, None if there was none.
+        checkpoint: of an earlier session, None if there was none.
     """
 
     def __init__(self, session: Session, view: FeatureView, checkpoint: dict[str, Any] | None = None) -> None:
@@ -44,10 +44,10 @@ class Progress:
     def checkpoint(
         self, steps: int, network: Network, state: dict[str, Any], candidate: bool = True
     ) -> Validation:
-        """Validate the network, keep it if it is the best so far, write a checkpoint that holds `state`.
+        """Validate the network, save it if it is the best so far, write a checkpoint that holds `state`.
 
         Args:
-            candidate: whether the run may keep it: not while it is still what the run started from.
+            candidate: whether it may be saved: not while it is still the policy that the run started from.
         """
         result = self._validate(lambda observation: network.actions(self.view(observation)))
         if candidate and (self._best is None or result.score > self._best):

@@ -25,7 +25,7 @@ class Reinforcement:
     that is reached, and a replay buffer that is too large for a checkpoint.
 
     Args:
-        session: the sitting; its hyperparameters are those of PPO, SAC or TD3.
+        session: of the run, with hyperparameters of PPO, SAC or TD3.
 
     Raises:
         ConfigurationError: for settings that the environment does not know.
@@ -34,8 +34,8 @@ class Reinforcement:
     def __init__(self, session: Session) -> None:
         settings, parameters = session.settings, session.parameters
         self.session, self.parameters, self.budget = session, parameters, session.budget
-        # Wall time at which learning first began, s; the learning rate of ppo falls from then on.
-        self.began = session.budget.wall
+        # Wall time when learning started, s; the learning rate of ppo falls from then on.
+        self.start_time = session.budget.wall
         env = CaptureVectorEnv(
             settings.env_id, parameters.num_envs, autoreset_mode="same_step", **settings.environment
         )
@@ -58,15 +58,15 @@ class Reinforcement:
         self.warm = True
 
     def state(self) -> dict[str, Any]:
-        """What `restore` needs."""
+        """State for `restore`."""
         state = {
             "model": model_state(self.model),
             "random": random_state(self.model),
-            "began": self.began,
+            "start_time": self.start_time,
             "warm": self.warm,
             "learned": self.learned,
         }
-        if self.model._last_obs is not None:  # some episodes have begun
+        if self.model._last_obs is not None:  # episodes have been started
             state["episodes"] = self.episodes.snapshot()
             state["seen"] = self.model._last_obs
             state["starts"] = self.model._last_episode_starts
@@ -75,7 +75,7 @@ class Reinforcement:
     def restore(self, state: dict[str, Any]) -> None:
         """Go back to a checkpoint."""
         restore_model(self.model, state["model"])
-        self.began, self.warm, self.learned = state["began"], state["warm"], state["learned"]
+        self.start_time, self.warm, self.learned = state["start_time"], state["warm"], state["learned"]
         if "episodes" in state:
             self.episodes.restore(state["episodes"])
             self.model._last_obs, self.model._last_episode_starts = state["seen"], state["starts"]
@@ -84,7 +84,7 @@ class Reinforcement:
     def run(self, progress: Progress) -> int:
         """Learn to the end of the steps or the time limit; returns the steps taken."""
         if self.warm and not progress.history:
-            self.record(progress, candidate=False)  # what the run starts from, to compare with
+            self.record(progress, candidate=False)  # the policy that the run starts from, to compare with
         self.model.set_logger(progress.logger)
         left = self.parameters.steps - self.model.num_timesteps
         callback = _AtIntervals(self, progress)
@@ -96,11 +96,11 @@ class Reinforcement:
         return self.model.num_timesteps
 
     def record(self, progress: Progress, candidate: bool) -> None:
-        """Validate the actor as it is now, and keep it if it is a candidate and the best."""
+        """Validate the actor as it is now, and save it if it is a candidate and the best."""
         progress.checkpoint(self.model.num_timesteps, self.network, self.state(), candidate)
 
     def hold_actor(self) -> None:
-        """While the critic warms up the actor stays as it is; call before every rollout."""
+        """Freeze the actor while the critic warms up; call before every rollout."""
         if isinstance(self.parameters, PPO):
             learns = not self.warm or self.model.num_timesteps >= self.parameters.critic_warm_up
             for parameter in actor_parameters(self.model):
@@ -113,12 +113,12 @@ class Reinforcement:
         """Learning rate of ppo, falling linearly with the steps or the time, whichever runs out first."""
         parameters = self.parameters
         final = parameters.final_rate_ratio if isinstance(parameters, PPO) else 1.0
-        remaining = min(remaining, 1.0 - self.budget.fraction(self.began))
+        remaining = min(remaining, 1.0 - self.budget.fraction(self.start_time))
         return parameters.learning_rate * (final + (1.0 - final) * max(remaining, 0.0))
 
 
 class _AtIntervals(BaseCallback):
-    """Records at intervals, between an update and the next rollout, and ends the run when its time is up."""
+    """Validates at intervals, between an update and the next rollout, and ends the run at its time limit."""
 
     def __init__(self, learner: Reinforcement, progress: Progress) -> None:
         super().__init__()

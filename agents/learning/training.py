@@ -1,4 +1,4 @@
-"""A training run from its beginning, or from where it was killed, to its end."""
+"""A training run from its start, or from its last checkpoint, to its end."""
 
 from dataclasses import replace
 from typing import Any
@@ -20,7 +20,7 @@ Checkpoint = dict[str, Any]
 
 
 def learn(folder: RunFolder, episodes: int | None = None, quiet: bool = False) -> dict[str, Any]:
-    """Carry out the run that `RunFolder.begin` wrote down, going on from its checkpoint if there is one.
+    """Train the run that `RunFolder.begin` described, from its checkpoint if there is one.
 
     ppo first clones its expert, in the folder `clone` of the run, unless it starts from another run.
 

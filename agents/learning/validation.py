@@ -1,4 +1,4 @@
-"""How well a policy does on a split; on the held-out part of the train split while it learns."""
+"""Validation of a policy on the goals of a split, while it learns those of the validation split."""
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass

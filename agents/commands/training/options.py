@@ -15,7 +15,7 @@ from space_envs.errors import ConfigurationError, shown
 from space_envs.system.command_line import output_path
 from space_envs.tasks.common import DIFFICULTIES
 
-_WORDS = {"true": True, "false": False, "none": None}  # as Python spells them, beside JSON's own
+_WORDS = {"true": True, "false": False, "none": None}  # also as Python spells them
 _TEXT = {"expert": f"the first of {', '.join(DEFAULT_EXPERTS)} that fits", "features": "those of the id"}
 
 
@@ -142,7 +142,7 @@ def _value(text: str) -> Any:
 def to_toml(settings: Settings, parameters: AnyHyperparameters) -> str:
     """Options and hyperparameters of a run as a file that --config takes."""
     values = {option: getattr(settings, name) for option, name in OPTIONS.items()} | to_json(parameters)
-    del values["init" if settings.init is None else "expert"]  # one of them says how ppo starts
+    del values["init" if settings.init is None else "expert"]  # only one of them is given
     return "".join(f"{name} = {_toml(value)}\n" for name, value in values.items())
 
 

@@ -43,7 +43,7 @@ def _run(parsed: argparse.Namespace) -> None:
 
 
 def ship(run: RunFolder, name: str) -> dict[str, Any]:
-    """Copy the policy and write its provenance beside it; returns the provenance.
+    """Copy the policy and write its provenance next to it; returns the provenance.
 
     Raises:
         ConfigurationError: if the run has not finished, or did not improve on the policy that it started
@@ -88,7 +88,7 @@ def evaluate_again(env_id: str, name: str) -> dict[str, Any]:
 
 
 def _tested(file: PolicyFile, settings: Settings) -> dict[str, Any]:
-    """How a policy does on the first goals of the test split, as plain JSON values."""
+    """Validation of a policy on the first goals of the test split, as plain JSON values."""
     test = Validator(settings.env_id, TEST_EPISODES, "test", **settings.environment)
     view = file.view(test.env.task.layout)
     return test(lambda observation: file.network.actions(view(observation))).to_json()
@@ -96,12 +96,12 @@ def _tested(file: PolicyFile, settings: Settings) -> dict[str, Any]:
 
 def _portable(command: list[str]) -> list[str]:
     """The command without the folders of the machine it ran on and without what only shows progress."""
-    kept, skip = [], False
+    words, skip = [], False
     for word in command:
         if not skip and word not in ("--output", "--quiet"):
-            kept.append(Path(word).name if "/" in word and Path(word).exists() else word)
+            words.append(Path(word).name if "/" in word and Path(word).exists() else word)
         skip = word == "--output"
-    return kept
+    return words
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""`train.py --seeds` and `train.py --sweep`: many runs of one command, and what became of each."""
+"""`train.py --seeds` and `train.py --sweep`: many runs of one command, and the result of each."""
 
 import argparse
 import sys
@@ -40,7 +40,7 @@ command line hold for all runs too.
 
 Each run is a folder inside --output, like learning_rate-0.0003_num_envs-64_seed-2, where evaluate.py and
 --resume take it. A run that fails leaves the others alone; its traceback is in its {ERROR}. The same command
-again goes on with what is not finished. {SUMMARY} has what became of each run. With a cluster, its workers
+again continues what is not finished. {SUMMARY} has the result of each run. With a cluster, its workers
 need this project installed and the output folder at the same path.
 """
 
@@ -137,7 +137,7 @@ def _train(
     except KeyboardInterrupt:
         done = sum(result.status == "finished" for result in results.values())
         print(
-            f"\nstopped with {done} of {len(runs)} runs finished; the same command goes on with the others",
+            f"\nstopped with {done} of {len(runs)} runs finished; the same command continues the others",
             file=sys.stderr,
         )
         return False
@@ -147,7 +147,7 @@ def _train(
 
 
 def _default_output(file: str | None, given: Mapping[str, Any]) -> Path:
-    """The same for the same command, so that it goes on with its runs."""
+    """Folder of the runs, the same for the same command, so that it continues them."""
     if file is not None:
         return Path("runs") / Path(file).stem
     env_id = given.get("env", DEFAULT_ENV).split(":")[-1].split("/")[-1]

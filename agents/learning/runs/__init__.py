@@ -1,1 +1,1 @@
-"""What a training run is: settings, hyperparameters with their defaults, and the folder that keeps it."""
+"""Description of a training run: settings, hyperparameters with their defaults, its folder, its time."""

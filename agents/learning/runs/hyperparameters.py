@@ -44,7 +44,7 @@ class Range(NamedTuple):
 Steps = Annotated[int, Range("control steps, of all episodes together", 1, STEPS)]
 Interval = Annotated[int, Range("steps between two validations, each followed by a checkpoint", 1, STEPS)]
 LearningRate = Annotated[float, Range("step size of Adam", above=0.0, most=1e3)]
-BatchSize = Annotated[int, Range("samples in one step of Adam", 1, SIZE)]
+BatchSize = Annotated[int, Range("samples in one step of Adam", 2, SIZE)]
 Envs = Annotated[int, Range("episodes simulated together", 1, 2**16)]
 FinalRatio = Annotated[float, Range("final learning rate divided by the first; it falls linearly", 0.0, 1.0)]
 ActionDeviation = Annotated[
@@ -101,7 +101,7 @@ class PPO(Hyperparameters):
 
     steps: Steps = 1_500_000
     validation_interval: Interval = 150_000
-    n_steps: Annotated[int, Range("control steps of each episode between updates", 1, SIZE)] = 64
+    n_steps: Annotated[int, Range("control steps of each episode between updates", 2, SIZE)] = 64
     n_epochs: Annotated[int, Range("passes over the data of an update", 1, 1000)] = 8
     gae_lambda: Annotated[float, Range("of generalised advantage estimation", 0.0, 1.0)] = 0.95
     clip_range: Annotated[float, Range("of the ratio of probabilities", above=0.0, most=10.0)] = 0.2
@@ -130,7 +130,7 @@ class OffPolicy(Hyperparameters):
     learning_rate: LearningRate = 5e-4
     batch_size: BatchSize = 256
     activation: Annotated[str, Range(f"of the hidden layers: {', '.join(ACTIVATIONS)}")] = "relu"
-    buffer_size: Annotated[int, Range("steps that the replay buffer keeps", 1, 2**31)] = 200_000
+    buffer_size: Annotated[int, Range("steps in the replay buffer", 1, 10**8)] = 200_000
     learning_starts: Annotated[int, Range("steps before the first update", 0, STEPS)] = 5_000
     tau: Annotated[float, Range("share of the network in each update of its target", 0.0, 1.0)] = 0.005
     train_freq: Annotated[int, Range("control steps of each episode between updates", 1, SIZE)] = 1
@@ -191,7 +191,7 @@ class BC(Hyperparameters):
     validation_interval: Interval = 3 * 120 * 128
     learning_rate: LearningRate = 2e-3
     expert: Expert = None
-    episode_steps: Annotated[int, Range("control steps of an episode", 1, 10**6)] = 120
+    episode_steps: Annotated[int, Range("control steps of an episode", 1, 10**4)] = 120
     epochs: Annotated[int, Range("passes over all data so far, after each round", 1, 10**6)] = 4
     last_epochs: Annotated[int, Range("passes after the last round", 1, 10**6)] = 12
     error_offset: Annotated[

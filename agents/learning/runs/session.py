@@ -1,4 +1,4 @@
-"""One sitting of a training run, and the time that the run has used over all of them."""
+"""One session of a training run, and the time that the run has used over all of them."""
 
 import time
 from dataclasses import dataclass, field
@@ -13,7 +13,7 @@ class Budget:
     """Wall and processor time of a run.
 
     Attributes:
-        limit: s of wall time, None without limit. used, used_cpu: s in earlier sittings.
+        limit: s of wall time, None without limit. used, used_cpu: s in earlier sessions.
     """
 
     limit: float | None = None
@@ -51,7 +51,7 @@ class Budget:
 
 @dataclass(frozen=True)
 class Session:
-    """What a run is trained with, from its start or its last checkpoint to its end or its interruption.
+    """A run from its start, or its last checkpoint, to its end or its interruption.
 
     Attributes:
         folder, settings, parameters, budget: of the run.

@@ -19,6 +19,7 @@ from agents.learning.runs.warm_start import default_expert, experts_for, startin
 from agents.policies.learned.features import FeatureView
 from agents.policies.registry import check_needs
 from space_envs.envs import CaptureVectorEnv
+from space_envs.envs.limits import checked_num_envs
 from space_envs.errors import ConfigurationError, unknown_name
 from space_envs.policy import DEFAULT_CONTROL_MODE, PolicyContext
 from space_envs.registration import find
@@ -50,7 +51,7 @@ _SET_BY = {
 
 @dataclass(frozen=True)
 class Settings:
-    """What is trained, apart from hyperparameters.
+    """Settings of a run that are no hyperparameters.
 
     Attributes:
         algorithm: ppo, sac, td3 or bc. env_id: registered id, or module:id.
@@ -74,7 +75,7 @@ class Settings:
         return {"control_mode": self.control_mode, "difficulty": self.difficulty, **self.env_kwargs}
 
     def context(self) -> PolicyContext:
-        """What a policy of the environment is built with; errors as in `task`."""
+        """Context of a policy of the environment; errors as in `task`."""
         return PolicyContext.from_env(self._env())
 
     def task(self) -> CaptureTask:
@@ -100,7 +101,7 @@ def _environment(env_id: str, keywords: str) -> CaptureVectorEnv:
 
 
 class Settled(NamedTuple):
-    """A run that was found to be possible, and what to tell the user about it."""
+    """A run that passed all checks, and messages for the user."""
 
     settings: Settings
     parameters: AnyHyperparameters
@@ -123,6 +124,7 @@ def settle(given: Mapping[str, Any]) -> Settled:
     context = settings.context()
     parameters = default_hyperparameters(context.env_id, settings.algorithm, context.layout, own)
     FeatureView(parameters.features, context.layout, context.arm.home)
+    checked_num_envs(parameters.num_envs, settings.task())
     parameters, message = _started(settings, parameters, context, given)
     whole = limited(parameters, own.get("steps"), sooner="validation_interval" not in own)
     if isinstance(whole, PPO) and "critic_warm_up" not in own and (whole.expert or settings.init):

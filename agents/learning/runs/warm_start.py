@@ -1,4 +1,4 @@
-"""What training begins with: an expert to clone, or a policy that was trained before."""
+"""Start of training: an expert to clone, or a policy that was trained before."""
 
 from agents.learning.runs.hyperparameters import PPO
 from agents.policies.learned.learned_policy import policy_path

@@ -11,7 +11,7 @@ LARGEST_BUFFER = 256 * 2**20  # bytes of a replay buffer that goes into a checkp
 
 
 def model_state(model: BaseAlgorithm) -> dict[str, Any]:
-    """Everything that learning goes on from: parameters, optimisers, counters and a small replay buffer."""
+    """State of learning: parameters, optimisers, counters, and the replay buffer if it is small."""
     state: dict[str, Any] = {"parameters": model.get_parameters(), "num_timesteps": model.num_timesteps}
     state["n_updates"] = getattr(model, "_n_updates", 0)
     entropy = getattr(model, "log_ent_coef", None)
@@ -44,7 +44,7 @@ def restore_model(model: BaseAlgorithm, state: dict[str, Any]) -> None:
             for name, array in replay.items():
                 getattr(model.replay_buffer, name)[: len(array)] = array
         else:
-            # The buffer was too large for a checkpoint: fill it again before learning goes on.
+            # The buffer was too large for a checkpoint: fill it again before learning continues.
             model.learning_starts += model.num_timesteps
 
 

@@ -48,7 +48,7 @@ class NativeVecEnv(VecEnv):
         self._actions: NDArray | None = None
         self._return = np.zeros(self.num_envs)
         self._length = np.zeros(self.num_envs, dtype=np.int64)
-        self._begun = time.perf_counter()
+        self._start_time = time.perf_counter()
 
     def reset(self) -> NDArray:
         """Start N episodes; returns observations (N, ...). Seeds and options are those set before, once."""
@@ -88,7 +88,7 @@ class NativeVecEnv(VecEnv):
         self._actions = actions
 
     def step_wait(self) -> tuple[NDArray, NDArray, NDArray, list[dict[str, Any]]]:
-        """Observations (N, ...), rewards (N,) float32, dones (N,) and infos; rows that ended start anew."""
+        """Observations (N, ...), rewards (N,) float32, dones (N,) and infos; rows that ended are reset."""
         if self._actions is None:
             raise ConfigurationError("call step_async before step_wait")
         actions, self._actions = self._actions, None
@@ -110,7 +110,7 @@ class NativeVecEnv(VecEnv):
         infos: list[dict[str, Any]],
     ) -> None:
         final = self._view(np.stack(info["final_obs"][rows]))
-        elapsed = round(time.perf_counter() - self._begun, 6)
+        elapsed = round(time.perf_counter() - self._start_time, 6)
         for observation, row in zip(final, rows.tolist(), strict=True):
             infos[row] = {
                 "terminal_observation": observation,

@@ -1,4 +1,4 @@
-"""Runs of a sweep spread over processes: their folders, what became of each, failures contained."""
+"""Runs of a sweep spread over processes: their folders, the result of each, failures contained."""
 
 import threading
 import traceback
@@ -23,7 +23,7 @@ _ONE_IN_A_PROCESS = threading.Lock()
 
 @dataclass(frozen=True)
 class RunResult:
-    """How a run ended; `error` has the exception's type and message, `summary` what the run ended with."""
+    """Status of a run; `error` has the exception's type and message, `summary` that of a finished run."""
 
     name: str
     status: Literal["finished", "failed", "unfinished"]
@@ -32,7 +32,7 @@ class RunResult:
 
 
 def prepare(runs: Sequence[SweepRun], output: Path, command: list[str]) -> list[RunResult]:
-    """Make the folders of all runs, or find them as an earlier sitting left them; how each stands now.
+    """Make the folders of all runs, or find them as an earlier command left them; returns the status of each.
 
     Raises:
         ConfigurationError: if a folder cannot be made, or holds a run of other settings.
@@ -61,8 +61,8 @@ def spread(
 ) -> Iterator[RunResult]:
     """Carry out the runs of these folders, `jobs` at a time; results come in the order in which runs end.
 
-    A process that dies takes the others of its pool along. What had begun then goes on one by one, so that
-    only the run whose process dies alone is lost.
+    A process that dies takes the others of its pool along. Runs that had started are then continued one by
+    one, so that only the run whose process dies alone is lost.
 
     Args:
         episodes: of a validation. jobs, name, address: of `space_envs.system.parallel.backend`.
@@ -82,13 +82,13 @@ def spread(
                     yield result
         except SpaceEnvsError:
             raise
-        # What breaks a pool has a type of its own in each backend; a run's own errors are in its result.
+        # A broken pool raises another type in each backend; errors of a run are in its result.
         except Exception as error:
-            begun = [path for path in waiting.values() if (path / _UNDER_WAY).exists()]
-            if not begun:
+            started = [path for path in waiting.values() if (path / _UNDER_WAY).exists()]
+            if not started:
                 yield from (_lost(path, error) for path in waiting.values())
                 return
-            for path in begun:
+            for path in started:
                 del waiting[path.name]
                 yield _alone(path, episodes, name, address)
 
@@ -105,7 +105,7 @@ def write_summary(
 
 
 def _carry_out(path: Path, episodes: int | None) -> RunResult:
-    """One run, from where it stands to its end; in whatever process this is called."""
+    """Train one run to its end, in whatever process this is called."""
     mark = path / _UNDER_WAY
     folder = RunFolder(path)
     try:
@@ -115,7 +115,7 @@ def _carry_out(path: Path, episodes: int | None) -> RunResult:
             mark.touch()
             summary = folder.summary() or learn(folder, episodes, quiet=True)
         (path / ERROR).unlink(missing_ok=True)
-    # Whatever a run raises is its own affair.
+    # A run may raise anything; the others go on.
     except Exception as error:
         return _failed(path, error)
     finally:
@@ -148,7 +148,7 @@ def _failed(path: Path, error: Exception, cause: str = "") -> RunResult:
 
 
 def _check_same(run: SweepRun, folder: RunFolder) -> None:
-    """Refuse to go on with a run that is another one."""
+    """Refuse to continue a run that has other settings."""
     settings, parameters = folder.restore()
     here, wanted = asdict(settings) | asdict(parameters), asdict(run.settings) | asdict(run.parameters)
     for name in wanted:

@@ -1,13 +1,13 @@
-"""What a network sees of an observation: a fixed, normalised view, computed from the observation alone.
+"""Inputs of a network: a fixed, normalised view, computed from the observation alone.
 
-Errors and velocities are turned into the satellite's axes, where the arm's kinematics do not depend on the
+Errors and velocities are expressed in the satellite's axes, where the arm's kinematics do not depend on the
 satellite's attitude, so that a network need not learn to rotate vectors. Every entry is divided by a stated
 scale; there are no running statistics, so a policy file needs none.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,6 +60,8 @@ class FeatureView:
                 raise ConfigurationError(
                     f"home has {len(self.home)} joint angles, {field} of the observation {self._width(field)}"
                 )
+            if kind == "rotation" and self._width(field) != 4:
+                raise ConfigurationError(f"feature rotation of {field}: expected a quaternion, w x y z")
             if kind in IN_BASE_AXES and not has_base_axes(self.layout, field, kind):
                 raise ConfigurationError(
                     f"feature {kind} of {field}: the observation has no base to relate it to"
@@ -107,7 +109,7 @@ class FeatureView:
 
 
 def has_base_axes(layout: ObservationLayout, field: str, kind: str) -> bool:
-    """Whether a field holds vectors that a kind of feature can turn into the satellite's axes."""
+    """Whether a field holds vectors that a kind of feature can express in the satellite's axes."""
     needed = ["base_angle" if _axes(layout) == 2 else "base_quaternion"]
     needed += ["base_position"] if kind == "from_base" else []
     place = layout.slices[field]
@@ -126,7 +128,7 @@ def _rotated_in_plane(vectors: Array, angle: Array) -> Array:
     return np.stack([cosine * x + sine * y, cosine * y - sine * x], axis=-1)
 
 
-def feature_table(rows: Sequence[object]) -> tuple[Feature, ...]:
+def feature_table(rows: Sequence[Any]) -> tuple[Feature, ...]:
     """Features from rows [field, kind, scale], as files hold them, or texts FIELD:KIND:SCALE.
 
     Raises:
@@ -135,27 +137,21 @@ def feature_table(rows: Sequence[object]) -> tuple[Feature, ...]:
     return tuple(map(_feature, rows))
 
 
-def _feature(row: object) -> Feature:
-    given = row
-    if isinstance(row, str) and row.count(":") == 2:
-        *row, scale = row.split(":")
-        row = [*row, _number(scale)]
-    if (
-        not isinstance(row, list | tuple)
-        or len(row) != 3
-        or not all(isinstance(part, str) for part in row[:2])
-    ):
-        raise ConfigurationError(
-            f"a feature must be [field, kind, scale] or FIELD:KIND:SCALE, got {shown(given)}"
-        )
-    field, kind, scale = row
+def _feature(row: Any) -> Feature:
+    parts = row.split(":") if isinstance(row, str) else row
+    whole = isinstance(parts, list | tuple) and len(parts) == 3
+    if not whole or not isinstance(parts[0], str) or not isinstance(parts[1], str):
+        expected = "[field, kind, scale] or FIELD:KIND:SCALE"
+        raise ConfigurationError(f"a feature must be {expected}, got {shown(row)}")
+    field, kind, scale = parts
     if kind not in KINDS:
         raise unknown_name("kind of feature", kind, KINDS)
-    return Feature(field, kind, positive(f"scale of feature {field}", scale))
+    return Feature(field, kind, positive(f"scale of feature {field}", _number(scale)))
 
 
-def _number(text: str) -> object:
+def _number(value: Any) -> Any:
+    """The number that a text is; anything else as it is."""
     try:
-        return float(text)
+        return float(value) if isinstance(value, str) else value
     except ValueError:
-        return text
+        return value

@@ -135,7 +135,7 @@ def _not_shipped(algorithm: str, context: PolicyContext) -> str | None:
 
 
 class ShippedPolicy(LearnedPolicy):
-    """A policy that ships with the project; a subclass says which."""
+    """A policy that ships with the project; a subclass names it."""
 
     name: ClassVar[str]
     needs: ClassVar[Needs]

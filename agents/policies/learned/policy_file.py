@@ -31,7 +31,7 @@ _HEADER = {
 
 @dataclass(frozen=True, eq=False)
 class PolicyFile:
-    """What is needed to act, and where it came from.
+    """A learned policy: network, features and provenance.
 
     Attributes:
         env_id, control_mode: what the policy was trained for.

@@ -124,7 +124,7 @@ def _read(archive: zipfile.ZipFile, name: str) -> bytes:
 
 
 def _family(data: dict[str, Any]) -> _Family:
-    """Which of the known policy classes the description names, and that its actor is a plain one."""
+    """The known policy class that the description names; refuses an actor that is not a plain one."""
     described = data.get("policy_class")
     described = described if isinstance(described, dict) else {}
     module = str(described.get("__module__", "unknown"))
