@@ -19,6 +19,7 @@ from agents.learning.runs.nested_npz import load_nested, save_nested
 from agents.learning.runs.session import Session
 from agents.learning.runs.settings import Settings
 from agents.learning.validation import Validator
+from agents.policies.baselines import Hold
 from agents.policies.learned.learned_policy import LearnedPolicy
 from agents.policies.learned.policy_file import load_policy_file
 from space_envs.envs import CaptureVectorEnv
@@ -64,11 +65,11 @@ def test_exported_network_agrees_with_stable_baselines(algorithm: str) -> None:
 
 def test_validation_counts_what_the_environment_says() -> None:
     validator = Validator(ENV_ID, 3)
-    result = validator(lambda observation: np.zeros((3, 7)))
+    result = validator(Hold(validator.context))
     assert (result.captured, result.seconds, result.episodes) == (0.0, 20.0, 3)
     assert result.attitude_cost == pytest.approx(0.0, abs=1e-9)
-    assert result == validator(lambda observation: np.zeros((3, 7)))
-    assert Validator(ENV_ID, 3, horizon=50)(lambda observation: np.zeros((3, 7))).seconds == 5.0
+    assert result == validator(Hold(validator.context))
+    assert Validator(ENV_ID, 3, horizon=50)(Hold(validator.context)).seconds == 5.0
     with pytest.raises(ConfigurationError, match=r"must lie in 1\.\.256"):
         Validator(ENV_ID, 300)
 

@@ -10,13 +10,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from package_of_the_docs import installed
 from training_runs import ENV_ID, QUICK, defaults
 
 from agents.commands.train import main
 from agents.learning.runs.folder import RunFolder
-from agents.learning.runs.settings import Settings
+from agents.learning.runs.settings import Settings, settle
 from agents.learning.sweeps.plan import SweepPlan, make_runs, read_plan
 from agents.learning.training import learn
+from agents.policies.learned.policy_file import load_policy_file
 from space_envs.errors import ConfigurationError
 from space_envs.system.seeds import parse_seeds
 
@@ -98,38 +100,30 @@ def rows(path: Path) -> dict[str, dict[str, Any]]:
 
 
 def test_runs_are_the_same_singly_and_together(tmp_path: Path) -> None:
-    """By one process after the other, in processes of their own, and as runs without a sweep."""
+    """One after the other, in two processes, and without a sweep; the task is one of another package."""
+    common = {"env": "my_capture:MyCapture/Sprint-v0", "init": "none", "num_envs": 8, "n_steps": 16}
+    common |= {"batch_size": 64, "steps": 256, "hidden": [16, 16], "minutes": "none"}
     file = tmp_path / "rates.toml"
-    file.write_text(
-        'seeds = [3, 4]\n[fixed]\ninit = "none"\nnum_envs = 8\nn_steps = 16\nbatch_size = 64\nsteps = 256\n'
-        "hidden = [16, 16]\nminutes = inf\n[values]\nlearning_rate = [1e-3]\n"
-    )
-    for jobs in ("1", "2"):
-        arguments = ["--sweep", str(file), "--jobs", jobs, "--output", str(tmp_path / jobs), *QUICK]
-        assert main(arguments) == 0
-    parameters = defaults(
-        "ppo",
-        num_envs=8,
-        n_steps=16,
-        batch_size=64,
-        steps=256,
-        validation_interval=25,
-        hidden=(16, 16),
-        learning_rate=1e-3,
-        minutes=float("inf"),
-        expert=None,
-    )
-    policies = []
-    for seed in (3, 4):
-        folder = RunFolder(tmp_path / f"single-{seed}")
-        folder.begin(Settings("ppo", ENV_ID, seed=seed), parameters)
-        learn(folder, episodes=2, quiet=True)
-        policies.append(folder.policy.read_bytes())
+    fixed = "".join(f"{name} = {json.dumps(value)}\n" for name, value in common.items())
+    file.write_text(f"seeds = [3, 4]\n[fixed]\n{fixed}[values]\nenv_kwargs = [{{reward = 'sparse'}}]\n")
+    with installed(tmp_path / "site"):
         for jobs in ("1", "2"):
-            together = tmp_path / jobs / f"learning_rate-0.001_seed-{seed}"
-            assert (together / "policy.npz").read_bytes() == policies[-1]
-            assert RunFolder(together).restore() == folder.restore()
-    assert policies[0] != policies[1]
+            arguments = ["--sweep", str(file), "--jobs", jobs, "--output", str(tmp_path / jobs), *QUICK]
+            assert main(arguments) == 0
+        policies = []
+        for seed in (3, 4):
+            settings, parameters, _ = settle(common | {"seed": seed, "env_kwargs": {"reward": "sparse"}})
+            folder = RunFolder(tmp_path / f"single-{seed}")
+            folder.begin(settings, parameters)
+            assert learn(folder, episodes=2, quiet=True)["validation"]["seconds"] <= 10.0
+            policies.append(folder.policy.read_bytes())
+            for jobs in ("1", "2"):
+                together = RunFolder(tmp_path / jobs / f"env_kwargs-reward-sparse_seed-{seed}")
+                assert together.policy.read_bytes() == policies[-1]
+                assert together.restore() == folder.restore() == (settings, parameters)
+        assert policies[0] != policies[1]
+        assert settings.task().reward == "sparse" and settings.env_id == common["env"]
+        assert load_policy_file(folder.policy).env_id == "MyCapture/Sprint-v0"
 
 
 def test_seeds_of_the_command_line_are_single_runs(tmp_path: Path) -> None:
@@ -185,7 +179,7 @@ def test_interrupted_and_gone_on_with(
 ) -> None:
     arguments = [*cloning(tmp_path, Interrupted), "--seeds", "0-1"]
     assert main(arguments) == 130
-    assert "stopped with 1 of 2 runs finished; the same command goes on" in capsys.readouterr().err
+    assert "stopped with 1 of 2 runs finished; the same command continues" in capsys.readouterr().err
     assert [row["status"] for row in rows(tmp_path).values()] == ["finished", "unfinished"]
     halfway = RunFolder(tmp_path / "out" / "seed-1")
     checkpoint = halfway.checkpoint()

@@ -10,6 +10,7 @@ from tqdm import tqdm
 from agents.learning.runs.session import Session
 from agents.learning.validation import Validation, Validator
 from agents.policies.learned.features import FeatureView
+from agents.policies.learned.learned_policy import NetworkPolicy
 from agents.policies.learned.network import Network
 from agents.policies.learned.policy_file import PolicyFile, load_policy_file
 
@@ -49,7 +50,7 @@ class Progress:
         Args:
             candidate: whether it may be saved: not while it is still the policy that the run started from.
         """
-        result = self._validate(lambda observation: network.actions(self.view(observation)))
+        result = self._validate(NetworkPolicy(self._validate.context, 0, network, self.view))
         if candidate and (self._best is None or result.score > self._best):
             self._best = result.score
             self._policy_file(steps, network, result).save(self.folder.policy)

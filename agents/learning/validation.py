@@ -1,14 +1,14 @@
 """Validation of a policy on the goals of a split, while it learns those of the validation split."""
 
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError
+from space_envs.evaluation.play.steps import steps
+from space_envs.policy import Policy, PolicyContext
 from space_envs.tasks.base import CaptureTask
 
 SPLIT = "validation"
@@ -74,23 +74,24 @@ class Validator:
         n = checked_episodes(CaptureVectorEnv(env_id, **keywords).task, episodes, split)
         self.env = CaptureVectorEnv(env_id, n, autoreset_mode="disabled", split=split, **keywords)
 
-    def __call__(self, act: Callable[[NDArray], NDArray]) -> Validation:
-        """Validate a policy that maps observations (N, size) to actions (N, m)."""
+    @property
+    def context(self) -> PolicyContext:
+        """Context of the policies that are validated."""
+        return PolicyContext.from_env(self.env)
+
+    def __call__(self, policy: Policy) -> Validation:
+        """Validate a policy; PolicyError if it raises or returns no actions."""
         env, n = self.env, self.env.num_envs
         observation, _ = env.reset(seed=0, options={"split": self.split, "index": np.arange(n)})
-        running = np.ones(n, dtype=bool)
         total, cost, attitude = np.zeros(n), np.zeros(n), np.zeros(n)
         length = np.zeros(n, dtype=np.int64)
         captured = np.zeros(n, dtype=bool)
-        while running.any():
-            observation, reward, terminated, truncated, info = env.step(act(observation))
-            # Rows that ended are frozen and their reward is 0.
-            total += reward
-            cost += running * env.task.errors(observation).base_speed ** 2 * env.task.control_period
-            length += running
-            attitude = np.where(running, info["attitude"], attitude)
-            captured |= info["is_success"]
-            running &= ~(terminated | truncated)
+        for step in steps(policy, env, observation):
+            total += step.reward  # 0 where an episode has ended
+            cost += step.running * env.task.errors(step.observation).base_speed ** 2 * env.task.control_period
+            length += step.running
+            attitude = np.where(step.running, step.info["attitude"], attitude)
+            captured |= step.info["is_success"]
         return Validation(
             captured=float(captured.mean()),
             episode_return=float(total.mean()),

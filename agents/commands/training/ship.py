@@ -9,7 +9,7 @@ from typing import Any
 from agents.learning.runs.folder import RunFolder
 from agents.learning.runs.settings import Settings
 from agents.learning.validation import Validator
-from agents.policies.learned.learned_policy import load_shipped, shipped_path
+from agents.policies.learned.learned_policy import LearnedPolicy, load_shipped, shipped_path
 from agents.policies.learned.policy_file import PolicyFile, load_policy_file
 from space_envs.errors import ConfigurationError
 from space_envs.system.command_line import Parser, exit_status
@@ -90,8 +90,7 @@ def evaluate_again(env_id: str, name: str) -> dict[str, Any]:
 def _tested(file: PolicyFile, settings: Settings) -> dict[str, Any]:
     """Validation of a policy on the first goals of the test split, as plain JSON values."""
     test = Validator(settings.env_id, TEST_EPISODES, "test", **settings.environment)
-    view = file.view(test.env.task.layout)
-    return test(lambda observation: file.network.actions(view(observation))).to_json()
+    return test(LearnedPolicy(test.context, 0, file)).to_json()
 
 
 def _portable(command: list[str]) -> list[str]:
