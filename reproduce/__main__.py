@@ -11,7 +11,7 @@ from time import perf_counter
 from rich.console import Console
 
 from reproduce.page import write_docs, write_page
-from reproduce.study import STUDIES, Options
+from reproduce.study import STUDIES, StudyOptions
 from space_envs.errors import ConfigurationError, unknown_name
 from space_envs.system.command_line import Parser, exit_status, output_path
 from space_envs.system.output import held
@@ -69,7 +69,7 @@ def run(options: argparse.Namespace, words: list[str]) -> None:
         raise ConfigurationError(f"--docs must name a folder that is there, got {options.docs}")
     output = (options.output or Path("results") / study.name).absolute()
     started = perf_counter()
-    asked = Options(
+    asked = StudyOptions(
         output=output,
         cases=cases,
         seed=options.seed,

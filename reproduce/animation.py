@@ -27,7 +27,7 @@ class Chain:
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class AnimatedRobot:
     """One robot with its target.
 
     Attributes:
@@ -64,9 +64,11 @@ class Movie:
     seconds: float
     rest: float = REST
 
+    kind = "movie"
+
 
 def animate(
-    scenes: Sequence[Scene],
+    scenes: Sequence[AnimatedRobot],
     duration: float,
     box: tuple[float, float, float, float],
     columns: int = 2,
@@ -140,7 +142,7 @@ def _number(value: float, digits: int) -> str:
     return "0" if text in ("-0", "") else text
 
 
-def _scene(scene: Scene, clock: _Clock) -> list[str]:
+def _scene(scene: AnimatedRobot, clock: _Clock) -> list[str]:
     parts = []
     for chain, trail in zip(scene.chains, scene.trails, strict=True):
         points = " ".join(f"{_number(x, 3)},{_number(y, 3)}" for x, y in trail)
@@ -191,7 +193,7 @@ def _chain(chain: Chain, clock: _Clock) -> list[str]:
     return parts
 
 
-def _bar(scene: Scene, clock: _Clock, width: float, y: float) -> list[str]:
+def _bar(scene: AnimatedRobot, clock: _Clock, width: float, y: float) -> list[str]:
     full = 0.5 * width
     values = full * np.clip(scene.level / scene.most, 0.0, 1.0)
     return [

@@ -18,7 +18,7 @@ from tqdm import tqdm
 from space_envs.errors import ConfigurationError
 from space_envs.system.parallel import here
 
-Record = dict[str, Any]
+CaseRecord = dict[str, Any]
 
 
 def config_key(config: Mapping[str, Any]) -> str:
@@ -36,11 +36,11 @@ def source_digest(paths: Iterable[Path]) -> str:
     return digest.hexdigest()
 
 
-def read_cases(path: Path) -> dict[int, Record]:
+def read_cases(path: Path) -> dict[int, CaseRecord]:
     """Records by index. A line that was not written to its end, or is no record, is passed over."""
     if not path.exists():
         return {}
-    records: dict[int, Record] = {}
+    records: dict[int, CaseRecord] = {}
     for line in path.read_bytes().split(b"\n"):
         try:
             record = json.loads(line)
@@ -52,8 +52,8 @@ def read_cases(path: Path) -> dict[int, Record]:
 
 
 def run_cases(
-    work: Callable[[int], Record], count: int, path: Path, jobs: int = 1, progress: bool = False
-) -> list[Record]:
+    work: Callable[[int], CaseRecord], count: int, path: Path, jobs: int = 1, progress: bool = False
+) -> list[CaseRecord]:
     """Records of cases 0 to count - 1, in order; those that `path` holds already are not worked out again.
 
     Args:
@@ -82,7 +82,7 @@ def run_cases(
             file.write(b"\n")
         calls = (delayed(_carried_out)(work, index) for index in missing)
         parallel = Parallel(n_jobs=min(jobs, len(missing) or 1), return_as="generator_unordered")
-        for record in cast(Iterable[Record], parallel(calls)):
+        for record in cast(Iterable[CaseRecord], parallel(calls)):
             line = json.dumps(record, allow_nan=False)
             file.write(line.encode("utf-8") + b"\n")
             file.flush()
@@ -92,7 +92,7 @@ def run_cases(
     return [records[index] for index in range(count)]
 
 
-def _carried_out(work: Callable[[int], Record], index: int) -> Record:
+def _carried_out(work: Callable[[int], CaseRecord], index: int) -> CaseRecord:
     with threadpool_limits(1):  # several threads of BLAS give other bits
         return work(index)
 

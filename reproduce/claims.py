@@ -8,9 +8,11 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from reproduce.page_text import PageText
 from space_envs.evaluation.statistics.intervals import CONFIDENCE, wilson_interval
 
-Record = Mapping[str, Any]
+CaseRecord = Mapping[str, Any]
+ClaimTest = Callable[[CaseRecord], bool | None]
 
 
 @dataclass(frozen=True)
@@ -19,25 +21,25 @@ class Rule:
 
     Attributes:
         key: short name. where: section and figure of the paper.
-        says: what the paper says, near to its words. counted: what has to be so for the claim to hold.
+        says: the claim, near to the paper's words. counted: the condition under which it counts as true.
         measured: the figures of a record that decide, as a sentence.
         test: whether the claim holds in a record; None where it cannot be asked. A rule without a test is
             reported and not counted.
-        remark: what a reader has to know to read the result rightly.
+        remark: a note on how to read the result.
     """
 
     key: str
     where: str
     says: str
     counted: str
-    measured: Callable[[Record], str]
-    test: Callable[[Record], bool | None] | None = None
+    measured: Callable[[CaseRecord], str]
+    test: ClaimTest | None = None
     remark: str = ""
 
 
 @dataclass(frozen=True)
 class Share:
-    """In how many of the cases something holds; `left_out` of the cases could not be asked."""
+    """Number of cases in which something holds, out of those asked; `left_out` could not be asked."""
 
     holds: int
     of: int
@@ -73,21 +75,55 @@ class Claim:
 
     @property
     def verdict(self) -> str:
-        """On the paper's case, in a word."""
+        """Result on the paper's case, in a word."""
         return {True: "holds", False: "does not hold", None: "not decided"}[self.holds]
 
 
+WORDS = ("where", "says", "counted", "remark")  # fields of a claim that do not depend on a record
 SHARE_NOTE = f"Ranges of shares are {100 * CONFIDENCE:.0f} % Wilson intervals."
 
 
-def count(test: Callable[[Record], bool | None], records: Iterable[Record]) -> Share:
+def rules(
+    text: PageText,
+    entry: str,
+    tests: Sequence[ClaimTest],
+    figures: Callable[[CaseRecord], Mapping[str, Any]],
+) -> tuple[Rule, ...]:
+    """Rules of the claims that an entry of a page's text lists, in its order.
+
+    Args:
+        tests: functions named as the claims that they decide; a claim without one is not counted.
+        figures: values of a record that the sentences `measured` show.
+
+    Raises:
+        ValueError: for a test without a claim.
+    """
+    by_key = {getattr(test, "__name__", ""): test for test in tests}
+    listed: list[dict[str, str]] = text.raw(entry)
+    if lost := by_key.keys() - {claim["key"] for claim in listed}:
+        raise ValueError(f"tests without a claim in {entry!r}: {', '.join(sorted(lost))}")
+
+    def rule(claim: dict[str, str]) -> Rule:
+        template = claim["measured"]
+        words = {name: text.filled(claim.get(name, ""), {}) for name in WORDS}
+        return Rule(
+            key=claim["key"],
+            measured=lambda record: text.filled(template, figures(record)),
+            test=by_key.get(claim["key"]),
+            **words,
+        )
+
+    return tuple(rule(claim) for claim in listed)
+
+
+def count(test: ClaimTest, records: Iterable[CaseRecord]) -> Share:
     """How often `test` says yes among the records in which it can be asked."""
     answers = [test(record) for record in records]
     asked = [answer for answer in answers if answer is not None]
     return Share(sum(asked), len(asked), len(answers) - len(asked))
 
 
-def settle(rules: Sequence[Rule], own: Record, cases: Sequence[Record]) -> list[Claim]:
+def settle(rules: Sequence[Rule], own: CaseRecord, cases: Sequence[CaseRecord]) -> list[Claim]:
     """Apply every rule to the paper's own case and to the random ones."""
     return [
         Claim(

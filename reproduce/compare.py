@@ -1,20 +1,22 @@
 """Figures of methods that planned the same case, from records whose `methods` hold the figures by method, or
 `cause` and `reason` where a method found no plan."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-Figures = Mapping[str, Any]
-Record = Mapping[str, Any]
+import numpy as np
+
+from reproduce.claims import CaseRecord
+from space_envs.dynamics.rotations import Array
 
 
-def figures_of(record: Record, key: str) -> Figures | None:
+def figures_of(record: CaseRecord, key: str) -> Mapping[str, Any] | None:
     """Figures of a method; None where it found no plan."""
     found = record["methods"][key]
     return None if "cause" in found else found
 
 
-def ratio(record: Record, key: str, others: tuple[str, ...], name: str) -> float | None:
+def ratio(record: CaseRecord, key: str, others: tuple[str, ...], name: str) -> float | None:
     """A figure of one method over the least of the others'; None where one of them found no plan."""
     found = [figures_of(record, each) for each in (key, *others)]
     if not all(found):
@@ -23,18 +25,20 @@ def ratio(record: Record, key: str, others: tuple[str, ...], name: str) -> float
     return values[0] / min(values[1:])
 
 
-def below(key: str, others: tuple[str, ...], most: float, name: str) -> Callable[[Record], bool | None]:
-    """Test whether a figure of one method is at most `most` times the least of the others'."""
+def ratios(records: Iterable[CaseRecord], key: str, others: tuple[str, ...], name: str) -> Array:
+    """`ratio` of every record that has one."""
+    found = [ratio(record, key, others, name) for record in records]
+    return np.array([value for value in found if value is not None])
 
-    def test(record: Record) -> bool | None:
-        found = ratio(record, key, others, name)
-        return None if found is None else found <= most
 
-    return test
+def at_most(record: CaseRecord, key: str, others: tuple[str, ...], bound: float, name: str) -> bool | None:
+    """Whether a figure of one method is at most `bound` times the least of the others'."""
+    found = ratio(record, key, others, name)
+    return None if found is None else found <= bound
 
 
 def comparison(
-    record: Record,
+    record: CaseRecord,
     key: str,
     others: tuple[str, ...],
     name: str,
@@ -48,15 +52,20 @@ def comparison(
         names: of the methods. shown: the figure as text, in `unit`.
     """
     values = {each: figures_of(record, each) for each in (key, *others)}
-    told = ", ".join(
+    listed = ", ".join(
         f"{names[each]} {shown(found[name])}" if found else f"{names[each]} none"
         for each, found in values.items()
     )
     change = ratio(record, key, others, name)
     last = "" if change is None else f": {percent(100 * (change - 1.0))} %"
-    return f"{told} {unit}{last}."
+    return f"{listed} {unit}{last}."
 
 
 def percent(change: float) -> str:
     """A change in percent with its sign: one decimal, or one digit where that would be none."""
     return f"{change:+.1f}" if abs(change) >= 0.1 else f"{change:+.1g}"
+
+
+def short(value: float) -> str:
+    """Three digits, and no powers of ten for large numbers."""
+    return f"{value:.0f}" if value >= 100.0 else f"{value:.3g}"

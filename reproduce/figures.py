@@ -1,8 +1,9 @@
-"""Figures of a page: panels that stand inline, and the same panels side by side in a file of their own."""
+"""Figures of a page: panels drawn inline, and the same panels side by side in a file of their own."""
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from matplotlib.axes import Axes
 
@@ -23,14 +24,6 @@ svg { color: #1b2130; background: #ffffff; font-family: system-ui, sans-serif; }
 
 
 @dataclass(frozen=True)
-class Sketch:
-    """A panel before it is drawn: what draws it into axes, and the sentence that stands for it."""
-
-    draw: Draw
-    alt: str
-
-
-@dataclass(frozen=True)
 class Figure:
     """A figure of the page.
 
@@ -44,6 +37,8 @@ class Figure:
     panels: tuple[Panel, ...]
     file: str
 
+    kind = "figure"
+
     @property
     def alt(self) -> str:
         """The sentences of all panels."""
@@ -51,15 +46,20 @@ class Figure:
 
 
 def figure(
-    key: str, title: str, caption: str, sketches: Sequence[Sketch], columns: int = 3, height: float = 2.7
+    key: str, text: Mapping[str, Any], draws: Sequence[Draw], columns: int = 3, height: float = 2.7
 ) -> Figure:
-    """Draw the panels one by one, and all of them together in rows of `columns`; `height` in inches."""
-    width = WIDTH if len(sketches) > 1 else LONE
+    """Draw the panels one by one, and all of them together in rows of `columns`.
+
+    Args:
+        text: `title`, `caption`, and `alt` with a sentence for each panel.
+        draws: functions that draw the panels into axes. height: in inches.
+    """
+    width = WIDTH if len(draws) > 1 else LONE
     panels = tuple(
-        draw_panel(f"{key}-{number}", sketch.draw, sketch.alt, width=width, height=height)
-        for number, sketch in enumerate(sketches)
+        draw_panel(f"{key}-{number}", draw, alt, width=width, height=height)
+        for number, (draw, alt) in enumerate(zip(draws, text["alt"], strict=True))
     )
-    return Figure(key, title, caption, panels, standalone(_sheet(panels, columns)))
+    return Figure(key, text["title"], text["caption"], panels, standalone(_sheet(panels, columns)))
 
 
 def _sheet(panels: Sequence[Panel], columns: int) -> str:

@@ -1,12 +1,18 @@
-"""What the command line asks of a paper's package."""
+"""Studies that there are, the options of a run, and its provenance."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+from space_envs.system.provenance import commit, machine, versions
+
+PACKAGES = ("python", "space-capture", "mujoco", "numpy", "scipy", "casadi")
 
 
 @dataclass(frozen=True)
-class Options:
-    """Of one run.
+class StudyOptions:
+    """Options of one run.
 
     Attributes:
         output: folder of the page. cases: their number. seed: of their draws. jobs: processes.
@@ -58,3 +64,16 @@ STUDIES = {
         ),
     )
 }
+
+
+def provenance(paper: str, options: StudyOptions, counts: Mapping[str, int]) -> dict[str, Any]:
+    """Origin of a page: the paper, the seed, numbers of cases by their name, versions and machine."""
+    return {
+        "paper": paper,
+        "seed": options.seed,
+        **counts,
+        "commit": commit(),
+        "versions": {name: number for name, number in versions().items() if name in PACKAGES},
+        "machine": machine(),
+        "processes": options.jobs,
+    }

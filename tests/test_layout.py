@@ -27,12 +27,13 @@ from synthetic_results import (
 
 import reproduce
 import space_envs
-from reproduce.animation import Chain, Movie, Scene, animate
+from reproduce.animation import AnimatedRobot, Chain, Movie, animate
+from reproduce.blocks import ClaimTable, Page, Picture, Prose, Section, Table
 from reproduce.claims import Claim, Share
-from reproduce.figures import Sketch, figure
-from reproduce.page import Claims, Page, Picture, Section, Table, Text, write_page
+from reproduce.figures import figure
+from reproduce.page import write_page
 from reproduce.shah2013.claims import CLAIMS as SHAH2013
-from reproduce.shyam2020.claims import CLAIMS as SHYAM2020
+from reproduce.shyam2020.page.claims import CLAIMS as SHYAM2020
 from reproduce.study import STUDIES
 from space_envs.evaluation.replay.replay import make_replays
 from space_envs.evaluation.report.page.html import make_plots, to_html
@@ -166,6 +167,11 @@ def wave(axes: Axes) -> None:
     axes.legend()
 
 
+def words(title: str, panels: int) -> dict[str, object]:
+    """Text of a figure."""
+    return {"title": title, "caption": "A caption.", "alt": ["A wave."] * panels}
+
+
 def movie() -> Movie:
     """Two robots with two links an arm that wave."""
     t = np.linspace(0.0, 1.0, 5)
@@ -176,7 +182,9 @@ def movie() -> Movie:
     trails = [np.stack([t, t], axis=1), np.stack([t, -t], axis=1)]
     grapples = np.array([[0.0, 0.3], [0.0, -0.3]])
     scenes = [
-        Scene(title, np.zeros((5, 2)), t, chains, np.ones(2), t, grapples, trails, t, 1.0, "C = 0.7505 J s")
+        AnimatedRobot(
+            title, np.zeros((5, 2)), t, chains, np.ones(2), t, grapples, trails, t, 1.0, "C = 0.7505 J s"
+        )
         for title in ("(a) zeta = 0", "(c) optimal control, from rest")
     ]
     svg, seconds = animate(scenes, 5.0, (-1.3, -1.0, 3.2, 2.6))
@@ -206,16 +214,16 @@ def paper(name: str, rules: tuple, jpeg: bytes) -> Page:
         sections=(
             Section(
                 "What moves",
-                (movie(), Picture("poses", "Poses", "Four poses.", "An arm.", jpeg), Text(("Words. " * 60,))),
+                (movie(), Picture("poses", "Poses", "Four.", "An arm.", jpeg), Prose(("Words. " * 60,))),
             ),
             Section(
-                "Claims and what came of each of them", (Claims(claims, "on its own case", "goals"),)
+                "Claims and what came of each of them", (ClaimTable(claims, "on its own case", "goals"),)
             ),
             Section(
                 "Figures and tables",
                 (
-                    figure("one", "One panel", "A caption.", [Sketch(wave, "A wave.")]),
-                    figure("many", "Many panels", "A caption.", [Sketch(wave, "A wave.")] * 6),
+                    figure("one", words("One panel", 1), [wave]),
+                    figure("many", words("Many panels", 6), [wave] * 6),
                     Table("Wide", (heads[0], *heads[1:] * 4), rows, "A caption.", colours=("#0072b2",) * 2),
                     Table("Words", ("method", "cause", "case", "reason"), ((names[0], reason, "3", reason),),
                           words=True),

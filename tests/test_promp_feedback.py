@@ -6,7 +6,7 @@ import pytest
 from agents.policies.registry import policies_for
 from agents.policies.single_arm.promp_feedback import PrompFeedback
 from reproduce.shyam2020.cases import context, goal
-from reproduce.shyam2020.feedback import control, play, spread_ratio
+from reproduce.shyam2020.feedback import simulate, simulate_law, spread_ratio
 from space_envs.envs import CaptureVectorEnv
 
 ENV_ID = "SpaceCapture/SingleArm-v0"
@@ -36,7 +36,7 @@ def test_it_is_a_policy_of_the_single_arm_that_captures() -> None:
 
 
 def test_drawn_motions_are_distributed_as_the_promp_and_expected_ones_follow_its_mean() -> None:
-    found = control(goal(-1), seed=0)
+    found = simulate_law(goal(-1), seed=0)
     assert found is not None
     assert spread_ratio(found) == pytest.approx(1.0, abs=0.15)
     mean = found.drawn.joints.mean(axis=0)
@@ -46,7 +46,7 @@ def test_drawn_motions_are_distributed_as_the_promp_and_expected_ones_follow_its
     # The law brings the end-effector to the goal, nearer than tracking of the same plan does.
     assert found.expected.missed[0] < 1e-3 and found.expected.missed[0] < found.followed.missed[0]
     assert found.drawn.missed.max() < 0.05
-    other = play(goal(-1), PrompFeedback, 1, 2, deterministic=False)
+    other = simulate(goal(-1), PrompFeedback, 1, 2, deterministic=False)
     assert np.abs(other.joints - found.drawn.joints[:2]).max() > 0.01  # drawn from the seed
 
 

@@ -8,15 +8,19 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from jinja2 import UndefinedError
 from matplotlib.axes import Axes
 from page_reader import check_self_contained
 
 from reproduce.__main__ import main
-from reproduce.animation import Chain, Scene, animate
+from reproduce.animation import AnimatedRobot, Chain, animate
+from reproduce.blocks import ClaimTable, Page, Prose, Section, Table
 from reproduce.cases import config_key, read_cases, run_cases, source_digest
-from reproduce.claims import Rule, count, settle
-from reproduce.figures import Sketch, figure, standalone
-from reproduce.page import Claims, Page, Section, Table, Text, table_csv, to_html, to_markdown, write_docs
+from reproduce.claims import Rule, count, rules, settle
+from reproduce.csv_tables import table_csv
+from reproduce.figures import figure, standalone
+from reproduce.page import to_html, to_markdown, write_docs
+from reproduce.page_text import PageText
 from space_envs.errors import ConfigurationError
 
 HOSTILE = '<script>alert(1)</script> & $x_1$ | `a` [b](http://c) "q"'
@@ -119,6 +123,46 @@ def test_claims_are_settled_by_one_rule_for_all():
     assert claims[1].share is None
 
 
+class Words(PageText):
+    """Text of a page that is given as it would be read from a file."""
+
+    def __init__(self, entries: dict) -> None:
+        super().__init__("shah2013", {"LEAST": 2})
+        self._entries = entries
+
+
+def test_claims_get_the_tests_of_their_names_and_sentences_from_the_text():
+    entry = {"key": "large", "where": "III", "says": "x is large.", "counted": "At least {{ LEAST }}."}
+    words = Words(
+        {
+            "claims": [
+                entry | {"measured": "x = {{ x | fmt('.1f') }}"},
+                entry | {"key": "other", "measured": "-"},
+            ]
+        }
+    )
+
+    def large(record) -> bool:
+        return record["x"] >= 2
+
+    first, second = rules(words, "claims", [large], lambda record: record)
+    assert (first.counted, first.measured({"x": 3}), first.remark) == ("At least 2.", "x = 3.0", "")
+    assert first.test is large and second.test is None
+    with pytest.raises(ValueError, match="without a claim in 'claims': line"):
+        rules(words, "claims", [large, line], lambda record: record)
+
+
+def test_text_is_paragraphs_and_points_with_single_spaces():
+    words = Words(
+        {"texts": {"run": "\n  One {{ n }}\n  line.\n\n  Two.\n\n  - A\n    point.\n  - Another.\n"}}
+    )
+    assert words.paragraphs("texts.run", n=1) == (("One 1 line.", "Two."), ("A point.", "Another."))
+    with pytest.raises(UndefinedError, match="'n' is undefined"):
+        words.paragraphs("texts.run")
+    with pytest.raises(KeyError):
+        words.fill("texts.ran")
+
+
 # Figures and animation
 
 
@@ -127,13 +171,13 @@ def line(axes: Axes) -> None:
 
 
 def test_a_figure_is_panels_and_a_file():
-    sketches = [Sketch(line, f"p{k}.") for k in range(4)]
-    made = figure("fig", "title", "caption", sketches)
+    text = {"title": "title", "caption": "caption", "alt": [f"p{number}." for number in range(4)]}
+    made = figure("fig", text, [line] * 4)
     assert len(made.panels) == 4 and made.alt == "p0. p1. p2. p3."
     root = ElementTree.fromstring(made.file.encode())
     assert root.tag == "{http://www.w3.org/2000/svg}svg"
     assert "prefers-color-scheme: dark" in made.file
-    assert figure("fig", "title", "caption", sketches) == made
+    assert figure("fig", text, [line] * 4) == made
     with pytest.raises(ValueError, match="not an svg"):
         standalone("<p></p>")
 
@@ -183,7 +227,7 @@ def test_the_animation_moves_the_arms_as_planned():
             [c * mounts[arm, 0] - s * mounts[arm, 1], s * mounts[arm, 0] + c * mounts[arm, 1]], 1
         )
         expected[:, arm] = base + mount + along.sum(axis=1)
-    scene = Scene(
+    scene = AnimatedRobot(
         HOSTILE, base, turn, [Chain(mounts[arm], lengths, angles[arm], "#123456") for arm in range(2)],
         np.zeros(2), np.zeros(4), np.array([[0.0, -0.3], [0.0, 0.3]]), [expected[:, arm] for arm in range(2)],
         np.linspace(0, 1, 4), 2.0, HOSTILE,
@@ -210,7 +254,7 @@ def test_the_animation_moves_the_arms_as_planned():
 @pytest.fixture(scope="module")
 def page() -> Page:
     claim = Rule("key", HOSTILE, HOSTILE, HOSTILE, lambda record: HOSTILE, lambda record: True, HOSTILE)
-    drawn = figure("one", HOSTILE, HOSTILE, [Sketch(line, HOSTILE)])
+    drawn = figure("one", {"title": HOSTILE, "caption": HOSTILE, "alt": [HOSTILE]}, [line])
     return Page(
         name="paper",
         title=HOSTILE,
@@ -219,9 +263,9 @@ def page() -> Page:
         chips=((HOSTILE, HOSTILE),),
         tiles=((HOSTILE, HOSTILE, HOSTILE, HOSTILE),),
         sections=(
-            Section("First", (Text((HOSTILE,), (HOSTILE,)), drawn)),
+            Section("First", (Prose((HOSTILE,), (HOSTILE,)), drawn)),
             Section("Second", (Table(HOSTILE, ("a", HOSTILE), ((HOSTILE, "1"),), HOSTILE),)),
-            Section("Third", (Claims(tuple(settle([claim], {}, [{}])), HOSTILE, HOSTILE),), docs=False),
+            Section("Third", (ClaimTable(tuple(settle([claim], {}, [{}])), HOSTILE, HOSTILE),)),
         ),
         command="python -m reproduce paper",
         provenance={"versions": {"numpy": HOSTILE}, "list": [1, 2]},
@@ -243,10 +287,10 @@ def test_markdown_escapes(page):
     assert "](figures/one.svg)" in text
 
 
-def test_documentation_holds_what_lasts(page, tmp_path):
+def test_documentation_is_the_page_with_its_figures(page, tmp_path):
     path = write_docs(page, tmp_path)
     text = path.read_text(encoding="utf-8")
-    assert "## Second" in text and "## Third" not in text
+    assert "## Second" in text and "## Third" in text
     (link,) = re.findall(r"\]\((images/\S+)\)", text)
     ElementTree.parse(tmp_path / link)
 

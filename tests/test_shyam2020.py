@@ -15,24 +15,25 @@ from agents.planners.common.inverse_kinematics import JointMotion
 from agents.planners.common.plans import Cause, Failure
 from agents.planners.single_arm.problem import ReachPlan
 from reproduce.__main__ import main
+from reproduce.blocks import Page, Picture, Prose, Section
 from reproduce.claims import Rule
-from reproduce.page import Page, Picture, Section, Text, to_html, to_markdown, write_docs
+from reproduce.page import to_html, to_markdown, write_docs
 from reproduce.shyam2020 import methods, sampling
-from reproduce.shyam2020.cases import MOST, Case, context, goal, limits
-from reproduce.shyam2020.claims import BEYOND, CLAIMS
+from reproduce.shyam2020.cases import MOST, GoalCase, context, goal, limits
 from reproduce.shyam2020.measures import course, figures
 from reproduce.shyam2020.methods import METHODS
+from reproduce.shyam2020.page.claims import BEYOND, CLAIMS
+from reproduce.shyam2020.page.model import HOME, TABLE_I, TABLE_II, compiled
 from reproduce.shyam2020.sampling import (
     BALL_RADIUS,
     ROOM,
     ball_on_the_way,
-    draw,
+    draw_samples,
     literal_figures,
     prior,
     sample_figures,
     via_point_figures,
 )
-from reproduce.shyam2020.tables import HOME, TABLE_I, TABLE_II, compiled
 from space_envs.dynamics.rotations import angle_between
 from space_envs.errors import RenderingError
 from space_envs.robots.parameters import SINGLE_ARM
@@ -52,7 +53,7 @@ def test_tables_as_compiled_are_the_printed_ones():
         c, s, ca, sa = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
         link = [[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, d], [0, 0, 0, 1]]
         pose = pose @ np.array(link)
-    np.testing.assert_allclose(found.tip, pose[:3, 3], atol=1e-12)
+    np.testing.assert_allclose(found.end_effector, pose[:3, 3], atol=1e-12)
 
 
 # Claims
@@ -164,7 +165,7 @@ def test_methods_without_a_plan_are_left_out():
 # Measures
 
 
-def still(case: Case, steps: int = 11) -> JointMotion:
+def still(case: GoalCase, steps: int = 11) -> JointMotion:
     return JointMotion(np.tile(case.start, (steps, 1)), np.zeros((steps, 7)), 10.0 / (steps - 1))
 
 
@@ -224,7 +225,7 @@ def test_sampled_and_exact_motions_are_measured_alike():
 
 def test_samples_start_and_end_alike_and_are_seeded():
     case = goal(0)
-    drawn, again, other = draw(case, 3, 12), draw(case, 3, 12), draw(case, 4, 12)
+    drawn, again, other = draw_samples(case, 3, 12), draw_samples(case, 3, 12), draw_samples(case, 4, 12)
     assert drawn and again and other
     np.testing.assert_array_equal(drawn.weights, again.weights)
     assert np.abs(drawn.weights - other.weights).max() > 1e-3
@@ -247,13 +248,13 @@ def test_the_mean_meets_the_goal_and_the_literal_reading_does_not():
     assert isinstance(found, JointMotion)
     assert figures(course(found), case)["position_error"] < 1e-3
     assert literal_figures(case)["missed"] > 0.1
-    drawn = draw(case, 0, 2)
+    drawn = draw_samples(case, 0, 2)
     assert drawn and via_point_figures(case, drawn.goal)["via_point"] < 1e-6
 
 
 def test_the_ball_is_on_the_way_and_clear_of_the_ends():
     case = goal(0)
-    drawn = draw(case, 0, 100)
+    drawn = draw_samples(case, 0, 100)
     assert drawn
     mean = course(prior().motion(drawn.weights.mean(axis=0)))
     ball = ball_on_the_way(mean)
@@ -308,7 +309,16 @@ def test_a_search_from_one_start_gives_up_where_another_reaches_the_goal():
 def test_pictures_stand_on_the_page_and_in_the_documentation(tmp_path):
     picture = Picture("poses", "title", "caption", "two <poses>", b"\xff\xd8\xff\xe0 not quite a picture")
     page = Page(
-        "paper", "Title", ("lead",), "", (), (), (Section("One", (picture, Text(("words",)))),), "cmd", {}, {}
+        "paper",
+        "Title",
+        ("lead",),
+        "",
+        (),
+        (),
+        (Section("One", (picture, Prose(("words",)))),),
+        "cmd",
+        {},
+        {},
     )
     text = to_html(page)
     check_self_contained(text)
@@ -327,8 +337,8 @@ def fast(monkeypatch):
         return plan(*given, starts=1)
 
     monkeypatch.setattr(methods, "plan_ocp", few)
-    monkeypatch.setattr("reproduce.shyam2020.tables.REPEATS", 2)
-    monkeypatch.setattr("reproduce.shyam2020.tables.DEMONSTRATIONS", 3)
+    monkeypatch.setattr("reproduce.shyam2020.timing.REPEATS", 2)
+    monkeypatch.setattr("reproduce.shyam2020.timing.DEMONSTRATIONS", 3)
     monkeypatch.setattr("reproduce.shyam2020.QUICK", 12)
     monkeypatch.setattr("reproduce.shyam2020.feedback.EPISODES", 4)
 
@@ -383,7 +393,7 @@ def test_more_cases_than_goals_are_refused_at_once(tmp_path, capsys):
 
 
 def test_a_policy_that_finds_no_joint_goal_is_a_failure():
-    far = Case(0, goal(0).start, np.array([9.0, 9.0, 9.0]), np.array([1.0, 0.0, 0.0, 0.0]))
+    far = GoalCase(0, goal(0).start, np.array([9.0, 9.0, 9.0]), np.array([1.0, 0.0, 0.0, 0.0]))
     found = METHODS["minimum_jerk"].plan(far, 0)
     assert isinstance(found, Failure) and found.cause is Cause.OUT_OF_REACH and "mm" in found.reason
-    assert draw(far, 0, 2) is None
+    assert draw_samples(far, 0, 2) is None

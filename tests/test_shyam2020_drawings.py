@@ -6,29 +6,24 @@ import mujoco
 import numpy as np
 
 from reproduce.shyam2020.cases import MOST, goal
-from reproduce.shyam2020.demonstrated import (
-    NAMES,
-    cover,
-    distance_to_demonstrated,
-    learned,
-    variations,
-    workspace,
-)
-from reproduce.shyam2020.figures import vectors
+from reproduce.shyam2020.demonstrated import cover, distance_to_demonstrated
 from reproduce.shyam2020.measures import link_vectors
-from reproduce.shyam2020.tables import HOME, compiled
+from reproduce.shyam2020.page.demonstrations import NAMES, learned, variations, workspace
+from reproduce.shyam2020.page.model import HOME, compiled
+from reproduce.shyam2020.page.vectors import vectors
 from space_envs.robots.single_arm import ModelOptions, single_arm_model
 
 
 def test_demonstrations_cover_the_workspace_and_vary_as_they_say():
     found = cover(seed=0, count=24)
+    home = np.tile(compiled().end_effector, (8, 1))
     for name in NAMES:
         bands, rows = found.rows(name)
         assert len(rows) == 8
         position = found.made[bands].position[rows]
         assert (found.made[bands].kind[rows] == found.made[bands].kind[rows[0]]).all()
         # All start at the end-effector's place at home.
-        np.testing.assert_allclose(found.tip[bands][rows, 0], np.tile(compiled().tip, (8, 1)), atol=1e-9)
+        np.testing.assert_allclose(found.tip[bands][rows, 0], home, atol=1e-9)
         assert np.abs(position[:, 0] - HOME).max() < 1e-12
     assert len(found.goals) == MOST and 0.05 < np.median(distance_to_demonstrated(found)) < 1.0
     bend = {row[0]: float(row[2]) for row in variations(found).rows}

@@ -4,16 +4,16 @@ from functools import partial
 
 from tqdm import tqdm
 
+from reproduce.blocks import Page
 from reproduce.cases import run_cases
-from reproduce.page import Page
 from reproduce.shah2013.cases import CANONICAL, Sampler
+from reproduce.shah2013.content import build
 from reproduce.shah2013.methods import METHODS
 from reproduce.shah2013.runs import case_record, recipe_key, work_out
-from reproduce.shah2013.text import build
-from reproduce.study import Options
+from reproduce.study import StudyOptions
 
 
-def reproduce(options: Options) -> Page:
+def reproduce(options: StudyOptions) -> Page:
     """Work out the canonical case and the random ones, and make the page of them.
 
     Raises:
@@ -24,7 +24,7 @@ def reproduce(options: Options) -> Page:
         # What is built at the first call of a planner does not count as planning.
         for method in METHODS.values():
             method.plan(CANONICAL)
-        worked = work_out(CANONICAL, fine=True)
+        planned = work_out(CANONICAL, fine=True)
         bar.update()
     records = run_cases(
         partial(case_record, seed=options.seed, sampler=sampler),
@@ -33,4 +33,4 @@ def reproduce(options: Options) -> Page:
         jobs=options.jobs,
         progress=options.progress,
     )
-    return build(options, sampler, worked, records)
+    return build(options, sampler, planned, records)

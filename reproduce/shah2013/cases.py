@@ -21,7 +21,7 @@ JOINT_LIMITS = np.column_stack([-_LARGEST, _LARGEST])  # (6, 2) rad
 
 
 @dataclass(frozen=True)
-class Case:
+class CaptureCase:
     """What is given: the satellite at rest at the origin, and a target whose centre rests while it turns.
 
     Attributes:
@@ -62,7 +62,7 @@ class Case:
 # shah2013 gives the target's centre, the end velocities (-+0.01, 0) m/s and the arms' rest at the start. The
 # start configuration, the grapple points and the duration stood in a figure that is lost; these are our
 # choice: grapple points 0.3 m from the centre, which then turns at -1/30 rad/s.
-CANONICAL = Case(
+CANONICAL = CaptureCase(
     index=-1,
     start=(0.0, 1.8, -1.5, 0.9, -0.6, 1.0),
     centre=(2.0, 1.0),
@@ -92,8 +92,8 @@ class Sampler:
     half_width: tuple[float, float] = (0.2, 0.4)
     reach: float = 0.7
 
-    def draw(self, seed: int, index: int) -> Case:
-        """Case `index` of a seed, the same whatever else is drawn.
+    def draw(self, seed: int, index: int) -> CaptureCase:
+        """CaptureCase `index` of a seed, the same whatever else is drawn.
 
         Raises:
             PlanningError: if no draw is within the limits and in reach.
@@ -101,7 +101,7 @@ class Sampler:
         rng = np.random.default_rng([seed, index])
         robot = planar_robot()
         for _ in range(_ATTEMPTS):
-            case = Case(
+            case = CaptureCase(
                 index=index,
                 start=_plain(np.array(CANONICAL.start) + rng.uniform(-self.joint, self.joint, 6)),
                 centre=(
@@ -123,7 +123,7 @@ def planar_robot() -> FloatingRobot:
     return FloatingRobot.from_model(dual_arm_model(DualArmOptions("planar")), end_effectors=END_EFFECTORS)
 
 
-def reach_used(robot: FloatingRobot, case: Case) -> Array:
+def reach_used(robot: FloatingRobot, case: CaptureCase) -> Array:
     """Distance (2,) of the grapple points from the system's centre of mass over what each arm can reach."""
     origin = robot.centre_of_mass(robot.kinematics(np.array(case.start)))
     distance = np.linalg.norm(case.capture.position - origin, axis=1)

@@ -1,272 +1,195 @@
-"""The claims of shah2013, each with the rule that decides it, and what goes beyond the paper.
+"""The claims of shah2013, a test for each, and the figures that show it; the words are in the page's text.
 
-One rule decides the canonical case and random ones.
+Records are those of `reproduce.shah2013.runs.work_out`. A test answers None where it cannot be asked.
 """
 
-from reproduce.claims import Rule
+from typing import Any
+
+from reproduce import compare
+from reproduce.claims import CaseRecord, rules
 from reproduce.compare import figures_of
-from reproduce.shah2013.deciding import (
-    ARRIVED,
-    MUCH,
-    NONE,
-    ORDER,
-    PRINTED,
-    SAME,
-    SUDDEN,
-    arrival_figures,
-    arrives,
-    at_the_printed_time,
-    below,
-    costs_later,
-    dependent_figures,
-    lead_figures,
-    nonsingular,
-    pair,
-    ratio,
-    reactionless,
-    reactionless_figures,
-    smooth_figures,
-    sudden,
-    sudden_figures,
-    tracked,
-    tracked_figures,
-)
-from reproduce.shah2013.measures import SAMPLES
-from reproduce.shah2013.methods import ACCELERATION
+from reproduce.shah2013.methods import METHODS
+from reproduce.shah2013.text import TEXT
+from reproduce.shah2013.thresholds import ARRIVED, HARDLY, LATE, MUCH, ORDER, PRINTED, SAME, SUDDEN
 
-CLAIMS = (
-    Rule(
-        "independent",
-        "III, eq. 7 to 9",
-        "The degree of redundancy is five, so the four linear velocities of the end-effectors can be chosen "
-        "independently; the angular ones follow from them.",
-        "Method (a) finds a plan: the rows of the four velocities and of the reactionless constraint keep "
-        "rank five all along the path, and the joints stay within their limits.",
-        lambda record: (
-            f"Least singular value of the five rows along the path of (a): {found['least_singular']:.3f}."
-            if (found := figures_of(record, "zeta_zero"))
-            else NONE
-        ),
-        lambda record: figures_of(record, "zeta_zero") is not None,
-        "The count is over all drawn cases: paths through singularities are where it fails.",
-    ),
-    Rule(
-        "arrival",
-        "III, Fig. 2",
-        "Both arms start from rest and intercept the grapple points with the desired linear velocities.",
-        f"End-effectors of all of (a), (b), (c) that found a plan miss points by at most {ARRIVED:.0e} m and "
-        f"velocities by at most {ARRIVED:.0e} m/s.",
-        arrival_figures,
-        arrives,
-        "Angular velocities are not matched, as the paper chooses. The optimum of (c) starts with a jump of "
-        "the joint rates; (c′) starts from rest.",
-    ),
-    Rule(
-        "reactionless",
-        "III and IV, Fig. 3(c), 4(c), 5(c)",
-        "The angular velocity of the base is of the order 1e-9 rad/s, which ensures reactionless "
-        "manipulation.",
-        "Re-integrated between the plans' nodes, the base rate of all of (a), (b), (c) that found a plan "
-        f"stays below {ORDER:.0e} rad/s.",
-        reactionless_figures,
+PAPER = ("zeta_zero", "local", "ocp")  # methods (a), (b), (c)
+FROM_REST = ("zeta_zero", "local", "ocp_rest", "free")
+
+
+def found_by(record: CaseRecord, keys: tuple[str, ...]) -> dict[str, Any]:
+    """Figures of those methods that found a plan, by method."""
+    return {key: found for key in keys if (found := figures_of(record, key))}
+
+
+def nonsingular(record: CaseRecord) -> bool:
+    """Whether all three of the paper's methods found a plan."""
+    return len(found_by(record, PAPER)) == len(PAPER)
+
+
+def ratio(record: CaseRecord, key: str, *others: str, name: str = "energy") -> float | None:
+    """As `reproduce.compare.ratio`, of energies if nothing else is said."""
+    return compare.ratio(record, key, others, name)
+
+
+def at_most(record: CaseRecord, key: str, *others: str, bound: float, name: str = "energy") -> bool | None:
+    """As `reproduce.compare.at_most`, of energies if nothing else is said."""
+    return compare.at_most(record, key, others, bound, name)
+
+
+# The paper's claims
+
+
+def independent(record: CaseRecord) -> bool | None:
+    return figures_of(record, "zeta_zero") is not None
+
+
+def arrival(record: CaseRecord) -> bool | None:
+    found = found_by(record, PAPER).values()
+    return (
+        all(max(each["end_position"], each["end_velocity"]) <= ARRIVED for each in found) if found else None
+    )
+
+
+def reactionless(record: CaseRecord) -> bool | None:
+    found = found_by(record, PAPER).values()
+    return all(each["base_rate"] <= ORDER for each in found) if found else None
+
+
+def zero_not_optimal(record: CaseRecord) -> bool | None:
+    return at_most(record, "ocp", "zeta_zero", bound=1.0 - 1e-6)
+
+
+def instant(record: CaseRecord) -> bool | None:
+    return found["gradient"] < 1e-5 if (found := figures_of(record, "local")) else None
+
+
+def local_energy(record: CaseRecord) -> bool | None:
+    return None if (found := ratio(record, "local", "zeta_zero")) is None else found > 1.0 + SAME
+
+
+def local_power(record: CaseRecord) -> bool | None:
+    found = ratio(record, "local", "zeta_zero", name="peak_power")
+    return None if found is None else found > 1.0
+
+
+def jump(record: CaseRecord) -> bool | None:
+    if not (found := figures_of(record, "local")):
+        return None
+    return found["zeta_jolt_ratio"] >= SUDDEN and found["zeta_jolt_time"] >= LATE * record["case"]["duration"]
+
+
+def jump_time(record: CaseRecord) -> bool | None:
+    found, (printed, near) = figures_of(record, "local"), PRINTED
+    if not found or record["index"] >= 0:
+        return None
+    return abs(found["arm1_jolt_time"] - printed) <= near
+
+
+def jump_cost(record: CaseRecord) -> bool | None:
+    more, found = ratio(record, "local", "zeta_zero"), figures_of(record, "local")
+    if more is None or more <= 1.0 or not found:
+        return None
+    return found["lead"] <= 0.0
+
+
+def not_total(record: CaseRecord) -> bool | None:
+    return at_most(record, "ocp", "local", bound=1.0 - 1e-6)
+
+
+def ocp_energy(record: CaseRecord) -> bool | None:
+    return at_most(record, "ocp", "zeta_zero", "local", bound=MUCH)
+
+
+def ocp_power(record: CaseRecord) -> bool | None:
+    return at_most(record, "ocp", "zeta_zero", "local", bound=MUCH, name="peak_power")
+
+
+def smooth(record: CaseRecord) -> bool | None:
+    return at_most(record, "ocp", "local", bound=1.0, name="jolt")
+
+
+def collocation(record: CaseRecord) -> bool | None:
+    found = figures_of(record, "ocp")
+    return found["path"] <= 1e-6 and found["base_rate"] <= 1e-8 if found else None
+
+
+def minimum(record: CaseRecord) -> bool | None:
+    return None if (found := ratio(record, "free", "ocp")) is None else found >= 1.0 - SAME
+
+
+# Beyond the paper
+
+
+def never_worse(record: CaseRecord) -> bool | None:
+    return at_most(record, "ocp", "zeta_zero", "local", bound=1.0 + SAME)
+
+
+def free(record: CaseRecord) -> bool | None:
+    if not figures_of(record, "ocp"):
+        return None
+    return (found := ratio(record, "free", "ocp")) is not None and found <= 1.0 + SAME
+
+
+def reaches(record: CaseRecord) -> bool | None:
+    return None if nonsingular(record) else figures_of(record, "free") is not None
+
+
+def rest(record: CaseRecord) -> bool | None:
+    return at_most(record, "ocp_rest", "ocp", bound=1.001)
+
+
+def torque(record: CaseRecord) -> bool | None:
+    rates = [found["tracked_base_rate"] for found in found_by(record, FROM_REST).values()]
+    return max(rates) <= HARDLY if rates else None
+
+
+def sentence_figures(record: CaseRecord) -> dict[str, Any]:
+    """Values of a record that the claims' sentences show."""
+    by_method = {key: figures_of(record, key) for key in METHODS}
+    letters = {key: f"({method.letter})" for key, method in METHODS.items()}
+    paper, from_rest = found_by(record, PAPER), found_by(record, FROM_REST)
+
+    def energy(key: str, *others: str) -> str:
+        return compare.comparison(record, key, others, "energy", letters, lambda v: f"{v:.5g}", "J s")
+
+    def power(key: str, *others: str) -> str:
+        return compare.comparison(
+            record, key, others, "peak_power", letters, lambda v: f"{1000 * v:.5g}", "mW"
+        )
+
+    return by_method | {
+        "record": record,
+        "duration": record["case"]["duration"],
+        "paper": list(paper.values()),
+        "rest": [{**found, "letter": letters[key]} for key, found in from_rest.items()],
+        "fine": any("tracked_base_rate_fine" in found for found in from_rest.values()),
+        "jolts": ", ".join(f"{each['jolt']:.4f}" if (each := by_method[key]) else "-" for key in PAPER),
+        "energy": energy,
+        "power": power,
+    }
+
+
+CLAIMS = rules(
+    TEXT,
+    "claims",
+    (
+        independent,
+        arrival,
         reactionless,
-        "Re-integrating a motion that was made from the constraint shows that it was put in and integrated "
-        "accurately, not that a robot would rest. That is what the simulation with held torques on a "
-        "floating base shows; (c) starts there with its jump of the rates.",
+        zero_not_optimal,
+        instant,
+        local_energy,
+        local_power,
+        jump,
+        jump_time,
+        jump_cost,
+        not_total,
+        ocp_energy,
+        ocp_power,
+        smooth,
+        collocation,
+        minimum,
     ),
-    Rule(
-        "zero_not_optimal",
-        "III",
-        "Energy and power with ζ = 0 are not the optimal ones.",
-        "Energy of (c) is below that of (a).",
-        pair("energy", "J s", 1.0, "ocp", "zeta_zero"),
-        below("ocp", ("zeta_zero",), 1.0 - 1e-6),
-    ),
-    Rule(
-        "instant",
-        "IV-A",
-        "Local optimisation minimises the instantaneous energy at each time.",
-        "The joint rates of (b) are orthogonal to the free direction in the metric of I_m: cosine below "
-        "1e-5.",
-        lambda record: (
-            f"Largest cosine: (b) {found['gradient']:.0e}"
-            + (f", (a) {other['gradient']:.2f}." if (other := figures_of(record, "zeta_zero")) else ".")
-            if (found := figures_of(record, "local"))
-            else NONE
-        ),
-        lambda record: found["gradient"] < 1e-5 if (found := figures_of(record, "local")) else None,
-        "True by construction: (b) is solved in closed form.",
-    ),
-    Rule(
-        "local_energy",
-        "IV-A, Fig. 4(d)",
-        "Local optimisation needs more energy than ζ = 0.",
-        "Energy of (b) is above that of (a).",
-        pair("energy", "J s", 1.0, "local", "zeta_zero"),
-        lambda record: None if (r := ratio(record, "local", ("zeta_zero",))) is None else r > 1.0 + SAME,
-        "A property of the case, not of the method.",
-    ),
-    Rule(
-        "local_power",
-        "IV-A, Fig. 4(e)",
-        "Local optimisation needs more power than ζ = 0.",
-        "Peak power (sum of |torque × rate|) of (b) is above that of (a).",
-        pair("peak_power", "mW", 1000.0, "local", "zeta_zero"),
-        lambda record: (
-            None if (r := ratio(record, "local", ("zeta_zero",), "peak_power")) is None else r > 1.0
-        ),
-    ),
-    Rule(
-        "jump",
-        "IV-A, Fig. 4(a)",
-        "At t = 18 s there is a sudden change in the optimal ζ.",
-        f"ζ of (b) changes at its fastest at least {SUDDEN:g} times as fast as on average, and does so in "
-        "the last quarter of the motion.",
-        sudden_figures,
-        sudden,
-    ),
-    Rule(
-        "jump_time",
-        "IV-A, Fig. 4(b)",
-        "The change at t = 18 s is a significant change of the dependent velocity.",
-        f"The dependent velocity of arm 1 under (b) changes fastest within {PRINTED[1]:g} s of "
-        f"{PRINTED[0]:g} s. Asked of the canonical case alone.",
-        dependent_figures,
-        at_the_printed_time,
-        "The paper's 18 s is arm 1's alone. Start and duration are lost; the canonical case stands in.",
-    ),
-    Rule(
-        "jump_cost",
-        "IV-A",
-        "The sudden change makes the dependent velocities change, which needs the additional energy.",
-        "Asked where (b) needs more than (a): 2 s before ζ changes fastest, (b) has not yet used more than "
-        "(a).",
-        lead_figures,
-        costs_later,
-    ),
-    Rule(
-        "not_total",
-        "IV-A",
-        "Local optimisation does not minimise the total energy.",
-        "Energy of (c) is below that of (b).",
-        pair("energy", "J s", 1.0, "ocp", "local"),
-        below("ocp", ("local",), 1.0 - 1e-6),
-    ),
-    Rule(
-        "ocp_energy",
-        "IV-B, Fig. 5(d), V",
-        "Optimal control needs much less energy than both others.",
-        f"Energy of (c) is below {MUCH:g} times the lower one of (a) and (b).",
-        pair("energy", "J s", 1.0, "ocp", "zeta_zero", "local"),
-        below("ocp", ("zeta_zero", "local"), MUCH),
-        "The change is against the better of the two.",
-    ),
-    Rule(
-        "ocp_power",
-        "IV-B, Fig. 5(e), V",
-        "Optimal control needs much less power than both others.",
-        f"Peak power of (c) is below {MUCH:g} times the lower one of (a) and (b).",
-        pair("peak_power", "mW", 1000.0, "ocp", "zeta_zero", "local"),
-        below("ocp", ("zeta_zero", "local"), MUCH, "peak_power"),
-        "Power is not what is minimised.",
-    ),
-    Rule(
-        "smooth",
-        "IV-B, Fig. 5(a), 5(b)",
-        "Optimal control gives a smooth transition of the dependent angular velocities.",
-        "The dependent velocities of (c) never change as fast as those of (b) do.",
-        smooth_figures,
-        below("ocp", ("local",), 1.0, "jolt"),
-    ),
-    Rule(
-        "collocation",
-        "IV-B",
-        "The polynomial satisfies the equations and the path constraints at the collocation points.",
-        "Between the points too: path of (c) off by at most 1e-6 m, base rate at most 1e-8 rad/s.",
-        lambda record: (
-            f"Path off by {found['path']:.0e} m, base rate {found['base_rate']:.0e} rad/s, at {SAMPLES} "
-            "times."
-            if (found := figures_of(record, "ocp"))
-            else NONE
-        ),
-        lambda record: (
-            found["path"] <= 1e-6 and found["base_rate"] <= 1e-8
-            if (found := figures_of(record, "ocp"))
-            else None
-        ),
-        "After collocation our plans are integrated again along the paths, so that they hold in between.",
-    ),
-    Rule(
-        "global",
-        "IV-B",
-        "Optimal control provides global optimisation.",
-        "Not counted: a local method from several starts gives no bound from below.",
-        lambda record: "Several starts, the motions of (a) and (b) among them; the best is taken.",
-    ),
-    Rule(
-        "minimum",
-        "V",
-        "The method ensures reactionless manipulation with minimum energy consumption.",
-        "No reactionless motion between the same ends with less energy is known: (d) does not go below (c).",
-        pair("energy", "J s", 1.0, "free", "ocp"),
-        lambda record: None if (r := ratio(record, "free", ("ocp",))) is None else r >= 1.0 - SAME,
-        "Minimum holds along the given end-effector paths; the paths themselves are not optimal.",
-    ),
+    sentence_figures,
 )
-
-BEYOND = (
-    Rule(
-        "never_worse",
-        "(c) against (a), (b)",
-        "From several starts, optimal control is never worse than either of the others.",
-        "Cases in which all of (a), (b), (c) found a plan: energy of (c) is at most the lower one of the "
-        "others.",
-        pair("energy", "J s", 1.0, "ocp", "zeta_zero", "local"),
-        below("ocp", ("zeta_zero", "local"), 1.0 + SAME),
-    ),
-    Rule(
-        "free",
-        "(d) against (c)",
-        "With free paths the same capture costs less.",
-        "Energy of (d) is at most that of (c); where (c) found a plan and (d) none, it counts as not so.",
-        pair("energy", "J s", 1.0, "free", "ocp"),
-        lambda record: (
-            None
-            if not figures_of(record, "ocp")
-            else (r := ratio(record, "free", ("ocp",))) is not None and r <= 1.0 + SAME
-        ),
-        "Method (d) starts from rest and keeps the limits of the drives, which (c) does not.",
-    ),
-    Rule(
-        "reaches",
-        "(d)",
-        "Free paths go where the polynomial ones do not.",
-        "Asked where one of (a), (b), (c) found no plan: (d) finds one.",
-        lambda record: (
-            "All of (a), (b), (c) found a plan."
-            if nonsingular(record)
-            else "A plan."
-            if figures_of(record, "free")
-            else record["methods"]["free"]["reason"]
-        ),
-        lambda record: None if nonsingular(record) else figures_of(record, "free") is not None,
-        "Where it finds none, the reasons are under Random cases.",
-    ),
-    Rule(
-        "rest",
-        "(c′) against (c)",
-        f"Starting from rest, with accelerations up to {ACCELERATION} rad/s², costs next to nothing.",
-        "Energy of (c′) is at most 1.001 times that of (c).",
-        pair("energy", "J s", 1.0, "ocp_rest", "ocp"),
-        below("ocp_rest", ("ocp",), 1.001),
-    ),
-    Rule(
-        "torque",
-        "simulated",
-        "Tracked at torque level on a floating base, plans that start from rest hardly turn the satellite.",
-        "Largest base rate at the suite's step: at most 1e-6 rad/s, for those of (a), (b), (c′), (d) that "
-        "found a plan.",
-        tracked_figures,
-        tracked,
-    ),
-)
+BEYOND = rules(TEXT, "beyond", (never_worse, free, reaches, rest, torque), sentence_figures)

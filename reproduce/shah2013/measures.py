@@ -13,7 +13,7 @@ from scipy.integrate import cumulative_simpson
 
 from agents.planners.dual_arm.prescribed_paths.check import null_velocities
 from agents.planners.dual_arm.problem import CapturePlan
-from reproduce.shah2013.cases import Case, planar_robot
+from reproduce.shah2013.cases import CaptureCase, planar_robot
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.reactionless import end_effectors
 from space_envs.dynamics.rotations import Array
@@ -88,7 +88,7 @@ def curves(plan: CapturePlan, samples: int = SAMPLES) -> Curves:
     )
 
 
-def polynomial(case: Case, start: Array, time: Array) -> Array:
+def polynomial(case: CaptureCase, start: Array, time: Array) -> Array:
     """Eq. 10: the end-effectors' places (K, 2, 2) m on the way from `start` (2, 2) to the grapple points."""
     goal, s = case.capture, (time / case.duration)[:, None, None]
     end, speed = goal.position[:, :2], goal.velocity[:, :2]
@@ -108,7 +108,7 @@ def task_rows(robot: FloatingRobot, position: Array) -> Array:
     return np.concatenate([now.linear[..., :2, :].reshape(-1, 4, 6), now.turning[..., 2:, :]], axis=-2)
 
 
-def record(plan: CapturePlan, course: Curves, case: Case) -> dict[str, Any]:
+def record(plan: CapturePlan, course: Curves, case: CaptureCase) -> dict[str, Any]:
     """The figures of a plan that claims are decided by, plain floats.
 
     energy, J s (of the planner); energy_check, J s (quadrature of `Curves`); start_energy, J, kinetic, that a

@@ -8,7 +8,7 @@ from agents.planners.dual_arm.free_paths.planner import plan_free
 from agents.planners.dual_arm.prescribed_paths.instantaneous import plan_local, plan_zeta_zero
 from agents.planners.dual_arm.prescribed_paths.ocp import plan_ocp
 from agents.planners.dual_arm.problem import CapturePlan
-from reproduce.shah2013.cases import JOINT_LIMITS, Case, planar_robot
+from reproduce.shah2013.cases import JOINT_LIMITS, CaptureCase, planar_robot
 from space_envs.evaluation.report.figures import BLUE, GREEN, ORANGE, PURPLE, VERMILION
 from space_envs.robots.parameters import DUAL_ARM_PLANAR
 
@@ -16,8 +16,8 @@ ACCELERATION = 0.1  # rad/s^2, of the methods that start from rest by an optimis
 
 
 @dataclass(frozen=True)
-class Method:
-    """A method: `letter` and `name` on the page, what it is, how it plans.
+class DualArmMethod:
+    """A method: `letter` and `name` on the page, and how it plans.
 
     `within` names a method that may do all that this one may: where that finds no plan, this is not tried.
     """
@@ -25,9 +25,8 @@ class Method:
     key: str
     letter: str
     name: str
-    what: str
     colour: str
-    plan: Callable[[Case], CapturePlan | Failure]
+    plan: Callable[[CaptureCase], CapturePlan | Failure]
     within: str | None = None
 
     @property
@@ -50,44 +49,39 @@ _DRIVES = Limits(
 METHODS = {
     method.key: method
     for method in (
-        Method(
+        DualArmMethod(
             "zeta_zero",
             "a",
             "ζ = 0",
-            "end-effector paths by eq. 10, joint rates by eq. 9 with ζ = 0",
             BLUE,
             lambda case: plan_zeta_zero(planar_robot(), case.capture, _PATHS),
         ),
-        Method(
+        DualArmMethod(
             "local",
             "b",
             "local optimisation",
-            "the same paths, least kinetic energy at each instant (eq. 13)",
             VERMILION,
             lambda case: plan_local(planar_robot(), case.capture, _PATHS),
         ),
-        Method(
+        DualArmMethod(
             "ocp",
             "c",
             "optimal control",
-            "the same paths, least energy over the whole time (eq. 16); joint rates may jump at t = 0",
             GREEN,
             lambda case: plan_ocp(planar_robot(), case.capture, _PATHS),
         ),
-        Method(
+        DualArmMethod(
             "ocp_rest",
             "c′",
             "optimal control from rest",
-            f"the same, starting at rest with joint accelerations up to {ACCELERATION} rad/s²",
             ORANGE,
             lambda case: plan_ocp(planar_robot(), case.capture, _REST, from_rest=True),
             within="ocp",
         ),
-        Method(
+        DualArmMethod(
             "free",
             "d",
             "free paths",
-            "only start, grapple points and end velocities given; from rest, within the limits of the drives",
             PURPLE,
             lambda case: plan_free(planar_robot(), case.capture, _DRIVES),
         ),

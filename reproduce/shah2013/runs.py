@@ -14,8 +14,8 @@ from agents.planners.common.plans import Failure
 from agents.planners.dual_arm import problem
 from agents.planners.dual_arm.problem import CapturePlan
 from agents.planners.dual_arm.tracking import FINE, Tracked, Tracking, track
-from reproduce.cases import Record, config_key, source_digest
-from reproduce.shah2013.cases import Case, Sampler
+from reproduce.cases import CaseRecord, config_key, source_digest
+from reproduce.shah2013.cases import CaptureCase, Sampler
 from reproduce.shah2013.measures import SAMPLES, Curves, curves, record
 from reproduce.shah2013.methods import ACCELERATION, METHODS
 
@@ -24,18 +24,18 @@ BEFORE = 2.0  # s before the fastest change of zeta, at which (a) and (b) are co
 
 
 @dataclass(frozen=True, eq=False)
-class Worked:
-    """A case with everything that figures need; dictionaries are by method, of those that found a plan."""
+class PlannedCase:
+    """A case with all that figures need; dictionaries are by method, of those that found a plan."""
 
-    case: Case
+    case: CaptureCase
     plans: Mapping[str, CapturePlan]
     curves: Mapping[str, Curves]
     coarse: Mapping[str, Tracked]
     fine: Mapping[str, Tracked]
-    record: Record
+    record: CaseRecord
 
 
-def work_out(case: Case, fine: bool = False) -> Worked:
+def work_out(case: CaptureCase, fine: bool = False) -> PlannedCase:
     """Plan with every method, measure, and simulate at torque level; `fine`: with small steps too.
 
     The record is a plain JSON object: `index`, `case`, `methods` with the figures of
@@ -77,7 +77,7 @@ def work_out(case: Case, fine: bool = False) -> Worked:
             }
     if "zeta_zero" in courses and "local" in courses:
         figures["local"]["lead"] = _lead(courses["local"], courses["zeta_zero"], figures["local"])
-    return Worked(
+    return PlannedCase(
         case,
         plans,
         courses,
@@ -93,7 +93,7 @@ def settings(how: Tracking) -> str:
     return f"step {1000 * how.timestep:g} ms, torques held for {1000 * how.control_period:g} ms{fed_back}"
 
 
-def case_record(index: int, seed: int, sampler: Sampler) -> Record:
+def case_record(index: int, seed: int, sampler: Sampler) -> CaseRecord:
     """The record of a random case."""
     return work_out(sampler.draw(seed, index)).record
 

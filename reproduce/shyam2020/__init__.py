@@ -5,18 +5,18 @@ from functools import partial
 from tqdm import tqdm
 
 from agents.demonstrations.storage import COUNT
+from reproduce.blocks import Page
 from reproduce.cases import run_cases
-from reproduce.page import Page
 from reproduce.shyam2020.cases import check_count, goal
 from reproduce.shyam2020.demonstrated import QUICK, cover
-from reproduce.shyam2020.feedback import control
+from reproduce.shyam2020.feedback import simulate_law
+from reproduce.shyam2020.page.content import build
 from reproduce.shyam2020.runs import case_record, recipe_key, work_out
-from reproduce.shyam2020.tables import step_times
-from reproduce.shyam2020.text import build
-from reproduce.study import Options
+from reproduce.shyam2020.timing import step_times
+from reproduce.study import StudyOptions
 
 
-def reproduce(options: Options) -> Page:
+def reproduce(options: StudyOptions) -> Page:
     """Work out the page's own goal and those of the test split, and make the page of them.
 
     Raises:
@@ -25,13 +25,13 @@ def reproduce(options: Options) -> Page:
     """
     check_count(options.cases)
     with tqdm(total=4, desc="own goal", unit="step", disable=not options.progress) as bar:
-        worked = work_out(goal(-1), options.seed)
+        planned = work_out(goal(-1), options.seed)
         bar.update()
         steps = step_times(goal(-1), options.seed)
         bar.update()
         covered = cover(options.seed, QUICK if options.quick else COUNT)
         bar.update()
-        controlled = control(goal(-1), options.seed)
+        controlled = simulate_law(goal(-1), options.seed)
         bar.update()
     records = run_cases(
         partial(case_record, seed=options.seed),
@@ -40,4 +40,4 @@ def reproduce(options: Options) -> Page:
         jobs=options.jobs,
         progress=options.progress,
     )
-    return build(options, worked, steps, covered, controlled, records)
+    return build(options, planned, steps, covered, controlled, records)

@@ -23,7 +23,7 @@ OWN_GOAL = 0  # of the validation split
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class GoalCase:
     """The robot at rest at home, and where its end-effector shall rest after 10 s.
 
     Attributes:
@@ -61,11 +61,11 @@ class Case:
 C = 1.0  # m/rad, of eq. 20
 
 
-def goal(index: int) -> Case:
+def goal(index: int) -> GoalCase:
     """Goal `index` of the test split; -1: the page's own."""
     split, number = ("validation", OWN_GOAL) if index == -1 else ("test", index)
     goals = SingleArmTask(difficulty=DIFFICULTY).goals(split, np.array([number]))
-    return Case(index, context().arm.home, goals.position[0], goals.quaternion[0])
+    return GoalCase(index, context().arm.home, goals.position[0], goals.quaternion[0])
 
 
 def check_count(count: int) -> None:

@@ -9,7 +9,7 @@ from scipy.interpolate import CubicHermiteSpline
 from agents.planners.common.inverse_kinematics import JointMotion
 from agents.planners.common.plans import JointPath
 from agents.planners.single_arm.check import joint_torques
-from reproduce.shyam2020.cases import C, Case, context
+from reproduce.shyam2020.cases import C, GoalCase, context
 from space_envs.dynamics import attitude_cost, roll_out_base
 from space_envs.dynamics.rotations import Array, angle_between, from_matrix, logarithm, multiply, rotate
 
@@ -116,7 +116,7 @@ def course(motion: JointMotion | JointPath, samples: int = SAMPLES) -> Course:
     )
 
 
-def figures(course: Course, case: Case) -> Mapping[str, float]:
+def figures(course: Course, case: GoalCase) -> Mapping[str, float]:
     """What claims and tables are made of, plain floats.
 
     cost, m^2/s, eq. 20 times dt; end_attitude, peak_attitude, rad, and shift, m, largest, of the base;

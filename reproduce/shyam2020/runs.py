@@ -14,15 +14,15 @@ import space_envs
 from agents.planners.common.inverse_kinematics import JointMotion
 from agents.planners.common.plans import Failure
 from agents.policies.single_arm.promp import SAMPLES
-from reproduce.cases import Record, config_key, source_digest
+from reproduce.cases import CaseRecord, config_key, source_digest
 from reproduce.shyam2020 import cases, measures, sampling
-from reproduce.shyam2020.cases import Case, goal
+from reproduce.shyam2020.cases import GoalCase, goal
 from reproduce.shyam2020.measures import Course, course, figures
 from reproduce.shyam2020.methods import METHODS, optimal_control
 from reproduce.shyam2020.sampling import (
-    Drawn,
+    DrawnSamples,
     ball_figures,
-    draw,
+    draw_samples,
     encoding_figures,
     literal_figures,
     locked_figures,
@@ -34,16 +34,16 @@ NO_GOAL = "no joint goal was found"
 
 
 @dataclass(frozen=True, eq=False)
-class Worked:
+class PlannedGoal:
     """A goal with what figures need; courses are by method, of those that found a motion."""
 
-    case: Case
+    case: GoalCase
     courses: Mapping[str, Course]
-    drawn: Drawn | None
-    record: Record
+    drawn: DrawnSamples | None
+    record: CaseRecord
 
 
-def work_out(case: Case, seed: int) -> Worked:
+def work_out(case: GoalCase, seed: int) -> PlannedGoal:
     """Plan with every method, measure, and look at the algorithm's steps.
 
     The record is a plain JSON object: `index`; `goal`; `methods` with the figures of
@@ -71,7 +71,7 @@ def work_out(case: Case, seed: int) -> Worked:
     started = perf_counter()
     once = optimal_control(case, starts=1)
     timing["once"] = perf_counter() - started
-    drawn = draw(case, seed, SAMPLES)
+    drawn = draw_samples(case, seed, SAMPLES)
     record = {
         "index": case.index,
         "goal": {"position": case.position.tolist(), "quaternion": case.quaternion.tolist()},
@@ -87,7 +87,7 @@ def work_out(case: Case, seed: int) -> Worked:
         "ball": ball_figures(case, drawn) if drawn else None,
         "timing": timing,
     }
-    return Worked(case, courses, drawn, record)
+    return PlannedGoal(case, courses, drawn, record)
 
 
 @cache
@@ -97,7 +97,7 @@ def _warm(seed: int) -> None:
         method.plan(goal(-1), seed)
 
 
-def case_record(index: int, seed: int) -> Record:
+def case_record(index: int, seed: int) -> CaseRecord:
     """The record of a goal of the test split."""
     return work_out(goal(index), seed).record
 

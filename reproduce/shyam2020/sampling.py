@@ -18,7 +18,7 @@ from agents.policies.single_arm.minimum_jerk import minimum_jerk_profile
 from agents.policies.single_arm.promp import SAMPLES, ConditionedPrior, shipped_prior
 from agents.policies.single_arm.reaching import motion_times
 from promp import ProMP, ViaPoint
-from reproduce.shyam2020.cases import Case, context
+from reproduce.shyam2020.cases import GoalCase, context
 from reproduce.shyam2020.measures import IDENTITY, Course, course
 from reproduce.shyam2020.methods import planner
 from space_envs.dynamics import roll_out_base, trajectory_cost
@@ -41,7 +41,7 @@ def prior() -> ConditionedPrior:
 
 
 @dataclass(frozen=True, eq=False)
-class Drawn:
+class DrawnSamples:
     """S samples of the conditioned ProMP, as motions of the floating robot.
 
     Attributes:
@@ -68,7 +68,7 @@ class Drawn:
         return angle_between(self.attitude[:, -1], np.broadcast_to(IDENTITY, self.attitude[:, -1].shape))
 
 
-def joint_goal(case: Case, at: ConditionedPrior | None = None) -> Array | None:
+def joint_goal(case: GoalCase, at: ConditionedPrior | None = None) -> Array | None:
     """The joint goal (7,) to which the conditional mean leads so that the inertial pose is met, if any."""
     at, start = at or prior(), case.start[None]
 
@@ -89,7 +89,9 @@ def joint_goal(case: Case, at: ConditionedPrior | None = None) -> Array | None:
     return found.position[0] if found.converged[0] else None
 
 
-def draw(case: Case, seed: int, count: int = SAMPLES, at: ConditionedPrior | None = None) -> Drawn | None:
+def draw_samples(
+    case: GoalCase, seed: int, count: int = SAMPLES, at: ConditionedPrior | None = None
+) -> DrawnSamples | None:
     """Samples of a ProMP conditioned on the start and on the joint goal; None where there is no such.
 
     Args:
@@ -111,7 +113,7 @@ def draw(case: Case, seed: int, count: int = SAMPLES, at: ConditionedPrior | Non
     within = ((motion.position >= low) & (motion.position <= high)).all(axis=(1, 2))
     within &= (np.abs(motion.velocity) <= context().rate_limit).all(axis=(1, 2))
     within &= (np.abs(at.acceleration(weights)) <= context().acceleration_limit).all(axis=(1, 2))
-    return Drawn(
+    return DrawnSamples(
         goal,
         weights,
         motion,
@@ -125,7 +127,7 @@ def draw(case: Case, seed: int, count: int = SAMPLES, at: ConditionedPrior | Non
     )
 
 
-def sample_figures(drawn: Drawn) -> dict[str, Any]:
+def sample_figures(drawn: DrawnSamples) -> dict[str, Any]:
     """What is told of the samples: every cost, m^2/s, and end attitude, rad, how many keep the limits, what
     the end-effectors miss at most, m and rad, and the rank correlation of cost and end attitude."""
     return {
@@ -138,7 +140,7 @@ def sample_figures(drawn: Drawn) -> dict[str, Any]:
     }
 
 
-def via_point_figures(case: Case, goal: Array) -> dict[str, float]:
+def via_point_figures(case: GoalCase, goal: Array) -> dict[str, float]:
     """How far the ProMP conditioned on start, goal and a via-point passes from them, rad, at most."""
     bare, rest = shipped_prior(), np.zeros_like(goal)
     duration = float(prior().times[-1])
@@ -149,7 +151,7 @@ def via_point_figures(case: Case, goal: Array) -> dict[str, float]:
     return {"via_point": max(float(np.abs(through.position(z) - value).max()) for z, value in asked)}
 
 
-def literal_figures(case: Case) -> dict[str, float]:
+def literal_figures(case: GoalCase) -> dict[str, float]:
     """Where the end-effector arrives if the joint goal is found as if the base stayed, m and rad."""
     at, arm = prior(), context().arm
     start = case.start[None]
@@ -180,7 +182,7 @@ def encoding_figures(motion: JointMotion) -> dict[str, float]:
     }
 
 
-def locked_figures(case: Case, starts: int = LOCKED_STARTS) -> dict[str, int]:
+def locked_figures(case: GoalCase, starts: int = LOCKED_STARTS) -> dict[str, int]:
     """With how many single joints locked where they start a search finds a minimum jerk to the goal.
 
     The search is local, so that one start that leads nowhere says nothing: it is made from `starts` joint
@@ -230,7 +232,7 @@ def ball_on_the_way(mean: Course) -> Array | None:
     return balls[best : best + 1] if gaps[best] >= ROOM else None
 
 
-def ball_figures(case: Case, drawn: Drawn) -> Mapping[str, Any] | None:
+def ball_figures(case: GoalCase, drawn: DrawnSamples) -> Mapping[str, Any] | None:
     """A ball on the mean's way: how many samples are clear of it, and whether the weight-space planner finds
     a motion that is. None where there is no place for one."""
     ball = ball_on_the_way(course(prior().motion(drawn.weights.mean(axis=0))))

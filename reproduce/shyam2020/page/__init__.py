@@ -1,0 +1,1 @@
+"""The page of shyam2020: its claims, tables, figures and files."""

@@ -1,0 +1,19 @@
+"""Text of the page of shyam2020."""
+
+from agents.policies.single_arm.promp_feedback import POSITION_NOISE, RATE_NOISE
+from reproduce.page_text import PageText
+from reproduce.shyam2020.page import thresholds
+from reproduce.shyam2020.sampling import BALL_RADIUS, LOCKED_STARTS, SHOWN
+
+CONSTANTS = {name: value for name, value in vars(thresholds).items() if name.isupper()}
+TEXT = PageText(
+    "shyam2020",
+    {
+        "BALL_RADIUS": BALL_RADIUS,
+        "LOCKED_STARTS": LOCKED_STARTS,
+        "POSITION_NOISE": POSITION_NOISE,
+        "RATE_NOISE": RATE_NOISE,
+        "SHOWN": SHOWN,
+        **CONSTANTS,
+    },
+)

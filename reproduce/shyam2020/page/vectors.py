@@ -1,0 +1,127 @@
+"""Figures 2 and 3 of shyam2020: the vectors of the kinematics, and the sampled paths of the end-effector."""
+
+from collections.abc import Callable
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from reproduce.drawing import place_axes
+from reproduce.figures import Draw, Figure, figure
+from reproduce.shyam2020.cases import context
+from reproduce.shyam2020.measures import LinkVectors, link_vectors
+from reproduce.shyam2020.page.text import TEXT
+from reproduce.shyam2020.runs import PlannedGoal
+from reproduce.shyam2020.sampling import SHOWN, DrawnSamples
+from space_envs.dynamics.rotations import Array, rotate
+from space_envs.dynamics.spheres import link_ends
+from space_envs.evaluation.report.drawing import INK
+from space_envs.evaluation.report.figures import BLUE, GREEN, SKY, VERMILION
+from space_envs.robots.parameters import SINGLE_ARM
+
+View = Callable[[Array], Array]  # from points (..., 3) to coordinates (..., 2) of a drawing
+STILL = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+def along_x(points: Array) -> Array:
+    """Seen along x: y to the right, z up."""
+    return points[..., [1, 2]]
+
+
+def along_y(points: Array) -> Array:
+    """Seen along y: x to the right, z up."""
+    return points[..., [0, 2]]
+
+
+def oblique(points: Array) -> Array:
+    """Seen from in front, to the right and above."""
+    pan, lift = np.deg2rad(-35.0), np.deg2rad(20.0)
+    along = np.cos(pan) * points[..., 1] + np.sin(pan) * points[..., 0]
+    away = -np.sin(pan) * points[..., 1] + np.cos(pan) * points[..., 0]
+    return np.stack([along, np.cos(lift) * points[..., 2] - np.sin(lift) * away], axis=-1)
+
+
+def vectors() -> Figure:
+    """Fig. 2: the vectors of the kinematics at home, in the satellite's axes."""
+    found = link_vectors(context().arm.home)
+    draws = (
+        lambda axes: _draw_vectors(axes, found, along_x, ("y [m]", "z [m]")),
+        lambda axes: _draw_vectors(axes, found, along_y, ("x [m]", "z [m]")),
+    )
+    return figure("fig2", TEXT.fill("figures.fig2"), draws, columns=2, height=3.6)
+
+
+def _draw_vectors(axes: Axes, found: LinkVectors, view: View, labels: tuple[str, str]) -> None:
+    joints, centres = found.joint, found.centre
+
+    def arrow(start: Array, end: Array, colour: str, style: str) -> None:
+        look = {"arrowstyle": "-|>", "color": colour, "lw": 1.4, "ls": style, "shrinkA": 0, "shrinkB": 0}
+        axes.annotate("", _point(view(end)), _point(view(start)), arrowprops=look)
+
+    for edge in _cube(centres[0], STILL):
+        axes.plot(*view(edge).T, color=INK, lw=0.8, alpha=0.4)
+    axes.plot(*view(joints).T, "o", color=INK, ms=5)
+    axes.plot(*view(centres).T, "o", color=INK, ms=4, mfc="none")
+    axes.plot(0.0, 0.0, "+", color=INK, ms=11, mew=1.6)
+    for number, centre in enumerate(centres):
+        arrow(np.zeros(3), centre, SKY, "--")
+        name = f"r{chr(0x2080 + number)}"  # its number as a subscript
+        axes.annotate(name, _point(view(centre)), (4, 3), textcoords="offset points", fontsize=8)
+    for centre, inward in zip(centres[1:], found.inward, strict=True):
+        arrow(centre - inward, centre, BLUE, "-")
+    for centre, outward in zip(centres, found.outward, strict=True):
+        arrow(centre, centre + outward, VERMILION, "-")
+    for colour, style, label in ((BLUE, "-", "a"), (VERMILION, "-", "b"), (SKY, "--", "r")):
+        axes.plot([], [], color=colour, ls=style, label=label)
+    place_axes(axes, labels, adjustable="datalim")
+    axes.legend(fontsize=8, loc="lower right")
+
+
+def trajectories(planned: PlannedGoal, drawn: DrawnSamples) -> Figure:
+    """Fig. 3: home and goal pose and the end-effector's paths, seen along two axes and obliquely."""
+    length = np.linalg.norm(np.diff(drawn.tip[:SHOWN], axis=1), axis=2).sum(axis=1)
+    text = TEXT.fill("figures.fig3", shortest=length.min(), longest=length.max())
+    draws = (
+        _paths(planned, drawn, oblique, ("along [m]", "up [m]")),
+        _paths(planned, drawn, along_x, ("y [m]", "z [m]")),
+        _paths(planned, drawn, along_y, ("x [m]", "z [m]")),
+    )
+    return figure("fig3", text, draws, height=3.6)
+
+
+def _paths(planned: PlannedGoal, drawn: DrawnSamples, view: View, labels: tuple[str, str]) -> Draw:
+    """Draws the arm at home and at the goal, and the paths of the samples."""
+    best = int(np.argmin(drawn.cost[:SHOWN]))
+
+    def draw(axes: Axes) -> None:
+        for sample, opacity in ((0, 0.4), (-1, 1.0)):
+            base, attitude = drawn.base[best, sample], drawn.attitude[best, sample]
+            for edge in _cube(base, attitude):
+                axes.plot(*view(edge).T, color=INK, lw=0.8, alpha=0.5 * opacity)
+            arm = link_ends(context().arm, drawn.motion.position[best, sample], base, attitude)
+            axes.plot(*view(arm).T, "o-", color=INK, lw=2.6, ms=4, alpha=opacity)
+        for number in range(SHOWN):
+            axes.plot(*view(drawn.tip[number]).T, color=SKY, lw=1.0, alpha=0.8)
+        axes.plot(*view(drawn.tip[best]).T, color=VERMILION, lw=2.2)
+        goal = view(planned.case.position)
+        axes.plot(goal[0], goal[1], "*", color=GREEN, ms=11)
+        place_axes(axes, labels)
+
+    return draw
+
+
+def _point(point: Array) -> tuple[float, float]:
+    """A point of a drawing."""
+    return float(point[0]), float(point[1])
+
+
+def _cube(position: Array, quaternion: Array) -> list[Array]:
+    """The edges (2, 3) of the bus."""
+    half = 0.5 * SINGLE_ARM.satellite_side
+    corners = half * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    placed = position + rotate(quaternion, corners)
+    return [
+        placed[[a, b]]
+        for a in range(8)
+        for b in range(a + 1, 8)
+        if np.count_nonzero(corners[a] - corners[b]) == 1
+    ]
