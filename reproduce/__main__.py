@@ -10,7 +10,7 @@ from time import perf_counter
 
 from rich.console import Console
 
-from reproduce.page import write_docs, write_page
+from reproduce.page.writing import write_docs, write_page
 from reproduce.study import STUDIES, StudyOptions
 from space_envs.errors import ConfigurationError, unknown_name
 from space_envs.system.command_line import Parser, exit_status, output_path

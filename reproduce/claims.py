@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from reproduce.page_text import PageText
+from reproduce.page.text import PageText
 from space_envs.evaluation.statistics.intervals import CONFIDENCE, wilson_interval
 
 CaseRecord = Mapping[str, Any]

@@ -27,11 +27,11 @@ from synthetic_results import (
 
 import reproduce
 import space_envs
-from reproduce.animation import AnimatedRobot, Chain, Movie, animate
-from reproduce.blocks import ClaimTable, Page, Picture, Prose, Section, Table
 from reproduce.claims import Claim, Share
-from reproduce.figures import figure
-from reproduce.page import write_page
+from reproduce.page.animation import AnimatedRobot, Chain, Movie, animate
+from reproduce.page.blocks import ClaimTable, Page, Picture, Prose, Section, Table
+from reproduce.page.figures import figure
+from reproduce.page.writing import write_page
 from reproduce.shah2013.claims import CLAIMS as SHAH2013
 from reproduce.shyam2020.page.claims import CLAIMS as SHYAM2020
 from reproduce.study import STUDIES

@@ -13,14 +13,14 @@ from matplotlib.axes import Axes
 from page_reader import check_self_contained
 
 from reproduce.__main__ import main
-from reproduce.animation import AnimatedRobot, Chain, animate
-from reproduce.blocks import ClaimTable, Page, Prose, Section, Table
 from reproduce.cases import config_key, read_cases, run_cases, source_digest
 from reproduce.claims import Rule, count, rules, settle
-from reproduce.csv_tables import table_csv
-from reproduce.figures import figure, standalone
-from reproduce.page import to_html, to_markdown, write_docs
-from reproduce.page_text import PageText
+from reproduce.page.animation import AnimatedRobot, Chain, animate
+from reproduce.page.blocks import ClaimTable, Page, Prose, Section, Table
+from reproduce.page.csv_tables import table_csv
+from reproduce.page.figures import figure, standalone
+from reproduce.page.text import PageText
+from reproduce.page.writing import to_html, to_markdown, write_docs
 from space_envs.errors import ConfigurationError
 
 HOSTILE = '<script>alert(1)</script> & $x_1$ | `a` [b](http://c) "q"'

@@ -15,9 +15,9 @@ from agents.planners.common.inverse_kinematics import JointMotion
 from agents.planners.common.plans import Cause, Failure
 from agents.planners.single_arm.problem import ReachPlan
 from reproduce.__main__ import main
-from reproduce.blocks import Page, Picture, Prose, Section
 from reproduce.claims import Rule
-from reproduce.page import to_html, to_markdown, write_docs
+from reproduce.page.blocks import Page, Picture, Prose, Section
+from reproduce.page.writing import to_html, to_markdown, write_docs
 from reproduce.shyam2020 import methods, sampling
 from reproduce.shyam2020.cases import MOST, GoalCase, context, goal, limits
 from reproduce.shyam2020.measures import course, figures

@@ -4,8 +4,8 @@ from functools import partial
 
 from tqdm import tqdm
 
-from reproduce.blocks import Page
 from reproduce.cases import run_cases
+from reproduce.page.blocks import Page
 from reproduce.shah2013.cases import CANONICAL, Sampler
 from reproduce.shah2013.content import build
 from reproduce.shah2013.methods import METHODS

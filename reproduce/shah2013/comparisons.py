@@ -6,11 +6,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from reproduce.animation import AnimatedRobot, Chain, Movie, animate
 from reproduce.claims import CaseRecord
 from reproduce.compare import ratios
-from reproduce.drawing import DASHES, shares, time_axes
-from reproduce.figures import Draw, Figure, figure
+from reproduce.page.animation import AnimatedRobot, Chain, Movie, animate
+from reproduce.page.drawing import DASHES, shares, time_axes
+from reproduce.page.figures import Draw, Figure, figure
 from reproduce.shah2013.claims import ratio
 from reproduce.shah2013.figures import FIGURES, drawn_samples
 from reproduce.shah2013.methods import METHODS, DualArmMethod

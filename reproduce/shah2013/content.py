@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from reproduce.blocks import Block, ClaimTable, Page, Prose, sections, tiles
 from reproduce.claims import CaseRecord, Claim, settle
 from reproduce.compare import figures_of, ratios
-from reproduce.csv_tables import cases_csv, claims_csv, table_csv
+from reproduce.page.blocks import Block, ClaimTable, Page, Prose, sections, tiles
+from reproduce.page.csv_tables import cases_csv, claims_csv, table_csv
 from reproduce.shah2013 import tables
 from reproduce.shah2013.cases import Sampler
 from reproduce.shah2013.claims import BEYOND, CLAIMS, nonsingular

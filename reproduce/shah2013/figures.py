@@ -9,8 +9,8 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 from numpy.typing import NDArray
 
 from reproduce.compare import figures_of
-from reproduce.drawing import DASHES, place_axes, time_axes
-from reproduce.figures import Draw, Figure, figure
+from reproduce.page.drawing import DASHES, place_axes, time_axes
+from reproduce.page.figures import Draw, Figure, figure
 from reproduce.shah2013.measures import Curves
 from reproduce.shah2013.methods import DualArmMethod
 from reproduce.shah2013.runs import PlannedCase

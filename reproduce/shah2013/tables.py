@@ -6,9 +6,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from agents.planners.dual_arm.tracking import FINE
-from reproduce.blocks import Table
 from reproduce.claims import CaseRecord
 from reproduce.compare import figures_of, ratios
+from reproduce.page.blocks import Table
 from reproduce.shah2013.methods import METHODS, DualArmMethod
 from reproduce.shah2013.runs import COARSE, PlannedCase, settings
 from reproduce.shah2013.text import TEXT

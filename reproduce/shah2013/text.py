@@ -1,6 +1,6 @@
 """Text of the page of shah2013."""
 
-from reproduce.page_text import PageText
+from reproduce.page.text import PageText
 from reproduce.shah2013 import thresholds
 from reproduce.shah2013.measures import SAMPLES
 from reproduce.shah2013.methods import ACCELERATION

@@ -5,8 +5,8 @@ from functools import partial
 from tqdm import tqdm
 
 from agents.demonstrations.storage import COUNT
-from reproduce.blocks import Page
 from reproduce.cases import run_cases
+from reproduce.page.blocks import Page
 from reproduce.shyam2020.cases import check_count, goal
 from reproduce.shyam2020.demonstrated import QUICK, cover
 from reproduce.shyam2020.feedback import simulate_law

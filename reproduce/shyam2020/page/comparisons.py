@@ -8,8 +8,8 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from reproduce.claims import CaseRecord
 from reproduce.compare import figures_of, ratios
-from reproduce.drawing import DASHES, shares
-from reproduce.figures import Figure, figure
+from reproduce.page.drawing import DASHES, shares
+from reproduce.page.figures import Figure, figure
 from reproduce.shyam2020.methods import METHODS
 from reproduce.shyam2020.page.text import TEXT
 from space_envs.evaluation.report.drawing import INK

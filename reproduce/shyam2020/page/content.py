@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from reproduce.blocks import Block, ClaimTable, Page, Prose, sections, tiles
 from reproduce.claims import CaseRecord, Claim, settle
 from reproduce.compare import ratios
-from reproduce.csv_tables import cases_csv, claims_csv, table_csv
+from reproduce.page.blocks import Block, ClaimTable, Page, Prose, sections, tiles
+from reproduce.page.csv_tables import cases_csv, claims_csv, table_csv
 from reproduce.shyam2020.cases import C
 from reproduce.shyam2020.demonstrated import DemonstratedWorkspace
 from reproduce.shyam2020.feedback import FeedbackResult
@@ -22,9 +22,8 @@ from reproduce.shyam2020.page.demonstrations import learned, variations, workspa
 from reproduce.shyam2020.page.feedback import feedback_figure, feedback_table
 from reproduce.shyam2020.page.figures import base_motion, basis, costs
 from reproduce.shyam2020.page.model import model_tables
-from reproduce.shyam2020.page.pictures import poses
 from reproduce.shyam2020.page.text import TEXT
-from reproduce.shyam2020.page.vectors import trajectories, vectors
+from reproduce.shyam2020.page.vectors import poses, trajectories, vectors
 from reproduce.shyam2020.runs import PlannedGoal
 from reproduce.shyam2020.timing import StepTimes
 from reproduce.study import STUDIES, StudyOptions, provenance

@@ -6,10 +6,10 @@ from matplotlib.axes import Axes
 from agents.demonstrations.prior import fit_prior
 from agents.demonstrations.variations import BANDS
 from agents.policies.single_arm.promp import ConditionedPrior
-from reproduce.blocks import Table
 from reproduce.compare import short
-from reproduce.drawing import AXES, place_axes, shares
-from reproduce.figures import Draw, Figure, figure
+from reproduce.page.blocks import Table
+from reproduce.page.drawing import AXES, place_axes, shares
+from reproduce.page.figures import Draw, Figure, figure
 from reproduce.shyam2020.cases import GoalCase
 from reproduce.shyam2020.demonstrated import PAPER, DemonstratedWorkspace, bends, distance_to_demonstrated
 from reproduce.shyam2020.page.text import TEXT

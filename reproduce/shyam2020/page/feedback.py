@@ -3,9 +3,9 @@
 import numpy as np
 from matplotlib.axes import Axes
 
-from reproduce.blocks import Table
 from reproduce.compare import short
-from reproduce.figures import Draw, Figure, figure
+from reproduce.page.blocks import Table
+from reproduce.page.figures import Draw, Figure, figure
 from reproduce.shyam2020.feedback import EPISODES, FeedbackResult, spread_ratio
 from reproduce.shyam2020.page.text import TEXT
 from space_envs.evaluation.report.drawing import INK

@@ -6,8 +6,8 @@ from matplotlib.ticker import MaxNLocator
 
 from agents.policies.single_arm.promp import shipped_prior
 from promp import GaussianBasis
-from reproduce.drawing import AXES, DASHES
-from reproduce.figures import Draw, Figure, figure
+from reproduce.page.drawing import AXES, DASHES
+from reproduce.page.figures import Draw, Figure, figure
 from reproduce.shyam2020.measures import Course
 from reproduce.shyam2020.methods import METHODS
 from reproduce.shyam2020.page.text import TEXT

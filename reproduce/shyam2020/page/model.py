@@ -6,7 +6,7 @@ from math import pi
 import mujoco
 import numpy as np
 
-from reproduce.blocks import Table
+from reproduce.page.blocks import Table
 from reproduce.shyam2020.page.text import TEXT
 from space_envs.dynamics.rotations import Array, to_matrix
 from space_envs.robots.single_arm import END_EFFECTOR, SATELLITE, ModelOptions, single_arm_model

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from reproduce.blocks import Table
 from reproduce.claims import CaseRecord
 from reproduce.compare import figures_of, ratios, short
+from reproduce.page.blocks import Table
 from reproduce.shyam2020.cases import DIFFICULTY, limits
 from reproduce.shyam2020.methods import METHODS, SingleArmMethod
 from reproduce.shyam2020.page.text import TEXT

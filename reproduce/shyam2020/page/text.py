@@ -1,7 +1,7 @@
 """Text of the page of shyam2020."""
 
 from agents.policies.single_arm.promp_feedback import POSITION_NOISE, RATE_NOISE
-from reproduce.page_text import PageText
+from reproduce.page.text import PageText
 from reproduce.shyam2020.page import thresholds
 from reproduce.shyam2020.sampling import BALL_RADIUS, LOCKED_STARTS, SHOWN
 

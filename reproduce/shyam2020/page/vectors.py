@@ -1,24 +1,32 @@
-"""Figures 2 and 3 of shyam2020: the vectors of the kinematics, and the sampled paths of the end-effector."""
+"""Figures 2 and 3 of shyam2020: vectors, sampled paths, and home and goal pose as MuJoCo draws them."""
 
+import io
 from collections.abc import Callable
 
+import mujoco
 import numpy as np
 from matplotlib.axes import Axes
+from PIL import Image
 
-from reproduce.drawing import place_axes
-from reproduce.figures import Draw, Figure, figure
-from reproduce.shyam2020.cases import context
-from reproduce.shyam2020.measures import LinkVectors, link_vectors
+from reproduce.page.blocks import Picture, Prose
+from reproduce.page.drawing import place_axes
+from reproduce.page.figures import Draw, Figure, figure
+from reproduce.shyam2020.cases import DIFFICULTY, GoalCase, context
+from reproduce.shyam2020.measures import Course, LinkVectors, link_vectors
 from reproduce.shyam2020.page.text import TEXT
 from reproduce.shyam2020.runs import PlannedGoal
 from reproduce.shyam2020.sampling import SHOWN, DrawnSamples
 from space_envs.dynamics.rotations import Array, rotate
 from space_envs.dynamics.spheres import link_ends
+from space_envs.errors import RenderingError
 from space_envs.evaluation.report.drawing import INK
 from space_envs.evaluation.report.figures import BLUE, GREEN, SKY, VERMILION
 from space_envs.robots.parameters import SINGLE_ARM
+from space_envs.tasks.single_arm import SingleArmTask
 
 View = Callable[[Array], Array]  # from points (..., 3) to coordinates (..., 2) of a drawing
+WIDTH, HEIGHT = 720, 540  # of each of the two
+QUALITY = 88
 STILL = np.array([1.0, 0.0, 0.0, 0.0])
 
 
@@ -125,3 +133,25 @@ def _cube(position: Array, quaternion: Array) -> list[Array]:
         for b in range(a + 1, 8)
         if np.count_nonzero(corners[a] - corners[b]) == 1
     ]
+
+
+def poses(case: GoalCase, course: Course) -> Picture | Prose:
+    """The robot at home and at the end of a motion, with its path; or why there is no picture."""
+    from space_envs.rendering import Renderer  # OpenGL may be missing, and is not needed without pictures
+
+    model = SingleArmTask(difficulty=DIFFICULTY).render_model
+    data = mujoco.MjData(model)
+    data.mocap_pos[0], data.mocap_quat[0] = case.position, case.quaternion
+    state = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_INTEGRATION))
+    frames = []
+    try:
+        with Renderer(model, width=WIDTH, height=HEIGHT, camera="overview") as renderer:
+            for row, trail in ((0, None), (-1, course.tip[::10])):
+                data.qpos[:] = np.concatenate([course.base[row], course.attitude[row], course.joints[row]])
+                mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
+                frames.append(renderer.render(state, trail=trail))
+    except RenderingError as error:
+        return Prose(*TEXT.paragraphs("texts.no_picture", error=error))
+    content = io.BytesIO()
+    Image.fromarray(np.concatenate(frames, axis=1)).save(content, format="JPEG", quality=QUALITY)
+    return Picture("poses", **TEXT.fill("pictures.poses"), jpeg=content.getvalue())

@@ -11,10 +11,10 @@ from typing import Any
 
 from markupsafe import Markup
 
-from reproduce.animation import Movie
-from reproduce.blocks import Block, ClaimTable, Page, Picture, Prose, Section, Table
 from reproduce.claims import SHARE_NOTE
-from reproduce.figures import Figure, standalone
+from reproduce.page.animation import Movie
+from reproduce.page.blocks import Block, ClaimTable, Page, Picture, Prose, Section, Table
+from reproduce.page.figures import Figure, standalone
 from space_envs.evaluation.records.names import display_name, markdown_name
 from space_envs.evaluation.report.templating import make_environment, read_template, script_hash
 from space_envs.system.files import atomic_write, atomic_write_text

@@ -5,10 +5,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from reproduce.animation import Movie
 from reproduce.claims import Claim
-from reproduce.figures import Figure
-from reproduce.page_text import PageText
+from reproduce.page.animation import Movie
+from reproduce.page.figures import Figure
+from reproduce.page.text import PageText
 
 
 @dataclass(frozen=True)
