@@ -66,7 +66,7 @@ LONGER = {
 # Tests that ask where a cache would be for users who do not exist.
 MADE_UP_PATHS = {"tests/test_libraries.py", "tests/test_architecture.py"}
 # Messages of the harness to a process that it started itself, and back; as multiprocessing does it.
-BETWEEN_OWN_PROCESSES = {"space_envs/evaluation/play/policy_process.py"}
+BETWEEN_OWN_PROCESSES = {"space_envs/evaluation/play/process/server.py"}
 # Running code from text is what these tests are about.
 MAY_EXECUTE = {"tests/test_docs.py"}
 MACHINE_PATH = re.compile(r"(?<![\w.])/(?:home|root|Users|work|mnt|tmp|data|opt)/\w|(?<!\w)[A-Z]:\\")

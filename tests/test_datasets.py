@@ -12,7 +12,6 @@ from dataset_folders import CHEAP, SINGLE, contents, folder, run
 from agents.policies.resolve import resolve_policy
 from space_envs.envs import CaptureEnv
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.datasets import card as datasets_card
 from space_envs.evaluation.datasets import minari as datasets_minari
 from space_envs.evaluation.datasets.card import plain, read_card, write_card
 from space_envs.evaluation.datasets.recording import check, record
@@ -214,9 +213,9 @@ def test_cells_hold_any_text():
     assert plain("a | b `c`\n<img>") == "a / b 'c' &lt;img>"
 
 
-def test_card_comes_last(made, tmp_path, monkeypatch):
+def test_card_comes_last(made, tmp_path):
     """Its JSON is what makes a folder complete."""
-    order = []
-    monkeypatch.setattr(datasets_card, "atomic_write_text", lambda path, text: order.append(path.name))
-    write_card(tmp_path, read_card(folder(made)) or {})
-    assert order == ["README.md", "dataset.json"]
+    (tmp_path / "README.md").mkdir()  # so that it cannot be written
+    with pytest.raises(OSError, match="README"):
+        write_card(tmp_path, read_card(folder(made)) or {})
+    assert not (tmp_path / "dataset.json").exists()

@@ -24,7 +24,7 @@ from space_envs.evaluation.harness.runner import collect, play_missing, prepare
 from space_envs.evaluation.play.chunks import CHUNK
 from space_envs.evaluation.play.entry import EvaluatedTask
 from space_envs.evaluation.play.playing import roll_out
-from space_envs.evaluation.play.policy_process import TimeLimits
+from space_envs.evaluation.play.process.limits import TimeLimits
 from space_envs.evaluation.play.timing import PolicyTime
 from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.records.storage import read_records, records_without_timing

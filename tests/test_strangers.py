@@ -18,7 +18,7 @@ from agents.policies.resolve import resolve_policy
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import PolicyError
 from space_envs.evaluation.play.playing import roll_out
-from space_envs.evaluation.play.policy_process import PolicyProcess
+from space_envs.evaluation.play.process.policy_process import PolicyProcess
 from space_envs.evaluation.play.steps import predicted
 from space_envs.evaluation.records.storage import read_records
 from space_envs.policy import PolicyContext

@@ -8,7 +8,7 @@ from agents.policies.resolve import ResolvedPolicy, resolve_policy
 from space_envs.control import CONTROL_MODES
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError, PolicyError, unknown_name
-from space_envs.evaluation.play.policy_process import PolicyProcess
+from space_envs.evaluation.play.process.policy_process import PolicyProcess
 from space_envs.policy import PolicyContext
 from space_envs.registration import ENTRIES, find
 

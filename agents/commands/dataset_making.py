@@ -5,7 +5,6 @@ import re
 import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from hashlib import sha256
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,7 @@ from tqdm import tqdm
 from agents.policies.resolve import ResolvedPolicy
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError, PolicyError
-from space_envs.evaluation.datasets.card import CARD, EPISODES, checksum, make_card, read_card, write_card
+from space_envs.evaluation.datasets.card import CARD, EPISODES, make_card, read_card, write_card
 from space_envs.evaluation.datasets.minari import DATA, write_minari
 from space_envs.evaluation.datasets.recording import Recorded, record
 from space_envs.evaluation.datasets.storage import Dataset
@@ -25,6 +24,7 @@ from space_envs.evaluation.play.entry import EvaluatedTask
 from space_envs.evaluation.play.episodes import task_keywords
 from space_envs.evaluation.play.playing import split_indices
 from space_envs.registration import find
+from space_envs.system.digests import file_digest
 from space_envs.system.parallel import ProcessDiedError, backend
 from space_envs.system.provenance import provenance
 
@@ -87,13 +87,12 @@ class Request:
     def to_json(self) -> dict[str, Any]:
         """What decides the dataset, as plain values."""
         source = self.policy.source
-        file = isinstance(source, Path)
         return {
             "id": self.id,
             "env_id": self.task.env_id,
             "policy": self.policy.name,
-            "source": source.name if file else source,
-            "source_checksum": sha256(source.read_bytes()).hexdigest() if file else None,
+            "source": source.name if isinstance(source, Path) else source,
+            "source_checksum": file_digest(source) if isinstance(source, Path) else None,
             "control_mode": self.policy.control_mode,
             "variant": self.variant,
             "difficulty": self.task.difficulty,
@@ -232,7 +231,7 @@ def _written(request: Request, parts: Sequence[Recorded], places: Places) -> dic
     card["files"] = {}
     if "npz" in request.formats:
         dataset.save(folder / EPISODES)
-        card["files"] = {EPISODES: checksum(folder / EPISODES)}
+        card["files"] = {EPISODES: file_digest(folder / EPISODES)}
     if "minari" in request.formats:
         keywords = {"id": find(request.task.env_id).name, **request.keywords}
         about = f"Made by: {request.command()}"

@@ -18,7 +18,7 @@ from space_envs.evaluation.harness.evaluation import Evaluation
 from space_envs.evaluation.harness.runner import EVALUATION
 from space_envs.evaluation.play.entry import EvaluatedTask
 from space_envs.evaluation.play.episodes import task_keywords
-from space_envs.evaluation.play.policy_process import TimeLimits
+from space_envs.evaluation.play.process.limits import TimeLimits
 from space_envs.registration import ENTRIES, make_task
 from space_envs.robots.parameters import VARIANTS
 from space_envs.system.command_line import AppendValues, Parser, exit_status, output_path

@@ -1,12 +1,12 @@
 """The ProMP prior that is learned from demonstrations."""
 
-import hashlib
 import json
 from pathlib import Path
 from typing import Any
 
 from agents.demonstrations.controller import Demonstrations
 from promp import ProMP
+from space_envs.system.digests import file_digest
 from space_envs.system.files import atomic_write_text
 
 # rad, of every weight. All demonstrations leave home at rest; the noise lets a plan start elsewhere.
@@ -28,6 +28,6 @@ def save_prior(path: str | Path, prior: ProMP, origin: dict[str, Any]) -> None:
     """Write a prior to `path`, and its origin to the same name with suffix .json."""
     path = Path(path)
     prior.save(path)
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    digest = file_digest(path)
     origin = origin | {"file": path.name, "sha256": digest, "weight_noise": WEIGHT_NOISE}
     atomic_write_text(path.with_suffix(".json"), json.dumps(origin, indent=2, sort_keys=True) + "\n")

@@ -22,6 +22,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from space_envs.codegen.cache import CACHE_VARIABLE, LibraryError, ownership_problem, usable_folder
+from space_envs.system.digests import file_digest
 
 # Without contraction into fused multiply-add a result is the same on every machine with IEEE arithmetic.
 FLAGS = ("-O2", "-ffp-contract=off", "-fPIC", "-shared")
@@ -106,17 +107,13 @@ def _suffix() -> str:
     return {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 
 
-def _digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()[:32]
-
-
 def _intact(folder: Path, key: str) -> Iterator[Path]:
     """Libraries with this key that only the user can have written and whose bytes match their name."""
     for path in sorted(folder.glob(f"{key}-*{_suffix()}")):
         try:
             status = path.lstat()
             safe = stat.S_ISREG(status.st_mode) and not ownership_problem(status)
-            if safe and path.stem == f"{key}-{_digest(path)}":
+            if safe and path.stem == f"{key}-{file_digest(path)[:32]}":
                 yield path
         except OSError:
             continue  # unreadable, or another process is replacing it
@@ -128,6 +125,6 @@ def _build(source: str, command: list[str], folder: Path, key: str) -> Path:
         built = Path(temporary) / f"kernel{_suffix()}"
         _run([*command, *FLAGS, "-x", "c", "-", "-o", str(built), "-lm"], source)
         built.chmod(0o700)  # whatever the umask
-        path = folder / f"{key}-{_digest(built)}{_suffix()}"
+        path = folder / f"{key}-{file_digest(built)[:32]}{_suffix()}"
         os.replace(built, path)
     return path

@@ -1,9 +1,7 @@
 """Dataset cards: what made a dataset and what is in it, as JSON and as Markdown."""
 
-import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +10,8 @@ from space_envs.errors import ConfigurationError
 from space_envs.evaluation.datasets.recording import LeftOut
 from space_envs.evaluation.datasets.storage import SCHEMA_VERSION, Dataset
 from space_envs.evaluation.records.configuration import configuration, configuration_hash
-from space_envs.system.files import atomic_write_text
+from space_envs.system.digests import file_digest
+from space_envs.system.files import atomic_write_text, write_json
 from space_envs.system.reading import read_object
 
 EPISODES, CARD, README = "episodes.npz", "dataset.json", "README.md"
@@ -83,15 +82,10 @@ def make_card(
     }
 
 
-def checksum(path: Path) -> str:
-    """SHA-256 of a file, in hexadecimal digits."""
-    return sha256(path.read_bytes()).hexdigest()
-
-
 def write_card(folder: Path, card: Mapping[str, Any]) -> None:
     """Write both forms of a card. The JSON comes last: a folder that has it is complete."""
     atomic_write_text(folder / README, to_markdown(card))
-    atomic_write_text(folder / CARD, json.dumps(card, indent=2) + "\n")
+    write_json(folder / CARD, card)
 
 
 def read_card(folder: Path) -> dict[str, Any] | None:
@@ -114,7 +108,7 @@ def read_card(folder: Path) -> dict[str, Any] | None:
     for name, wanted in files.items():
         if not (folder / name).is_file():
             raise ConfigurationError(f"{folder / name} is missing, which {CARD} names; remove the folder")
-        if checksum(folder / name) != wanted:
+        if file_digest(folder / name) != wanted:
             raise ConfigurationError(
                 f"{folder / name} is not the file that was written: its checksum is not that in {CARD}; "
                 "remove the folder to make it again"

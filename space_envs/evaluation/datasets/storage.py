@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError
-from space_envs.system.files import atomic_write
+from space_envs.system.files import write_arrays
 from space_envs.system.reading import parse_json, read_arrays
 
 SCHEMA_VERSION = 1
@@ -184,9 +184,9 @@ class Dataset:
     def save(self, path: str | Path) -> None:
         """Write an npz file, whole or not at all; equal datasets give equal bytes."""
         arrays: dict[str, Any] = {name: getattr(self, name) for name in _ARRAYS}
-        told = np.array(json.dumps(dict(self.about), sort_keys=True))
-        with atomic_write(path) as temporary, temporary.open("wb") as file:
-            np.savez_compressed(file, schema=np.int64(SCHEMA_VERSION), about=told, **arrays)
+        about = np.array(json.dumps(dict(self.about), sort_keys=True))
+        header = {"schema": np.int64(SCHEMA_VERSION), "about": about}
+        write_arrays(path, header | arrays, compressed=True)
 
     @classmethod
     def load(cls, path: str | Path) -> Self:

@@ -18,7 +18,7 @@ from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.records.making import episode_records
 from space_envs.evaluation.records.timing import UNTIMED
 from space_envs.registration import make_task
-from space_envs.system.files import atomic_write
+from space_envs.system.files import write_arrays
 from space_envs.system.reading import parse_json, read_arrays
 
 
@@ -33,8 +33,7 @@ class ChunkResult:
     def save(self, path: Path) -> None:
         """Write a file of episodes that has records too, whole or not at all."""
         records = {"records": [record.to_json() for record in self.records], "seconds": self.seconds}
-        with atomic_write(path) as temporary, temporary.open("wb") as file:
-            np.savez(file, records=np.array(json.dumps(records)), **to_arrays(self.episodes))
+        write_arrays(path, {"records": np.array(json.dumps(records)), **to_arrays(self.episodes)})
 
     @classmethod
     def load(cls, path: Path, chunk: Chunk) -> Self:

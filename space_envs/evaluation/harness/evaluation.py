@@ -7,7 +7,7 @@ from space_envs.evaluation.play.chunks import CHUNK, Chunk, PolicySource
 from space_envs.evaluation.play.entry import EvaluatedTask
 from space_envs.evaluation.play.episodes import Episodes, task_keywords
 from space_envs.evaluation.play.playing import split_indices
-from space_envs.evaluation.play.policy_process import TimeLimits
+from space_envs.evaluation.play.process.limits import TimeLimits
 from space_envs.evaluation.records.episode import SCHEMA_VERSION, EpisodeRecord
 from space_envs.registration import make_task
 from space_envs.system.provenance import commit, versions

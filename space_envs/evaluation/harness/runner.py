@@ -4,7 +4,6 @@ While an evaluation runs its folder holds run.json, which says what is played, a
 Everything else is written to the folder by `collect`'s caller; then the chunks are removed.
 """
 
-import json
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +20,7 @@ from space_envs.evaluation.play.episodes import concatenate
 from space_envs.evaluation.records.episode import RECORDS, SUMMARY
 from space_envs.evaluation.records.names import counted
 from space_envs.evaluation.records.timing import Timing
-from space_envs.system.files import atomic_write_text
+from space_envs.system.files import write_json
 from space_envs.system.output import remove_files
 from space_envs.system.parallel import ProcessDiedError, backend
 from space_envs.system.reading import read_object
@@ -60,7 +59,7 @@ def prepare(evaluation: Evaluation, folder: Path, resume: bool = False, overwrit
             path.unlink(missing_ok=True)
             finish(folder)
         (folder / CHUNKS).mkdir(exist_ok=True)
-        atomic_write_text(path, json.dumps(plan, indent=2) + "\n")
+        write_json(path, plan)
     except OSError as error:
         raise ConfigurationError(f"cannot write to {folder}: {error.strerror}") from None
     return True

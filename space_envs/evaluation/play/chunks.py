@@ -5,10 +5,8 @@ sums over a batch may differ in their last digit from those over another.
 """
 
 import contextlib
-import json
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
-from hashlib import sha256
 from typing import Any, Protocol
 
 import numpy as np
@@ -16,9 +14,10 @@ from threadpoolctl import threadpool_limits
 
 from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
 from space_envs.evaluation.play.episodes import task_keywords
-from space_envs.evaluation.play.policy_process import TimeLimits
+from space_envs.evaluation.play.process.limits import TimeLimits
 from space_envs.policy import Policy, PolicyContext
 from space_envs.registration import find
+from space_envs.system.digests import json_digest
 from space_envs.system.threads import on_one_thread
 
 CHUNK = 25  # episodes of a chunk
@@ -106,7 +105,7 @@ class Chunk:
     @property
     def key(self) -> str:
         """Name of its file."""
-        return sha256(json.dumps(self.description(), sort_keys=True).encode()).hexdigest()[:24]
+        return json_digest(self.description(), 24)
 
     def build(self, context: PolicyContext) -> Policy:
         """Build the policy, with all that was loaded for it on one thread."""

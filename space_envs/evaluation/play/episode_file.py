@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from space_envs.errors import ConfigurationError
 from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
 from space_envs.evaluation.play.episodes import ARRAYS, Episodes
-from space_envs.system.files import atomic_write
+from space_envs.system.files import write_arrays
 from space_envs.system.reading import parse_json, read_arrays
 
 _GOAL = "goal_"  # begins the names of the goals' arrays
@@ -56,8 +56,7 @@ def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> Episodes:
 
 def save_episodes(path: str | Path, episodes: Episodes) -> None:
     """Write an npz file, whole or not at all; equal episodes give equal bytes."""
-    with atomic_write(path) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(file, **to_arrays(episodes))
+    write_arrays(path, to_arrays(episodes), compressed=True)
 
 
 def load_episodes(path: str | Path) -> Episodes:

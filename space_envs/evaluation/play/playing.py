@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError, PolicyError
 from space_envs.evaluation.play.episodes import concatenate
-from space_envs.evaluation.play.policy_process import PolicyProcess, TimeLimits
+from space_envs.evaluation.play.process.limits import TimeLimits
+from space_envs.evaluation.play.process.policy_process import PolicyProcess
 from space_envs.evaluation.play.rollout import Rollout, RolloutRecorder
 from space_envs.evaluation.play.steps import steps
 from space_envs.policy import Policy, PolicyContext

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from space_envs.dynamics.rotations import Array
 from space_envs.envs import CaptureVectorEnv
 from space_envs.evaluation.play.playing import PolicyFactory
-from space_envs.evaluation.play.policy_process import PolicyProcess, TimeLimits
+from space_envs.evaluation.play.process.limits import TimeLimits
+from space_envs.evaluation.play.process.policy_process import PolicyProcess
 from space_envs.evaluation.play.steps import steps
 from space_envs.policy import Policy, PolicyContext
 

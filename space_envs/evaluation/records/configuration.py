@@ -1,11 +1,10 @@
 """Configuration of a task, by whose hash records know each other."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import asdict
-from hashlib import sha256
 from typing import Any
 
+from space_envs.system.digests import json_digest
 from space_envs.tasks.base import CaptureTask
 
 
@@ -19,7 +18,7 @@ def configuration(env_id: str, control_mode: str, task: CaptureTask) -> dict[str
 def configuration_hash(config: Mapping[str, Any]) -> str:
     """Twelve hexadecimal digits that change with anything in a configuration, also after it was written as
     JSON and read again."""
-    return sha256(json.dumps(config, sort_keys=True).encode()).hexdigest()[:12]
+    return json_digest(config, 12)
 
 
 def config_hash(env_id: str, control_mode: str, task: CaptureTask) -> str:

@@ -5,7 +5,6 @@ Python's `repr`, so the same evaluation writes the same bytes. Everything a cloc
 field `timing`.
 """
 
-import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from space_envs.evaluation.play.causes import check_cause
 from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
 from space_envs.evaluation.records.timing import Timing
 from space_envs.evaluation.records.values import abbreviated, checked, checked_metrics, checked_timing
+from space_envs.system.digests import text_digest
 
 SCHEMA_VERSION = 3
 RECORDS, SUMMARY, REPORT = "records.jsonl", "summary.json", "report.html"  # in a result folder
@@ -81,7 +81,7 @@ class EpisodeRecord:
 
     def _digest(self) -> str:
         values = {name: v for name, v in self.to_dict().items() if name not in ("timing", "checksum")}
-        return hashlib.sha256(json.dumps(values, allow_nan=False).encode()).hexdigest()[:16]
+        return text_digest(json.dumps(values, allow_nan=False), 16)
 
     def to_json(self) -> str:
         """One line without its end."""

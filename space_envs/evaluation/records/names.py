@@ -3,10 +3,11 @@
 A policy's name may be any text. HTML is escaped by the template engine; this is for the other places.
 """
 
-import hashlib
 import json
 import re
 import unicodedata
+
+from space_envs.system.digests import text_digest
 
 
 def display_name(name: str, longest: int = 60) -> str:
@@ -60,20 +61,16 @@ def file_name(name: str) -> str:
     """
     if re.fullmatch(r"[a-z0-9][a-z0-9_-]{0,40}", name):
         return name
-    return f"{_plain(name, 40)}.{_digest(name)}"
+    return f"{_plain(name, 40)}.{text_digest(name, 12)}"
 
 
 def joined_file_name(*names: str) -> str:
     """A file's stem for several names together, which no other names share: plain characters and a hash."""
-    return f"{_plain('-'.join(names), 80)}.{_digest(json.dumps(names))}"
+    return f"{_plain('-'.join(names), 80)}.{text_digest(json.dumps(names), 12)}"
 
 
 def _plain(name: str, longest: int) -> str:
     return re.sub(r"[^a-z0-9_-]+", "-", name.lower()).strip("-")[:longest] or "policy"
-
-
-def _digest(text: str) -> str:
-    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()[:12]
 
 
 def plural(count: int, noun: str) -> str:

@@ -1,6 +1,5 @@
 """The folder that an evaluation leaves: records, episodes, summary, tables, plots and one page for people."""
 
-import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -24,6 +23,7 @@ from space_envs.evaluation.results.result import EPISODES, EvaluationResult, ent
 from space_envs.evaluation.statistics.leaderboard import build_rows
 from space_envs.evaluation.statistics.normalised import Scores
 from space_envs.evaluation.statistics.row import Row
+from space_envs.system.digests import file_digest
 from space_envs.system.files import atomic_write, atomic_write_text
 
 BOOTSTRAP_SEED = 0
@@ -80,7 +80,7 @@ def write_report(
     for name, text in texts.items():
         atomic_write_text(folder / name, text)
     relied_on = [folder / RECORDS, *episodes.values()]
-    checksums = {path.relative_to(folder).as_posix(): _sha256(path) for path in relied_on}
+    checksums = {path.relative_to(folder).as_posix(): file_digest(path) for path in relied_on}
     atomic_write_text(folder / SUMMARY, summary_json(result, rows, scores, checksums))
     write_plots(plots, folder / "plots")
     written, note = {}, ""
@@ -138,10 +138,6 @@ def _remove_others(folder: Path, pattern: str, kept: Iterable[Path]) -> None:
     """Remove what an evaluation that was here before left behind."""
     for path in set(folder.glob(pattern)) - set(kept):
         path.unlink()
-
-
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def write_plots(plots: Mapping[EvaluatedTask, Sequence[Plot]], folder: Path) -> list[Path]:

@@ -1,6 +1,5 @@
 """Result folders as others left them: read, validated, and checked against the checksums beside them."""
 
-import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,8 +14,9 @@ from space_envs.evaluation.records.configuration import configuration_hash
 from space_envs.evaluation.records.episode import RECORDS, SCHEMA_VERSION, SUMMARY, EpisodeRecord
 from space_envs.evaluation.records.storage import read_records
 from space_envs.evaluation.results.result import EPISODES, entry_stem
+from space_envs.system.digests import file_digest
 from space_envs.system.output import holder
-from space_envs.system.reading import read_bytes, read_object
+from space_envs.system.reading import read_object
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +139,7 @@ def _verify(folder: Path, name: str, summary: Mapping[str, Any]) -> None:
     if wanted is None:
         return
     try:
-        got = hashlib.sha256(read_bytes(folder / name)).hexdigest()
+        got = file_digest(folder / name)
     except (OSError, ConfigurationError) as error:
         raise ConfigurationError(f"{folder / name}: cannot be read: {error}") from error
     if got != wanted:
