@@ -1,7 +1,6 @@
 """A satellite whose mass and inertia are not what the planner knows: feedback against following a plan."""
 
 import sys
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +12,7 @@ from benchmarks.arguments import check_goals, split, whole
 from benchmarks.machine import machine_class, markdown_table
 from space_envs.dynamics.rotations import Array
 from space_envs.envs import CaptureVectorEnv
+from space_envs.evaluation.play.steps import steps
 from space_envs.policy import PolicyContext
 from space_envs.system.command_line import Parser, exit_status
 
@@ -37,26 +37,22 @@ def play(name: str, scale: float, goals: NDArray[np.int64], split: str) -> dict[
     env.simulation.refresh(rows)
     env.drive.reset(rows)
     policy = make_policy(name, PolicyContext.from_env(env), 0)
-    state: Any = None
     task, over = env.task, round(DURATION / env.task.control_period)
-    running = np.ones(n, dtype=bool)
-    made: dict[str, Array] = {}
-    attitude, outcome = np.zeros(n), np.full(n, "running", dtype=object)
-    for step in range(1, task.horizon + 1):
-        action, state = policy.predict(observation, state)
-        observation, _, _, _, info = env.step(action)
-        attitude = np.where(running, np.rad2deg(task.attitude(observation)), attitude)
-        outcome = np.where(running, info["outcome"], outcome)
-        running &= outcome == "running"
-        if step == over:
-            errors = task.errors(observation)
-            made |= {"position": errors.position, "rotation": np.rad2deg(errors.orientation)}
-            made |= {"attitude": attitude}
-        if step >= over and not running.any():
-            break
-    planned = np.array([failure is None for failure in state.failures])
+    played, attitudes = list(steps(policy, env, observation)), [np.zeros(n)]
+    for step in played:
+        attitude = np.rad2deg(task.attitude(step.observation))
+        attitudes.append(np.where(step.running, attitude, attitudes[-1]))
     env.close()
-    return made | {"captured": outcome == "captured", "final": attitude, "planned": planned}
+    over, last = min(over, len(played)), played[-1]  # all episodes may end before their plans do
+    errors = task.errors(played[over - 1].observation)
+    return {
+        "position": errors.position,
+        "rotation": np.rad2deg(errors.orientation),
+        "attitude": attitudes[over],
+        "captured": last.info["outcome"] == "captured",
+        "final": attitudes[-1],
+        "planned": np.array([failure is None for failure in last.state.failures]),
+    }
 
 
 def main() -> None:

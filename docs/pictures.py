@@ -7,6 +7,7 @@ import io
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +15,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from agents.policies.resolve import resolve_policy
-from space_envs.envs import CaptureEnv
+from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import SpaceEnvsError
+from space_envs.evaluation.play.steps import steps
 from space_envs.policy import PolicyContext
 from space_envs.system.command_line import Parser
 from space_envs.system.files import atomic_write
@@ -57,8 +59,9 @@ def draw(shot: Shot, width: int = WIDTH, height: int = HEIGHT) -> NDArray[np.uin
         SpaceEnvsError: if the policy fails, or nothing can be drawn here.
     """
     resolved = resolve_policy(shot.policy)
-    env = CaptureEnv(
+    env = CaptureVectorEnv(
         env_id=shot.env_id,
+        autoreset_mode="disabled",
         render_mode="rgb_array",
         width=width,
         height=height,
@@ -67,16 +70,11 @@ def draw(shot: Shot, width: int = WIDTH, height: int = HEIGHT) -> NDArray[np.uin
     )
     policy = resolved.build(PolicyContext.from_env(env), 0)
     observation, _ = env.reset(options={"split": "test", "index": shot.index})
-    state, start = None, np.array([True])
-    for _ in range(round(shot.seconds / env.task.control_period)):
-        action, state = policy.predict(observation[None], state, start)
-        observation, _, terminated, truncated, _ = env.step(action[0])
-        start = np.array([False])
-        if terminated or truncated:
-            break
+    for _ in islice(steps(policy, env, observation), round(shot.seconds / env.task.control_period)):
+        pass
     picture = env.render()
     env.close()
-    return np.asarray(picture, dtype=np.uint8)
+    return np.asarray(picture, dtype=np.uint8)[0]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -12,9 +12,11 @@ from space_envs.registration import make_task
 SINGLE = "SpaceCapture/SingleArm-v0"
 
 
-def rollout_of(name: str, episodes: int = 6, apart: bool = False, **keywords: Any) -> tuple[Rollout, Any]:
-    """The first test goals, and the task."""
+def rollout_of(
+    name: str, episodes: int = 6, apart: bool = False, split: str = "test", **keywords: Any
+) -> tuple[Rollout, Any]:
+    """The first goals of a split, and the task."""
     task = make_task(SINGLE, keywords)
     policy = resolve_policy(name)
     environment = {"env_id": SINGLE, "control_mode": policy.control_mode, **keywords}
-    return roll_out(policy.factory(0), environment, "test", np.arange(episodes), 0, apart=apart), task
+    return roll_out(policy.factory(0), environment, split, np.arange(episodes), 0, apart=apart), task

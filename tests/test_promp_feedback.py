@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from rollouts import rollout_of
 
 from agents.policies.registry import policies_for
 from agents.policies.single_arm.promp_feedback import PrompFeedback
@@ -13,26 +14,10 @@ ENV_ID = "SpaceCapture/SingleArm-v0"
 PUSH = 0.05  # rad
 
 
-def outcomes(episodes: int) -> list[str]:
-    envs = CaptureVectorEnv(ENV_ID, episodes)
-    policy = PrompFeedback(context(), 0)
-    observation, _ = envs.reset(options={"split": "validation", "index": np.arange(episodes)})
-    state, outcome = None, [""] * episodes
-    for step in range(200):
-        action, state = policy.predict(observation, state, np.full(episodes, step == 0))
-        observation, _, terminated, truncated, info = envs.step(action)
-        for row in np.flatnonzero((terminated | truncated) & (np.array(outcome) == "")):
-            outcome[row] = str(info["outcome"][row])
-        if all(outcome):
-            break
-    envs.close()
-    return outcome
-
-
 def test_it_is_a_policy_of_the_single_arm_that_captures() -> None:
     assert "promp_feedback" in policies_for(ENV_ID)
     assert "promp_feedback" not in policies_for("SpaceCapture/DualArmPlanar-v0")
-    assert outcomes(6) == ["captured"] * 6
+    assert (rollout_of("promp_feedback", split="validation")[0].outcome == "captured").all()
 
 
 def test_drawn_motions_are_distributed_as_the_promp_and_expected_ones_follow_its_mean() -> None:

@@ -1,6 +1,8 @@
 """Control from the learned distribution (sec. VII): policy `promp_feedback` in MuJoCo, on one goal."""
 
+from contextlib import closing
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 
@@ -11,6 +13,7 @@ from reproduce.shyam2020.sampling import joint_goal, prior
 from space_envs.dynamics import attitude_cost
 from space_envs.dynamics.rotations import Array, angle_between
 from space_envs.envs import CaptureVectorEnv
+from space_envs.evaluation.play.steps import steps
 
 EPISODES = 48  # with accelerations drawn by the law
 NEVER = 1e-9  # m, so near a goal that episodes go on to the end of the motion
@@ -55,22 +58,20 @@ def simulate(
     case: GoalCase, kind: type[ProMPPolicy], seed: int, episodes: int, deterministic: bool = True
 ) -> SimulatedEpisodes:
     """Simulate a policy on a goal until its motion is over."""
-    envs = CaptureVectorEnv(ENV_ID, episodes, difficulty=DIFFICULTY, position_tolerance=NEVER)
-    try:
+    env = CaptureVectorEnv(
+        ENV_ID, episodes, autoreset_mode="disabled", difficulty=DIFFICULTY, position_tolerance=NEVER
+    )
+    with closing(env):
         at = context()
         options = {
             "goal_position": np.tile(case.position, (episodes, 1)),
             "goal_quaternion": np.tile(case.quaternion, (episodes, 1)),
         }
         policy, read = kind(at, seed), at.layout.read
-        observation, _ = envs.reset(seed=seed, options=options)
-        state, joints, cost = None, [read(observation, "joint_position").copy()], np.zeros(episodes)
-        steps = len(prior().times) - 1
-        for step in range(steps):
-            start = np.full(episodes, step == 0)
-            action, state = policy.predict(observation, state, start, deterministic)
-            before = _integrand(observation)
-            observation, *_ = envs.step(action)
+        observation, _ = env.reset(seed=seed, options=options)
+        joints, cost = [read(observation, "joint_position").copy()], np.zeros(episodes)
+        for step in islice(steps(policy, env, observation, deterministic), len(prior().times) - 1):
+            before, observation = _integrand(observation), step.observation
             joints.append(read(observation, "joint_position").copy())
             cost += 0.5 * at.control_period * (before + _integrand(observation))
         still = np.tile([1.0, 0.0, 0.0, 0.0], (episodes, 1))
@@ -84,8 +85,6 @@ def simulate(
             angle_between(read(observation, "base_quaternion"), still),
             cost,
         )
-    finally:
-        envs.close()
 
 
 def _integrand(observation: Array) -> Array:
