@@ -10,7 +10,7 @@ import numpy as np
 from synthetic_results import make_record
 
 from space_envs.evaluation.play.episode_file import save_episodes
-from space_envs.evaluation.play.episodes import Episodes, task_keywords
+from space_envs.evaluation.play.episodes import EpisodeBatch, task_keywords
 from space_envs.evaluation.records.configuration import configuration_hash
 from space_envs.evaluation.records.episode import SCHEMA_VERSION, EpisodeRecord
 from space_envs.evaluation.records.storage import write_records
@@ -77,7 +77,7 @@ def write_folder(
     return path
 
 
-def made_episodes(records: Sequence[EpisodeRecord], horizon: int = 200) -> Episodes:
+def made_episodes(records: Sequence[EpisodeRecord], horizon: int = 200) -> EpisodeBatch:
     """Recorded episodes of the records: joints rotate by an angle that says which episode it is."""
     first = records[0]
     task = make_task(first.env_id, task_keywords(first.entry.task, None))
@@ -87,7 +87,7 @@ def made_episodes(records: Sequence[EpisodeRecord], horizon: int = 200) -> Episo
     scene[..., 7:] = np.linspace(0.0, 1.0, horizon + 1)[None, :, None]
     scene[..., 7] += np.array([record.episode for record in records])[:, None]
     flat = np.zeros((len(records), horizon + 1))
-    return Episodes(
+    return EpisodeBatch(
         entry=first.entry,
         variant=None,
         period=task.control_period,

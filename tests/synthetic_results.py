@@ -10,7 +10,7 @@ from space_envs.dynamics.rotations import exponential
 from space_envs.evaluation.harness.chunk_result import evaluate_chunk
 from space_envs.evaluation.play.chunks import Chunk
 from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
-from space_envs.evaluation.play.episodes import Episodes
+from space_envs.evaluation.play.episodes import EpisodeBatch
 from space_envs.evaluation.records.episode import SCHEMA_VERSION, EpisodeRecord
 from space_envs.evaluation.records.timing import Timing
 from space_envs.evaluation.replay.stills import Still
@@ -151,7 +151,7 @@ def make_records(
 
 def make_episodes(
     policy: str, character: Character, generator: np.random.Generator, count: int = 10
-) -> Episodes:
+) -> EpisodeBatch:
     """Smooth motions of T = 200 steps that end where the character says."""
     period = 0.1
     phase = np.clip(period * np.arange(201) / character.seconds, 0, 1)
@@ -165,7 +165,7 @@ def make_episodes(
     rotation = main[..., None] * axis + 0.3 * character.peak * (scale * bump)[..., None] * side
     pose = np.concatenate([0.01 * rotation[..., ::-1], exponential(np.deg2rad(rotation))], axis=-1)
     joints = s[None, :, None] * generator.normal(size=(count, 1, 7))
-    return Episodes(
+    return EpisodeBatch(
         entry=entry(policy),
         variant=None,
         period=period,
@@ -217,7 +217,7 @@ class PlayedEpisodes:
     """Real episodes of a built-in policy, rows and records in one order."""
 
     task: CaptureTask
-    episodes: Episodes
+    episodes: EpisodeBatch
     records: list[EpisodeRecord]
 
 

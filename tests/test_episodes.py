@@ -15,7 +15,7 @@ from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError
 from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
 from space_envs.evaluation.play.episode_file import compact, load_episodes, save_episodes
-from space_envs.evaluation.play.episodes import Episodes, concatenate, task_keywords
+from space_envs.evaluation.play.episodes import EpisodeBatch, concatenate, task_keywords
 from space_envs.evaluation.play.playing import roll_out
 from space_envs.evaluation.play.rollout import Rollout
 from space_envs.evaluation.records.episode import EpisodeRecord
@@ -65,11 +65,11 @@ def rollout() -> Rollout:
 
 
 @pytest.fixture(scope="module")
-def stored(rollout: Rollout) -> Episodes:
+def stored(rollout: Rollout) -> EpisodeBatch:
     return compact(rollout)
 
 
-def small(**changes: Any) -> Episodes:
+def small(**changes: Any) -> EpisodeBatch:
     """Made-up episodes of two steps, three of them."""
     values: dict[str, Any] = {
         "entry": LeaderboardEntry(EvaluatedTask("x", "x", "x"), "x", "x"),
@@ -87,10 +87,10 @@ def small(**changes: Any) -> Episodes:
         "outcome": np.array(["captured", "timeout", "policy_error"]),
         "goal": {"mass_scale": np.ones(3)},
     }
-    return Episodes(**(values | changes))
+    return EpisodeBatch(**(values | changes))
 
 
-def same(one: Episodes, two: Episodes) -> bool:
+def same(one: EpisodeBatch, two: EpisodeBatch) -> bool:
     return (
         all(np.array_equal(getattr(one, name), getattr(two, name)) for name in (*ARRAYS, *LABELS))
         and (one.entry, one.variant, one.period) == (two.entry, two.variant, two.period)
@@ -100,7 +100,7 @@ def same(one: Episodes, two: Episodes) -> bool:
 
 
 def test_what_is_saved_is_read_back_and_equal_episodes_give_equal_bytes(
-    stored: Episodes, tmp_path: Path
+    stored: EpisodeBatch, tmp_path: Path
 ) -> None:
     hostile = replace(stored, entry=replace(stored.entry, policy="a\0b\ud800<img src=x>"), variant="v")
     for number, made in enumerate((stored, hostile, small())):
@@ -149,7 +149,7 @@ def test_the_variant_is_kept() -> None:
     assert replace(made, variant=None).task() != made.task()
 
 
-def test_replays_of_stored_episodes_are_those_of_the_rollout(rollout: Rollout, stored: Episodes) -> None:
+def test_replays_of_stored_episodes_are_those_of_the_rollout(rollout: Rollout, stored: EpisodeBatch) -> None:
     records = records_of(rollout)
     from_stored = make_replays(stored.task(), stored, records)
     from_rollout = make_replays(rollout.task(), rollout, records)
@@ -167,7 +167,7 @@ def test_replays_of_stored_episodes_are_those_of_the_rollout(rollout: Rollout, s
 
 
 def test_drawn_states_are_the_recorded_ones_with_even_motion_between(
-    rollout: Rollout, stored: Episodes
+    rollout: Rollout, stored: EpisodeBatch
 ) -> None:
     model = stored.task().render_model
     replay = replay_of("", 1, stored.task(), stored, records_of(rollout)[1])
@@ -271,7 +271,7 @@ def test_damaged_files_name_themselves(tmp_path: Path) -> None:
         load_episodes(tmp_path / "none.npz")
 
 
-def test_episodes_of_another_model_or_goal_are_refused(stored: Episodes) -> None:
+def test_episodes_of_another_model_or_goal_are_refused(stored: EpisodeBatch) -> None:
     with pytest.raises(ConfigurationError, match="has 28 coordinates, these have 27"):
         replace(stored, scene=stored.scene[..., :27]).task()
     unknown = replace(stored.entry.task, env_id="SpaceCapture/DualArmSpatial-v1")

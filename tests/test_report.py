@@ -24,7 +24,7 @@ from synthetic_results import CHARACTERS, HOSTILE, Character, entry, make_record
 from space_envs.errors import ConfigurationError
 from space_envs.evaluation.play.causes import CAUSES
 from space_envs.evaluation.play.episode_file import load_episodes
-from space_envs.evaluation.play.episodes import Episodes
+from space_envs.evaluation.play.episodes import EpisodeBatch
 from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.records.names import csv_name, display_name, file_name, latex_name, markdown_name
 from space_envs.evaluation.records.storage import read_records, records_without_timing
@@ -50,7 +50,7 @@ def failed(**changes: object) -> EpisodeRecord:
     return make_record(captured=False, outcome="timeout", time_to_capture=None, **changes)
 
 
-def named(result: EvaluationResult) -> dict[str, Episodes]:
+def named(result: EvaluationResult) -> dict[str, EpisodeBatch]:
     return {each.policy: own for each, own in result.episodes.items()}
 
 

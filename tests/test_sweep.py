@@ -20,7 +20,7 @@ from agents.learning.sweeps.plan import SweepPlan, make_runs, read_plan
 from agents.learning.training import learn
 from agents.policies.learned.policy_file import load_policy_file
 from space_envs.errors import ConfigurationError
-from space_envs.system.seeds import parse_seeds
+from space_envs.system.command_line import parse_seeds
 
 # A bc run of two rounds, in about a second.
 CLONING = """

@@ -18,7 +18,7 @@ _UNMEASURED_REPORT = Seconds(1.0, 3.0, 10.0)  # s an entry, until one was writte
 
 
 @dataclass(frozen=True)
-class Estimate:
+class TimeEstimate:
     """Seconds of an evaluation: an episode of each entry on one core, and of all that is done."""
 
     episode: dict[LeaderboardEntry, Seconds]
@@ -32,7 +32,7 @@ class Estimate:
         return self.playing + self.timing + self.report
 
 
-def estimate(chunks: Sequence[Chunk], jobs: int) -> Estimate:
+def estimate(chunks: Sequence[Chunk], jobs: int) -> TimeEstimate:
     """What an evaluation will take; a few episodes are played of policies of which nothing was measured."""
     first = {chunk.entry: chunk for chunk in reversed(chunks)}
     unknown = [entry for entry in first if recorded(playing(entry)) is None]
@@ -46,7 +46,7 @@ def estimate(chunks: Sequence[Chunk], jobs: int) -> Estimate:
     longest = Seconds(*(max(getattr(one, name) for one in work) for name in ("least", "usual", "most")))
     played = Seconds(*(max(getattr(one, n) for one in (share, longest)) for n in ("least", "usual", "most")))
     timed = sum((_timing(entry, episode[entry]) for entry in first), nothing)
-    return Estimate(episode, played, timed, (recorded(REPORT) or _UNMEASURED_REPORT) * len(first))
+    return TimeEstimate(episode, played, timed, (recorded(REPORT) or _UNMEASURED_REPORT) * len(first))
 
 
 def _measured(chunk: Chunk) -> Seconds:

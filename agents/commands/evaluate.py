@@ -9,7 +9,7 @@ from importlib import import_module
 from pathlib import Path
 
 from agents.commands.choice import check_fit, choose_ids, choose_policies, distinct
-from agents.commands.evaluation import Options, dry_run, run
+from agents.commands.evaluation import RunOptions, dry_run, run
 from agents.policies.registry import POLICIES
 from agents.policies.resolve import ResolvedPolicy
 from space_envs.control import CONTROL_MODES
@@ -21,10 +21,9 @@ from space_envs.evaluation.play.episodes import task_keywords
 from space_envs.evaluation.play.process.limits import TimeLimits
 from space_envs.registration import ENTRIES, make_task
 from space_envs.robots.parameters import VARIANTS
-from space_envs.system.command_line import AppendValues, Parser, exit_status, output_path
+from space_envs.system.command_line import AppendValues, Parser, exit_status, output_path, parse_seeds
 from space_envs.system.output import check_free
 from space_envs.system.parallel import BACKENDS, check_backend
-from space_envs.system.seeds import parse_seeds
 from space_envs.tasks.common import DIFFICULTIES, SPLITS
 
 DEFAULT_ENV = "SpaceCapture/SingleArm-v0"
@@ -130,7 +129,7 @@ def _run(given: list[str]) -> int:
     return run(evaluation, chosen)
 
 
-def _checked(options: argparse.Namespace, arguments: list[str]) -> tuple[Evaluation, Options]:
+def _checked(options: argparse.Namespace, arguments: list[str]) -> tuple[Evaluation, RunOptions]:
     """What is played and how, after everything that can be wrong about it was looked at.
 
     Raises:
@@ -157,7 +156,7 @@ def _checked(options: argparse.Namespace, arguments: list[str]) -> tuple[Evaluat
         limits,
     )
     evaluation.chunks()  # says what is wrong with the number of episodes
-    chosen = Options(
+    chosen = RunOptions(
         options.output.absolute(),
         options.resume,
         options.overwrite,

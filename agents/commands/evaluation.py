@@ -26,7 +26,7 @@ from space_envs.evaluation.harness.rates import REPORT, Seconds, playing, record
 from space_envs.evaluation.harness.runner import EVALUATION, collect, finish, play_missing, prepare
 from space_envs.evaluation.play.chunks import Chunk
 from space_envs.evaluation.play.entry import LeaderboardEntry
-from space_envs.evaluation.play.episodes import Episodes
+from space_envs.evaluation.play.episodes import EpisodeBatch
 from space_envs.evaluation.records.configuration import config_hash, configuration
 from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.records.names import counted, display_name
@@ -43,7 +43,7 @@ from space_envs.system.provenance import provenance
 
 
 @dataclass(frozen=True)
-class Options:
+class RunOptions:
     """How an evaluation is run, apart from what decides its records."""
 
     output: Path
@@ -57,7 +57,7 @@ class Options:
     arguments: tuple[str, ...] = ()
 
 
-def run(evaluation: Evaluation, options: Options) -> int:
+def run(evaluation: Evaluation, options: RunOptions) -> int:
     """Play what is missing, write every file of the result, and print the table.
 
     Returns:
@@ -70,7 +70,7 @@ def run(evaluation: Evaluation, options: Options) -> int:
         return _held(evaluation, options)
 
 
-def _held(evaluation: Evaluation, options: Options) -> int:
+def _held(evaluation: Evaluation, options: RunOptions) -> int:
     started = perf_counter()
     folder = options.output
     if not prepare(evaluation, folder, options.resume, options.overwrite):
@@ -113,11 +113,15 @@ def _told(evaluation: Evaluation, records: Sequence[EpisodeRecord]) -> int:
 
 
 def _result(
-    evaluation: Evaluation, chunks: list[Chunk], evaluated: list[Evaluated], options: Options, started: float
+    evaluation: Evaluation,
+    chunks: list[Chunk],
+    evaluated: list[Evaluated],
+    options: RunOptions,
+    started: float,
 ) -> EvaluationResult:
     """Everything that the report is made from."""
     records: list[EpisodeRecord] = []
-    episodes: dict[LeaderboardEntry, Episodes] = {}
+    episodes: dict[LeaderboardEntry, EpisodeBatch] = {}
     replays: dict[LeaderboardEntry, tuple[Replay, ...]] = {}
     pictures: dict[LeaderboardEntry, Any] = {}
     notes: set[str] = set()
@@ -137,7 +141,9 @@ def _result(
     return EvaluationResult(records, episodes, about, pictures, note, replays, expert_names())
 
 
-def _about(evaluation: Evaluation, chunks: list[Chunk], options: Options, started: float) -> dict[str, Any]:
+def _about(
+    evaluation: Evaluation, chunks: list[Chunk], options: RunOptions, started: float
+) -> dict[str, Any]:
     """Provenance: what a reader needs to repeat the evaluation, and to know whether another is comparable."""
     command = shlex.join(["evaluate.py", *options.arguments])
     configurations = {}
@@ -158,7 +164,7 @@ def _about(evaluation: Evaluation, chunks: list[Chunk], options: Options, starte
     }
 
 
-def dry_run(evaluation: Evaluation, options: Options) -> None:
+def dry_run(evaluation: Evaluation, options: RunOptions) -> None:
     """Say what would be played and, from what was measured on this machine, how long that takes."""
     chunks, console = evaluation.chunks(), Console()
     told = estimate(chunks, options.jobs)

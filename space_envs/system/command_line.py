@@ -3,7 +3,9 @@
 import argparse
 import difflib
 import errno
+import itertools
 import os
+import re
 import signal
 import sys
 import threading
@@ -18,6 +20,7 @@ from space_envs.system.provenance import package_version
 FAILED, INVALID = 1, 2  # exit statuses
 STOPPED, TERMINATED, NO_READER = 128 + signal.SIGINT, 128 + signal.SIGTERM, 128 + signal.SIGPIPE
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+MOST_SEEDS = 10_000  # of a list
 
 
 class Terminated(KeyboardInterrupt):
@@ -63,6 +66,30 @@ class AppendValues(argparse.Action):
         """Append the values to those given before."""
         before = getattr(namespace, self.dest)
         setattr(namespace, self.dest, [*([] if before is self.default else before), *values])
+
+
+def parse_seeds(text: str) -> tuple[int, ...]:
+    """Seeds from numbers and ranges like 0-9 or 0,3,5-7.
+
+    Raises:
+        ConfigurationError: for other text, a seed named twice, or more than `MOST_SEEDS`.
+    """
+    spans: list[range] = []
+    for part in text.split(","):
+        match = re.fullmatch(r"\s*(\d{1,10})(?:-(\d{1,10}))?\s*", part)
+        first, last = (int(match[1]), int(match[2] or match[1])) if match else (1, 0)
+        if last < first:
+            raise ConfigurationError(f"seeds are numbers and ranges like 0-9 or 0,3,5-7, got {text!r}")
+        spans.append(range(first, last + 1))
+    if sum(map(len, spans)) > MOST_SEEDS:
+        raise ConfigurationError(
+            f"{text!r} are {sum(map(len, spans)):,} seeds; at most {MOST_SEEDS:,} are possible"
+        )
+    seeds = tuple(itertools.chain(*spans))
+    if len(set(seeds)) < len(seeds):
+        twice = next(seed for seed in seeds if seeds.count(seed) > 1)
+        raise ConfigurationError(f"seeds: {twice} is there twice")
+    return seeds
 
 
 def output_path(text: str) -> Path:

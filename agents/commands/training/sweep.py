@@ -17,8 +17,8 @@ from agents.learning.sweeps.plan import SweepPlan, SweepRun, make_runs, read_pla
 from agents.learning.sweeps.spread import ERROR, SUMMARY, RunResult, prepare, spread, write_summary
 from agents.learning.validation import checked_episodes
 from space_envs.errors import ConfigurationError
+from space_envs.system.command_line import parse_seeds
 from space_envs.system.parallel import BACKENDS, check_backend
-from space_envs.system.seeds import parse_seeds
 
 SPREADING = ("jobs", "backend", "address")  # options that only several runs have
 EPILOG = f"""\

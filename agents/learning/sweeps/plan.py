@@ -11,7 +11,7 @@ from typing import Any
 from agents.learning.runs.hyperparameters import AnyHyperparameters
 from agents.learning.runs.settings import Settings, settle
 from space_envs.errors import ConfigurationError, unknown_name
-from space_envs.system.seeds import parse_seeds
+from space_envs.system.command_line import parse_seeds
 
 MOST = 10_000  # runs of a sweep
 _TABLES = ("seeds", "fixed", "values")

@@ -11,7 +11,7 @@ import numpy as np
 from space_envs.errors import ConfigurationError
 from space_envs.evaluation.play.chunks import Chunk
 from space_envs.evaluation.play.episode_file import compact, from_arrays, to_arrays
-from space_envs.evaluation.play.episodes import Episodes
+from space_envs.evaluation.play.episodes import EpisodeBatch
 from space_envs.evaluation.play.playing import roll_out
 from space_envs.evaluation.play.timing import PolicyTime, time_policy
 from space_envs.evaluation.records.episode import EpisodeRecord
@@ -27,7 +27,7 @@ class ChunkResult:
     """Records without timing and episodes, in the same order, and wall seconds that they took."""
 
     records: tuple[EpisodeRecord, ...]
-    episodes: Episodes
+    episodes: EpisodeBatch
     seconds: float
 
     def save(self, path: Path) -> None:

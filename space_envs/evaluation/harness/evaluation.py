@@ -5,7 +5,7 @@ from typing import Any
 
 from space_envs.evaluation.play.chunks import CHUNK, Chunk, PolicySource
 from space_envs.evaluation.play.entry import EvaluatedTask
-from space_envs.evaluation.play.episodes import Episodes, task_keywords
+from space_envs.evaluation.play.episodes import EpisodeBatch, task_keywords
 from space_envs.evaluation.play.playing import split_indices
 from space_envs.evaluation.play.process.limits import TimeLimits
 from space_envs.evaluation.records.episode import SCHEMA_VERSION, EpisodeRecord
@@ -80,5 +80,5 @@ class Evaluated:
     """
 
     records: tuple[EpisodeRecord, ...]
-    episodes: Episodes
+    episodes: EpisodeBatch
     pace: tuple[float, ...]

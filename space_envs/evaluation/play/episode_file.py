@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from space_envs.errors import ConfigurationError
 from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
-from space_envs.evaluation.play.episodes import ARRAYS, Episodes
+from space_envs.evaluation.play.episodes import ARRAYS, EpisodeBatch
 from space_envs.system.files import write_arrays
 from space_envs.system.reading import parse_json, read_arrays
 
@@ -19,17 +19,17 @@ _GOAL = "goal_"  # begins the names of the goals' arrays
 _TYPES = {"f": np.float32, "i": np.int64, "U": np.str_}
 
 
-def compact(episodes: Episodes) -> Episodes:
+def compact(episodes: EpisodeBatch) -> EpisodeBatch:
     """Episodes as they are read back from a file: with 32-bit floats, and no arrays that a file has not."""
     arrays: dict[str, Any] = {
         name: getattr(episodes, name).astype(_TYPES[kind]) for name, (kind, _) in ARRAYS.items()
     }
-    return Episodes(
+    return EpisodeBatch(
         entry=episodes.entry, variant=episodes.variant, period=episodes.period, goal=episodes.goal, **arrays
     )
 
 
-def to_arrays(episodes: Episodes) -> dict[str, NDArray[Any]]:
+def to_arrays(episodes: EpisodeBatch) -> dict[str, NDArray[Any]]:
     """Arrays of a file, by name; equal episodes give equal arrays."""
     stored = compact(episodes)
     about = json.dumps({**asdict(stored.entry), "variant": stored.variant})
@@ -38,7 +38,7 @@ def to_arrays(episodes: Episodes) -> dict[str, NDArray[Any]]:
     return header | {name: getattr(stored, name) for name in ARRAYS} | goal
 
 
-def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> Episodes:
+def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> EpisodeBatch:
     """Episodes from the arrays of a file.
 
     Raises:
@@ -51,15 +51,15 @@ def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> Episodes:
     if set(given) != set(ARRAYS):
         raise ConfigurationError(f"holds {sorted(given)}, expected {sorted(ARRAYS)}")
     entry, variant = _read_about(about)
-    return Episodes(entry=entry, variant=variant, period=period, goal=goal, **given)
+    return EpisodeBatch(entry=entry, variant=variant, period=period, goal=goal, **given)
 
 
-def save_episodes(path: str | Path, episodes: Episodes) -> None:
+def save_episodes(path: str | Path, episodes: EpisodeBatch) -> None:
     """Write an npz file, whole or not at all; equal episodes give equal bytes."""
     write_arrays(path, to_arrays(episodes), compressed=True)
 
 
-def load_episodes(path: str | Path) -> Episodes:
+def load_episodes(path: str | Path) -> EpisodeBatch:
     """Read what `save_episodes` wrote; never unpickles anything.
 
     Raises:

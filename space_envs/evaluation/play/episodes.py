@@ -32,7 +32,7 @@ _KINDS = {"f": "real numbers", "i": "whole numbers", "U": "texts"}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Episodes:
+class EpisodeBatch:
     """K recorded episodes of a policy on a task, of at most T steps; an ended one repeats its last values.
 
     Building one checks types, shapes and values and raises ConfigurationError.
@@ -150,7 +150,7 @@ class Episodes:
         return kind(**{name: self.goal[name] for name in names})
 
 
-AnyEpisodes = TypeVar("AnyEpisodes", bound=Episodes)
+AnyEpisodes = TypeVar("AnyEpisodes", bound=EpisodeBatch)
 
 
 def concatenate(parts: Sequence[AnyEpisodes]) -> AnyEpisodes:

@@ -10,13 +10,13 @@ from space_envs.dynamics.rotations import Array
 from space_envs.envs import CaptureVectorEnv
 from space_envs.evaluation.play.causes import cause_of, missing_plans
 from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
-from space_envs.evaluation.play.episodes import Episodes
+from space_envs.evaluation.play.episodes import EpisodeBatch
 from space_envs.evaluation.play.integrals import Integrals, Totals
 from space_envs.evaluation.play.steps import Step
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Rollout(Episodes, Totals):
+class Rollout(EpisodeBatch, Totals):
     """K episodes that were just played, with n joints, m numbers an action and d an observation.
 
     Totals over every step of the simulation are in the fields of `Totals`.

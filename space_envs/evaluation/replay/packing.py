@@ -11,7 +11,7 @@ from markupsafe import Markup
 from numpy.typing import ArrayLike, NDArray
 
 from space_envs.evaluation.replay.replay import Replay
-from space_envs.evaluation.replay.scenes import Motion, Scene
+from space_envs.evaluation.replay.scenes import ReplayMotion, ReplayScene
 
 _FULL = 32767  # of a signed 16-bit number
 
@@ -41,7 +41,7 @@ def quantised(values: NDArray[np.float64]) -> tuple[NDArray[np.int16], float]:
     return np.round(values / unit).astype(np.int16), unit
 
 
-def scene_values(scene: Scene) -> dict[str, Any]:
+def scene_values(scene: ReplayScene) -> dict[str, Any]:
     """Vertices (int16 x 3), triangles (uint32 x 3), normals and gloss (int8 x 4), colours (uint8 x 4) and
     body (uint8), in this order, in `data`; the rest as numbers."""
     vertices, unit = quantised(scene.vertices)
@@ -76,7 +76,7 @@ def frames(steps: int, stride: int) -> NDArray[np.int64]:
     return np.unique(np.append(np.arange(0, steps + 1, stride), steps))
 
 
-def replay_values(replay: Replay, motion: Motion, stride: int = 1) -> dict[str, Any]:
+def replay_values(replay: Replay, motion: ReplayMotion, stride: int = 1) -> dict[str, Any]:
     """Frame times, courses and, in `data`, positions (int16, F x B x 3), then quaternions (int16, F x B x 4).
 
     Both are differences from frame to frame, modulo 2^16, which deflate well.

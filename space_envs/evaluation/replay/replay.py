@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.play.episodes import Episodes
+from space_envs.evaluation.play.episodes import EpisodeBatch
 from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.tasks.base import CaptureTask
 from space_envs.tasks.common import Goals
@@ -43,7 +43,7 @@ class Replay:
 
 
 def make_replays(
-    task: CaptureTask, episodes: Episodes, records: Sequence[EpisodeRecord]
+    task: CaptureTask, episodes: EpisodeBatch, records: Sequence[EpisodeRecord]
 ) -> tuple[Replay, ...]:
     """The best, the median and the worst episode; fewer where there are fewer episodes.
 
@@ -77,7 +77,9 @@ def _merit(record: EpisodeRecord) -> tuple[Any, ...]:
     return (not record.captured, *figures, record.seed, record.episode)
 
 
-def replay_of(label: str, row: int, task: CaptureTask, episodes: Episodes, record: EpisodeRecord) -> Replay:
+def replay_of(
+    label: str, row: int, task: CaptureTask, episodes: EpisodeBatch, record: EpisodeRecord
+) -> Replay:
     """Replay with this label of one of the episodes, whose record is given."""
     until = slice(0, int(episodes.length[row]) + 1)
     return Replay(

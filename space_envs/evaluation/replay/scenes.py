@@ -18,7 +18,7 @@ _ABOVE = 0.001  # m, a tile above what it lies on
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class ReplayScene:
     """Surfaces of all bodies, each in the frame of its body; the same for every episode of a task.
 
     Attributes:
@@ -48,7 +48,7 @@ class Scene:
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class ReplayMotion:
     """How the bodies of a scene move in an episode of T steps.
 
     Attributes:
@@ -61,7 +61,7 @@ class Motion:
     size: NDArray[np.float64]
 
 
-def make_scene(model: mujoco.MjModel) -> Scene:
+def make_scene(model: mujoco.MjModel) -> ReplayScene:
     """The surfaces of everything that moves or may be gone for; what belongs to the world is far away."""
     shown = [
         geom
@@ -76,7 +76,7 @@ def make_scene(model: mujoco.MjModel) -> Scene:
     counts = [len(part.solid.vertices) for part in parts]
     starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
     eye, centre, fovy = _view(model)
-    return Scene(
+    return ReplayScene(
         vertices=np.concatenate([part.solid.vertices for part in parts]),
         normals=np.concatenate([part.solid.normals for part in parts]),
         colours=np.repeat([part.colour for part in parts], counts, axis=0),
@@ -96,7 +96,7 @@ def make_scene(model: mujoco.MjModel) -> Scene:
     )
 
 
-def make_motion(replay: Replay, scene: Scene) -> Motion:
+def make_motion(replay: Replay, scene: ReplayScene) -> ReplayMotion:
     """Poses of the scene's bodies at every recorded state."""
     shared = replay.task.render_model
     model = copy.copy(shared)  # dressing may change it
@@ -110,7 +110,7 @@ def make_motion(replay: Replay, scene: Scene) -> Motion:
         mujoco.mj_kinematics(model, data)
         position[step], quaternion[step] = data.xpos[bodies], data.xquat[bodies]
     first = model.body_geomadr[bodies]
-    return Motion(position, quaternion, model.geom_rbound[first] / shared.geom_rbound[first])
+    return ReplayMotion(position, quaternion, model.geom_rbound[first] / shared.geom_rbound[first])
 
 
 @dataclass(frozen=True, eq=False)

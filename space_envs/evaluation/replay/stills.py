@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from space_envs.errors import RenderingError
 from space_envs.evaluation.play.entry import LeaderboardEntry
-from space_envs.evaluation.play.episodes import Episodes
+from space_envs.evaluation.play.episodes import EpisodeBatch
 from space_envs.tasks.base import CaptureTask
 
 FRAMES = 4
@@ -25,7 +25,7 @@ class Still:
 
 
 def capture_pictures(
-    task: CaptureTask, episodes: Mapping[LeaderboardEntry, Episodes]
+    task: CaptureTask, episodes: Mapping[LeaderboardEntry, EpisodeBatch]
 ) -> tuple[dict[LeaderboardEntry, list[Still]], str]:
     """Stills (HEIGHT, WIDTH, 3) of each policy's farthest capture, and a note where there are none."""
     from space_envs.rendering import Renderer  # OpenGL may be missing, and is not needed without pictures

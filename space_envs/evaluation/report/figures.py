@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from space_envs.dynamics.rotations import Array
-from space_envs.evaluation.play.episodes import Episodes
+from space_envs.evaluation.play.episodes import EpisodeBatch
 from space_envs.evaluation.records.names import display_name, figure_name
 from space_envs.evaluation.report.drawing import INK, LONE, Panel, draw_panel, label_points
 from space_envs.evaluation.report.tables import row_name
@@ -266,7 +266,7 @@ def cost_plot(rows: Sequence[Row], shade: Mapping[str, Look]) -> Plot | None:
     return Plot("cost", "Cost against planning time", caption, (panel,))
 
 
-def attitude_plot(episodes: Mapping[str, Episodes], shade: Mapping[str, Look]) -> Plot | None:
+def attitude_plot(episodes: Mapping[str, EpisodeBatch], shade: Mapping[str, Look]) -> Plot | None:
     """Base attitude against time: median and quartile band of each policy, all the others in grey behind."""
     if not episodes:
         return None
@@ -279,7 +279,7 @@ def attitude_plot(episodes: Mapping[str, Episodes], shade: Mapping[str, Look]) -
     panels = []
     for number, (policy, own) in enumerate(episodes.items()):
 
-        def draw(axes: Axes, policy: str = policy, own: Episodes = own) -> None:
+        def draw(axes: Axes, policy: str = policy, own: EpisodeBatch = own) -> None:
             for other, band in bands.items():
                 if other != policy:
                     axes.plot(episodes[other].time, band[1], color=INK, alpha=0.2, lw=0.9)
@@ -304,7 +304,7 @@ def attitude_plot(episodes: Mapping[str, Episodes], shade: Mapping[str, Look]) -
     return Plot("attitude", "Base attitude against time", caption, tuple(panels))
 
 
-def motion_plot(episodes: Mapping[str, Episodes]) -> Plot | None:
+def motion_plot(episodes: Mapping[str, EpisodeBatch]) -> Plot | None:
     """Rotation and translation of the base in one episode, the same one for every policy."""
     moving = {policy: own for policy, own in episodes.items() if any(map(np.any, own.base_displacement()))}
     if not moving:
@@ -362,7 +362,7 @@ def _from_zero(axes: Axes, values: Sequence[float]) -> None:
         axes.set_xlim(left=-0.03 * axes.get_xlim()[1])
 
 
-def representative_episode(episodes: Mapping[str, Episodes]) -> int:
+def representative_episode(episodes: Mapping[str, EpisodeBatch]) -> int:
     """Episode with the middle peak attitude, taking for each episode the median over policies."""
     count = min(len(own) for own in episodes.values())
     peaks = np.median([own.attitude[:count].max(axis=1) for own in episodes.values()], axis=0)

@@ -9,7 +9,7 @@ from space_envs.errors import ConfigurationError
 from space_envs.evaluation.harness.runner import CHUNKS, PLAN, progress
 from space_envs.evaluation.play.entry import LeaderboardEntry
 from space_envs.evaluation.play.episode_file import load_episodes
-from space_envs.evaluation.play.episodes import Episodes
+from space_envs.evaluation.play.episodes import EpisodeBatch
 from space_envs.evaluation.records.configuration import configuration_hash
 from space_envs.evaluation.records.episode import RECORDS, SCHEMA_VERSION, SUMMARY, EpisodeRecord
 from space_envs.evaluation.records.storage import read_records
@@ -43,7 +43,7 @@ class ResultFolder:
         """What defines each task, by its hash, as far as the folder says."""
         return self.provenance.get("configurations", {})
 
-    def episodes(self, entry: LeaderboardEntry) -> Episodes | None:
+    def episodes(self, entry: LeaderboardEntry) -> EpisodeBatch | None:
         """Recorded episodes of an entry, if there are any.
 
         Raises:

@@ -7,7 +7,7 @@ from typing import Any
 
 from space_envs.errors import ConfigurationError
 from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
-from space_envs.evaluation.play.episodes import Episodes, concatenate
+from space_envs.evaluation.play.episodes import EpisodeBatch, concatenate
 from space_envs.evaluation.records.episode import RECORDS, EpisodeRecord
 from space_envs.evaluation.replay.replay import Replay, make_replays
 from space_envs.evaluation.results.agreement import check_agreement
@@ -66,7 +66,7 @@ def merge(
         entries.setdefault(entry, []).append(one)
     for group in entries.values():
         group.sort(key=lambda one: (one.record.seed, one.record.episode))
-    episodes: dict[LeaderboardEntry, Episodes] = {}
+    episodes: dict[LeaderboardEntry, EpisodeBatch] = {}
     replays: dict[LeaderboardEntry, Sequence[Replay]] = {}
     unknown: dict[str, None] = {}
     for entry, group in entries.items():
@@ -129,7 +129,7 @@ def _conflict(one: _Kept, two: _Kept) -> str:
     )
 
 
-def _episodes(entry: LeaderboardEntry, group: Sequence[_Kept]) -> Episodes | None:
+def _episodes(entry: LeaderboardEntry, group: Sequence[_Kept]) -> EpisodeBatch | None:
     """Recorded ones of the episodes that were kept."""
     parts = []
     for source in dict.fromkeys(one.source for one in group):
@@ -143,7 +143,7 @@ def _episodes(entry: LeaderboardEntry, group: Sequence[_Kept]) -> Episodes | Non
     return concatenate(parts) if parts else None
 
 
-def _replays(episodes: Episodes, group: Sequence[_Kept]) -> Sequence[Replay]:
+def _replays(episodes: EpisodeBatch, group: Sequence[_Kept]) -> Sequence[Replay]:
     records = {(one.record.seed, one.record.episode): one.record for one in group}
     pairs = zip(episodes.seed.tolist(), episodes.episode.tolist(), strict=True)
     return make_replays(episodes.task(), episodes, [records[pair] for pair in pairs])

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from space_envs.evaluation.play.entry import LeaderboardEntry
-from space_envs.evaluation.play.episodes import Episodes
+from space_envs.evaluation.play.episodes import EpisodeBatch
 from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.records.names import joined_file_name
 from space_envs.evaluation.replay.replay import Replay
@@ -27,7 +27,7 @@ class EvaluationResult:
     """
 
     records: Sequence[EpisodeRecord]
-    episodes: Mapping[LeaderboardEntry, Episodes] = field(default_factory=dict)
+    episodes: Mapping[LeaderboardEntry, EpisodeBatch] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)
     pictures: Mapping[LeaderboardEntry, Sequence[Still]] = field(default_factory=dict)
     pictures_note: str = ""

@@ -8,7 +8,7 @@ from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
 from space_envs.evaluation.records.names import display_name
 from space_envs.evaluation.replay.packing import json_text, replay_values, scene_values, size_of
 from space_envs.evaluation.replay.replay import Replay
-from space_envs.evaluation.replay.scenes import Motion, make_motion, make_scene
+from space_envs.evaluation.replay.scenes import ReplayMotion, make_motion, make_scene
 from space_envs.evaluation.report.figures import Look
 from space_envs.evaluation.report.tables import row_name
 from space_envs.evaluation.statistics.row import Row
@@ -30,7 +30,7 @@ def page_replays(
     """
     owners: dict[str, int] = {}  # by the scene's JSON
     made: dict[EvaluatedTask, dict[str, Any] | None] = {}
-    motions: dict[LeaderboardEntry, list[tuple[Replay, Motion]]] = {}
+    motions: dict[LeaderboardEntry, list[tuple[Replay, ReplayMotion]]] = {}
     for number, (task, rows) in enumerate(tasks):
         shown = [row for row in rows if replays.get(row.entry)]
         if not shown:
@@ -59,7 +59,7 @@ def page_replays(
 
 
 def _fitting(
-    motions: Mapping[LeaderboardEntry, Sequence[tuple[Replay, Motion]]],
+    motions: Mapping[LeaderboardEntry, Sequence[tuple[Replay, ReplayMotion]]],
 ) -> tuple[int, dict[LeaderboardEntry, list[dict[str, Any]]]]:
     """Every motion's values, with the least stride between states with which all fit into the page."""
     stride = 1
