@@ -11,7 +11,8 @@ import mujoco
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from synthetic_results import HOSTILE, changed, make_played, make_record
+from played_episodes import rows_of
+from synthetic_results import HOSTILE, PlayedEpisodes, changed, make_played, make_record
 
 from space_envs.errors import ConfigurationError
 from space_envs.evaluation.replay.packing import (
@@ -21,19 +22,25 @@ from space_envs.evaluation.replay.packing import (
     quantised,
     replay_values,
     scene_values,
+    size_of,
 )
 from space_envs.evaluation.replay.replay import Replay, make_replays
 from space_envs.evaluation.replay.scenes import make_motion, make_scene
 from space_envs.evaluation.replay.solids import Solid, box, capsule, cylinder, ellipsoid, geom_solid
 from space_envs.evaluation.replay.videos import write_videos
-from space_envs.evaluation.report.page.replays import REPLAY_LETTERS
+from space_envs.evaluation.report.figures import looks
+from space_envs.evaluation.report.page.replays import REPLAY_LETTERS, page_replays
 from space_envs.registration import ENTRIES, make_task
 from space_envs.rendering import missing_gl
 
 
 @pytest.fixture(scope="module")
-def replays() -> tuple[Replay, ...]:
-    played = make_played("minimum_jerk", episodes=3)
+def played() -> PlayedEpisodes:
+    return make_played("minimum_jerk", episodes=3)
+
+
+@pytest.fixture(scope="module")
+def replays(played: PlayedEpisodes) -> tuple[Replay, ...]:
     return make_replays(played.task, played.episodes, played.records)
 
 
@@ -237,25 +244,25 @@ def test_json_text_ends_no_script() -> None:
 
 
 def test_many_replays_lose_frames_and_fit(
-    replays: tuple[Replay, ...], monkeypatch: pytest.MonkeyPatch
+    played: PlayedEpisodes, replays: tuple[Replay, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from space_envs.evaluation.report.page.html import replays as page_replays
+    rows = rows_of(played.records)
+    task, entry = rows[0].task, rows[0].entry
 
-    motions = {
-        make_played("minimum_jerk", 3).records[0].entry: [
-            (one, make_motion(one, make_scene(one.task.render_model))) for one in replays
-        ]
-    }
-    stride, values = page_replays._fitting(motions)
-    (whole,) = values.values()
-    assert stride == 1 and [len(each["time"]) for each in whole] == [len(one.time) for one in replays]
-    size = sum(len(json_text(each)) for each in whole)
+    def shown() -> tuple[int, list[list[float]], int]:
+        """Stride, times of the frames of each replay, and size of what the page holds of them."""
+        found = page_replays([(task, rows)], {entry: replays}, looks([entry.policy]))[task]
+        assert found is not None
+        episodes = json.loads(found["json"])["policies"][0]["episodes"]
+        return found["stride"], [one["time"] for one in episodes], sum(map(size_of, episodes))
+
+    stride, times, size = shown()
+    assert stride == 1 and [len(each) for each in times] == [len(one.time) for one in replays]
     assert size < REPLAY_LETTERS / 80
-    monkeypatch.setattr(page_replays, "REPLAY_LETTERS", size // 2)
-    stride, values = page_replays._fitting(motions)
-    (fewer,) = values.values()
-    assert stride > 1 and sum(len(json_text(each)) for each in fewer) <= size // 2
-    assert [each["time"][-1] for each in fewer] == [each["time"][-1] for each in whole]
+    monkeypatch.setattr("space_envs.evaluation.report.page.replays.REPLAY_LETTERS", size // 2)
+    stride, fewer, smaller = shown()
+    assert stride > 1 and smaller <= size // 2
+    assert [each[-1] for each in fewer] == [each[-1] for each in times]
 
 
 def test_video_of_a_replay(replays: tuple[Replay, ...], tmp_path: Path) -> None:
