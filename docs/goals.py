@@ -9,13 +9,13 @@ import numpy as np
 from docs.reading import comments, described, number, section, table
 from space_envs.dynamics.reactionless import end_effectors
 from space_envs.dynamics.rotations import Array, rotate
-from space_envs.tasks import clutter, dual_arm, single_arm
 from space_envs.tasks.base import CaptureTask
 from space_envs.tasks.common import DIFFICULTIES, SPLITS
 from space_envs.tasks.dual_arm import DualArmTask
+from space_envs.tasks.goals import clutter, poses, tumbling
+from space_envs.tasks.goals.targets import Draws, TargetGoals
 from space_envs.tasks.single_arm import SingleArmTask
 from space_envs.tasks.single_arm_cluttered import SingleArmClutteredTask
-from space_envs.tasks.targets import Draws, TargetGoals
 
 SPLIT_TEXT = {
     "train": "training and demonstrations",
@@ -62,19 +62,19 @@ def _drawn(task: Any, difficulty: str, split: str) -> Any:
 
 
 def _single_arm(task: SingleArmTask) -> str:
-    said = comments(single_arm)["RADIUS"]
+    said = comments(poses)["RADIUS"]
     start = task.robot.end_effector_pose(task.robot.home)[0]
     rows = []
     for difficulty in DIFFICULTIES:
         distances = [
             np.linalg.norm(_drawn(task, difficulty, split).position - start, axis=-1) for split in SHOWN
         ]
-        rows.append([f"`{difficulty}`", number(single_arm.RADIUS[difficulty]), *map(_spread, distances)])
+        rows.append([f"`{difficulty}`", number(poses.RADIUS[difficulty]), *map(_spread, distances)])
     return "\n\n".join(
         [
-            *_splits(task, single_arm.SPLIT_SEED),
-            f"Out of distribution, the largest joint displacement is {_span(single_arm.OOD_RADIUS)} of the "
-            f"radius, and the satellite's mass and inertia are {_span(single_arm.OOD_MASS)} of the nominal "
+            *_splits(task, poses.SPLIT_SEED),
+            f"Out of distribution, the largest joint displacement is {_span(poses.OOD_RADIUS)} of the "
+            f"radius, and the satellite's mass and inertia are {_span(poses.OOD_MASS)} of the nominal "
             "ones. Policies are given the nominal model all the same.",
             "Distances are those of the goals from the initial end-effector position: minimum, median, "
             f"maximum. Radius: {said[0].lower()}{said[1:]}",
@@ -111,11 +111,11 @@ def _cluttered(task: SingleArmClutteredTask) -> str:
             "distinguish them. A scene is accepted if a detour, a minimum-jerk motion with a bump in joint "
             "space, ends at the inertial goal clear of every sphere and within the limits of rate and "
             "acceleration; out of distribution, with the satellite's true mass. The indices of scene, detour "
-            "and spheres are stored with the project (`space_envs.tasks.freeze` finds them); the constants "
-            "of `space_envs.tasks.clutter` define the criteria:",
+            "and spheres are stored with the project (`space_envs.tasks.goals.freeze` finds them); the "
+            "constants of `space_envs.tasks.goals.clutter` define the criteria:",
             table(("constant", "value", "meaning"), constants),
-            f"Out of distribution, the largest joint displacement is {_span(single_arm.OOD_RADIUS)} of the "
-            f"radius, and the satellite's mass and inertia are {_span(single_arm.OOD_MASS)} of the nominal "
+            f"Out of distribution, the largest joint displacement is {_span(poses.OOD_RADIUS)} of the "
+            f"radius, and the satellite's mass and inertia are {_span(poses.OOD_MASS)} of the nominal "
             "ones. Policies are given the nominal model all the same.",
             "Distances of the goals from the initial end-effector position, and radii of the spheres: "
             "minimum, median, maximum.",
@@ -148,8 +148,8 @@ def _dual_arm(task: DualArmTask) -> str:
             cells += [_spread(_distances(task, found)), _spread(spin)]
         measured.append(cells)
     constants = [
-        (f"`{name}`", number(getattr(dual_arm, name)), text)
-        for name, text in comments(dual_arm).items()
+        (f"`{name}`", number(getattr(tumbling, name)), text)
+        for name, text in comments(tumbling).items()
         if name.isupper() and not name.startswith("_") and name != "DEFAULT_TIMESTEP"
     ]
     return "\n\n".join(
@@ -159,13 +159,13 @@ def _dual_arm(task: DualArmTask) -> str:
             f"distance of the grapple points from the centre, {_span(draws.half_width)} m. All other "
             "quantities are drawn from ranges that depend on the difficulty:",
             table(("range", *(f"`{d}`" for d in DIFFICULTIES), "quantity"), ranges),
-            f"Out of distribution, the target lies {_span(dual_arm.OOD_FACTOR)} times as far away as "
-            f"these ranges allow and rotates up to {number(dual_arm.OOD_FACTOR[1])} times as fast, and the "
-            f"satellite's mass and inertia are {_span(dual_arm.OOD_MASS)} of the nominal ones. Policies are "
+            f"Out of distribution, the target lies {_span(tumbling.OOD_FACTOR)} times as far away as "
+            f"these ranges allow and rotates up to {number(tumbling.OOD_FACTOR[1])} times as fast, and the "
+            f"satellite's mass and inertia are {_span(tumbling.OOD_MASS)} of the nominal ones. Policies are "
             "given the nominal model all the same.",
             "Goals that cannot be reached by a reactionless motion from rest are drawn again. The index of "
             "the first reachable draw of each goal is stored with the project "
-            "(`space_envs.tasks.freeze` finds it); the constants of `space_envs.tasks.dual_arm` "
+            "(`space_envs.tasks.goals.freeze` finds it); the constants of `space_envs.tasks.goals.tumbling` "
             "define the criteria:",
             table(("constant", "value", "meaning"), constants),
             "Resulting initial distances of the end-effectors from their grapple points, and angular "

@@ -7,7 +7,8 @@ import mujoco
 
 from space_envs import register
 from space_envs.robots.single_arm import ModelOptions, single_arm_spec
-from space_envs.tasks.single_arm import PoseGoals, SingleArmTask
+from space_envs.tasks.goals.poses import PoseGoals
+from space_envs.tasks.single_arm import SingleArmTask
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from space_envs.envs import CaptureVectorEnv
-from space_envs.tasks import clutter
+from space_envs.tasks.goals import clutter, detours
 from space_envs.tasks.single_arm_cluttered import SingleArmClutteredTask, frozen_draws
 
 ENV_ID = "SpaceCapture/SingleArmCluttered-v0"
@@ -19,5 +19,5 @@ def scene(variant, difficulty, split, indices):
     robot = SingleArmClutteredTask(variant=variant).robot
     draws = frozen_draws(variant, difficulty, split)[indices]
     scenes = clutter.draw_scenes(robot, difficulty, split, indices, draws[:, 0])
-    vias = clutter.draw_detours(scenes, difficulty, split, indices, draws[:, 0])
+    vias = detours.draw_detours(scenes, difficulty, split, indices, draws[:, 0])
     return robot, scenes, scenes.goals(draws[:, 2:]), vias[np.arange(len(indices)), draws[:, 1]]

@@ -9,8 +9,9 @@ from space_envs.dynamics.reactionless import Reached, end_effectors, reach
 from space_envs.dynamics.rigid_body import tumble
 from space_envs.dynamics.rotations import Array, exponential, logarithm, multiply, rotate
 from space_envs.registration import make_task
-from space_envs.tasks.dual_arm import MEETING, DualArmTask
-from space_envs.tasks.targets import TargetGoals
+from space_envs.tasks.dual_arm import DualArmTask
+from space_envs.tasks.goals.targets import TargetGoals
+from space_envs.tasks.goals.tumbling import RENDEZVOUS_TIME
 
 IDS = ("SpaceCapture/DualArmPlanar-v0", "SpaceCapture/DualArmSpatial-v0")
 
@@ -22,11 +23,15 @@ def task_of(env_id: str, **keywords: Any) -> DualArmTask:
 
 def at_meeting(task: DualArmTask, goals: TargetGoals) -> tuple[Array, Array, Array, Array | None]:
     """Attitude (K, 4) and spin (K, 3) of targets when they are met, grapple points and ways in (K, 2, 3)."""
-    times = np.array([MEETING])
+    times = np.array([RENDEZVOUS_TIME])
     attitude, spin = tumble(goals.quaternion, goals.angular_velocity, np.array(task.target.inertia), times)
     turn = attitude[:, 0][:, None]
     points = goals.position[:, None] + rotate(turn, task.grapples(goals.half_width))
-    axes = None if task.way_in is None else rotate(turn, np.broadcast_to(task.way_in, points.shape))
+    axes = (
+        None
+        if task.approach_axes is None
+        else rotate(turn, np.broadcast_to(task.approach_axes, points.shape))
+    )
     return attitude[:, 0], spin[:, 0], points, axes
 
 

@@ -43,7 +43,7 @@ ROOMS = (
 )
 MOST_FILES = 12  # of a room
 # To be divided, or given another name: whoever does so takes it from the list, which no longer grows.
-PENDING_ROOMS = {"reproduce/shyam2020", "space_envs/tasks"}
+PENDING_ROOMS = {"reproduce/shyam2020"}
 PENDING_CLASSES = {"Entry", "Setting", "Case", "Method", "Worked", "Played"}
 FULLER = {
     "benchmarks": "one file a benchmark, and none imports another but what several share",
@@ -54,7 +54,6 @@ PROMP_NEEDS = {"numpy"}
 
 LONGEST = 400
 LONGER = {
-    "space_envs/envs/capture.py": "one class, whose parts share the bookkeeping of episodes",
     "tests/test_dynamics.py": "one check after another of the same functions, on the same robots",
     "tests/test_envs.py": "one suite through which every id and control mode goes",
     "tests/test_experts.py": "one suite through which every planner goes",

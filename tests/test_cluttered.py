@@ -21,7 +21,7 @@ from space_envs.evaluation.records.storage import read_records
 from space_envs.policy import PolicyContext
 from space_envs.robots.parameters import SINGLE_ARM, VARIANTS
 from space_envs.robots.single_arm import ModelOptions, single_arm_model
-from space_envs.tasks import clutter
+from space_envs.tasks.goals import clutter
 from space_envs.tasks.single_arm_cluttered import SingleArmClutteredTask
 
 RADIUS = SINGLE_ARM.link_radius

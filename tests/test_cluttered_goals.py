@@ -7,8 +7,8 @@ from cluttered_scenes import make, scene
 from space_envs.dynamics import minimum_jerk, roll_out_base
 from space_envs.dynamics.spheres import link_ends, sphere_gaps
 from space_envs.robots.parameters import SINGLE_ARM, VARIANTS
-from space_envs.tasks import clutter
 from space_envs.tasks.common import DIFFICULTIES, SPLITS
+from space_envs.tasks.goals import clutter, detours
 from space_envs.tasks.single_arm_cluttered import SingleArmClutteredTask, frozen_draws
 
 RADIUS = SINGLE_ARM.link_radius
@@ -26,10 +26,10 @@ def test_straight_ways_are_blocked_and_detours_clear(variant, difficulty, split)
     for name, value in vars(task.goals(split, indices)).items():
         np.testing.assert_allclose(value, getattr(goals, name), atol=1e-12)
     gaps = {}
-    end, good = clutter.way_around(robot, goals, scenes.end, via)
+    end, good = detours.way_around(robot, goals, scenes.end, via)
     assert good.all()
     for name, to, bump in (("straight", scenes.end, 0 * via), ("detour", end, via)):
-        q, qdot, dt = clutter.detour(scenes.start, to, bump, 301)
+        q, qdot, dt = detours.detour(scenes.start, to, bump, 301)
         base = roll_out_base(robot, q, qdot, dt)
         gap = sphere_gaps(link_ends(robot, q, *base), goals.spheres[:, None], RADIUS)
         gaps[name] = gap.min(axis=2)  # (K, T, spheres)
@@ -63,9 +63,9 @@ def test_some_spheres_are_decoys_and_their_order_says_nothing():
 def test_detours_capture_in_the_simulation_without_a_collision(split):
     indices = np.arange(32)
     robot, scenes, goals, via = scene("paper", "medium", split, indices)
-    end, good = clutter.way_around(robot, goals, scenes.end, via)
+    end, good = detours.way_around(robot, goals, scenes.end, via)
     assert good.all()
-    angles, rates, _ = clutter.detour(scenes.start, end, via, 101)
+    angles, rates, _ = detours.detour(scenes.start, end, via, 101)
     env = make(32)
     env.reset(options={"split": split, "index": indices})
     for step in range(1, 130):
@@ -102,6 +102,6 @@ def test_goals_are_frozen_and_disjoint():
 def test_freezing_again_finds_the_same_draws(variant):
     robot = SingleArmClutteredTask(variant=variant).robot
     np.testing.assert_array_equal(
-        clutter.find_draws(robot, "medium", "validation", 0),
+        detours.find_draws(robot, "medium", "validation", 0),
         frozen_draws(variant, "medium", "validation")[:64],
     )

@@ -20,7 +20,7 @@ from space_envs.registration import ENTRIES
 from space_envs.robots.parameters import DUAL_ARM_SPATIAL, SINGLE_ARM
 from space_envs.tasks.base import BLOCK
 from space_envs.tasks.common import DIFFICULTIES, SPLITS
-from space_envs.tasks.single_arm import goal_configurations
+from space_envs.tasks.goals.poses import goal_configurations
 
 IDS = sorted(ENTRIES)
 SINGLE, CLUTTERED = "SpaceCapture/SingleArm-v0", "SpaceCapture/SingleArmCluttered-v0"

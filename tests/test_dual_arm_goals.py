@@ -14,7 +14,7 @@ from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError, GoalError
 from space_envs.tasks.base import BLOCK
 from space_envs.tasks.common import DIFFICULTIES, SPLITS
-from space_envs.tasks.dual_arm import OOD_FACTOR, OOD_MASS, REACHED, find_attempts, frozen_attempts
+from space_envs.tasks.goals.tumbling import OOD_FACTOR, OOD_MASS, REACHED, find_attempts, frozen_attempts
 
 every_id = pytest.mark.parametrize("env_id", IDS)
 
@@ -60,7 +60,7 @@ def test_every_goal_is_reached_by_a_reactionless_motion(env_id, difficulty):
     for split in ("test", "ood"):
         goals = task.goals(split, np.arange(3, 512, 64))
         found = reached(task, goals)
-        # Drawn at the meeting and integrated back to the start: forwards again it is the same to 1e-9.
+        # Drawn at the rendezvous and integrated back to the start: forwards again it is the same to 1e-9.
         assert found.distance.max() < REACHED[0] * 1.001
         assert found.angle.max() < REACHED[1] * 1.001
         assert (found.q > task.robot.range[:, 0]).all() and (found.q < task.robot.range[:, 1]).all()

@@ -26,7 +26,7 @@ from space_envs.dynamics.rotations import Array
 from space_envs.dynamics.symbolic import SymbolicRobot
 from space_envs.errors import ConfigurationError
 from space_envs.robots.dual_arm import END_EFFECTORS, DualArmOptions, dual_arm_model
-from space_envs.tasks.dual_arm import MEETING
+from space_envs.tasks.goals.tumbling import RENDEZVOUS_TIME
 
 # The canonical planar case: configuration, target and half distance of the grapple points are our reading of
 # shah2013, velocities are the paper's; the energy is that of a motion known to exist.
@@ -60,7 +60,7 @@ def cases(kind: str, difficulty: str, count: int) -> list[tuple[Capture, Surroun
     found = []
     for k in range(count):
         axis = None if axes is None else axes[k]
-        capture = Capture(goals.joint_position[k], MEETING, points[k], velocity[k], axis)
+        capture = Capture(goals.joint_position[k], RENDEZVOUS_TIME, points[k], velocity[k], axis)
         motion = turning_target(
             goals.position[k],
             goals.quaternion[k],
@@ -195,7 +195,7 @@ def test_planar_plans_are_exact_within_limits_and_clear(number: int) -> None:
     capture, around = cases("planar", "medium", 4)[number]
     plan = planned("planar", capture, drives("planar"), around)
     check_plan("planar", capture, drives("planar"), plan)
-    gap = gaps(robot_of("planar"), around, plan.time, plan.position, MEETING, capture.start)
+    gap = gaps(robot_of("planar"), around, plan.time, plan.position, RENDEZVOUS_TIME, capture.start)
     assert gap.least > 0.0
 
 
@@ -203,7 +203,7 @@ def test_spatial_plans_reach_places_velocities_and_axes() -> None:
     for capture, around in cases("spatial", "medium", 2):
         plan = planned("spatial", capture, drives("spatial"), around)
         check_plan("spatial", capture, drives("spatial"), plan)
-        gap = gaps(robot_of("spatial"), around, plan.time, plan.position, MEETING, capture.start)
+        gap = gaps(robot_of("spatial"), around, plan.time, plan.position, RENDEZVOUS_TIME, capture.start)
         assert gap.least > 0.0
 
 
@@ -431,7 +431,7 @@ def test_nearly_all_goals_of_the_tasks_have_a_plan(kind: str, difficulty: str) -
         found.append(isinstance(plan, CapturePlan))
         if isinstance(plan, CapturePlan):
             check_plan(kind, capture, drives(kind), plan)
-            gap = gaps(robot_of(kind), around, plan.time, plan.position, MEETING, capture.start)
+            gap = gaps(robot_of(kind), around, plan.time, plan.position, RENDEZVOUS_TIME, capture.start)
             assert gap.least > 0.0
         else:
             assert plan.cause == Cause.CLEARANCE

@@ -18,7 +18,7 @@ _NAMES = np.array([outcome.value for outcome in Outcome], dtype=object)  # by co
 _TERMINATED = np.array([outcome.flag == "terminated" for outcome in Outcome])  # by code
 
 
-class Episodes:
+class EpisodeTracker:
     """N episodes of a task.
 
     Attributes:

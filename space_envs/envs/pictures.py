@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from space_envs.envs.episodes import Episodes
+from space_envs.envs.episodes import EpisodeTracker
 from space_envs.envs.keywords import CAMERA, EnvOptions
 from space_envs.errors import unknown_name
 from space_envs.simulation import Simulation
@@ -36,7 +36,7 @@ class Pictures:
         }
         self._renderer: Renderer | None = None
 
-    def draw(self, simulation: Simulation, episodes: Episodes) -> tuple[NDArray[np.uint8], ...]:
+    def draw(self, simulation: Simulation, episodes: EpisodeTracker) -> tuple[NDArray[np.uint8], ...]:
         """Pictures (H, W, 3) of all episodes.
 
         Raises:
@@ -48,11 +48,11 @@ class Pictures:
             pictures.append(renderer.render(simulation.state(row)))
         return tuple(pictures)
 
-    def show(self, simulation: Simulation, episodes: Episodes) -> None:
+    def show(self, simulation: Simulation, episodes: EpisodeTracker) -> None:
         """Show the first episode in a window; errors as in `draw`."""
         self._prepared(episodes, 0).show(simulation.state(0))
 
-    def _prepared(self, episodes: Episodes, row: int) -> "Renderer":
+    def _prepared(self, episodes: EpisodeTracker, row: int) -> "Renderer":
         """The renderer, with the visuals of a row's goal."""
         if self._renderer is None:
             from space_envs.rendering import Renderer  # pictures are rare, and OpenGL may be missing

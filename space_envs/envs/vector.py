@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from space_envs.control import MODES, Drive
 from space_envs.dynamics.rotations import Array
 from space_envs.envs.actions import checked_actions
-from space_envs.envs.episodes import Episodes
+from space_envs.envs.episodes import EpisodeTracker
 from space_envs.envs.infos import masked
 from space_envs.envs.keywords import RENDER_MODES, EnvKeywords, EnvOptions, explicit_keywords
 from space_envs.envs.limits import checked_num_envs
@@ -95,7 +95,7 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
             "autoreset_mode": autoreset_mode,
         }
         self._simulate(options.threads)
-        self.episodes = Episodes(self.task, self.num_envs)
+        self.episodes = EpisodeTracker(self.task, self.num_envs)
         self._seeds = Seeds(self.num_envs)
         self._spec: EnvSpec | None = None
         self._started = False

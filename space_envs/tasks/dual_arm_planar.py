@@ -10,9 +10,10 @@ from space_envs.dynamics.rotations import Array
 from space_envs.robots.dual_arm import DualArmOptions, dual_arm_model
 from space_envs.robots.parameters import DUAL_ARM_PLANAR
 from space_envs.tasks.common import Field, GoalOption, ObservationLayout
-from space_envs.tasks.dual_arm import FASTEST_SPIN, DualArmTask, sensor_columns
+from space_envs.tasks.dual_arm import FASTEST_SPIN, sensor_columns
+from space_envs.tasks.goals.targets import Draws, TargetGoals
+from space_envs.tasks.goals.tumbling import TumblingTargetTask
 from space_envs.tasks.rewards import DENSE
-from space_envs.tasks.targets import Draws, TargetGoals
 
 LAYOUT = ObservationLayout(
     (
@@ -60,7 +61,7 @@ _SLICES = LAYOUT.slices
 
 
 @dataclass(frozen=True)
-class DualArmPlanarTask(DualArmTask):
+class DualArmPlanarTask(TumblingTargetTask):
     """Two planar arms on a 500 kg satellite take a tumbling object, attitude kept.
 
     Attributes:
@@ -89,7 +90,7 @@ class DualArmPlanarTask(DualArmTask):
         start=(0.1, 0.2, 0.35),
         half_width=(0.2, 0.4),
     )
-    way_in = None
+    approach_axes = None
     measured = _MEASURED
     outward = np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]])
     seeds = {"train": 20_301, "validation": 20_302, "test": 20_303, "ood": 20_304}
@@ -105,13 +106,13 @@ class DualArmPlanarTask(DualArmTask):
         """Of the model that is simulated."""
         return DualArmOptions("planar", self.step_size, mounts=self.mounts)
 
-    def turned(self, rng: np.random.Generator, largest: float) -> Array:
-        """Draw an attitude (4,) of the target at the meeting."""
+    def draw_attitude(self, rng: np.random.Generator, largest: float) -> Array:
+        """Draw an attitude (4,) of the target at the rendezvous."""
         half = 0.5 * rng.uniform(-largest, largest)
         return np.array([np.cos(half), 0.0, 0.0, np.sin(half)])
 
-    def spun(self, rng: np.random.Generator, least: float, largest: float) -> Array:
-        """Draw an angular velocity (3,) of the target at the meeting, rad/s."""
+    def draw_angular_velocity(self, rng: np.random.Generator, least: float, largest: float) -> Array:
+        """Draw an angular velocity (3,) of the target at the rendezvous, rad/s."""
         return np.array([0.0, 0.0, rng.choice([-1.0, 1.0]) * rng.uniform(least, largest)])
 
     def given_goals(self, values: Mapping[str, Array], joint_position: Array | None) -> TargetGoals:

@@ -11,8 +11,9 @@ from space_envs.dynamics.rotations import Array, exponential, rotation_angle
 from space_envs.robots.dual_arm import DualArmOptions, dual_arm_model
 from space_envs.robots.parameters import DUAL_ARM_SPATIAL
 from space_envs.tasks.common import UNIT, CaptureEnvelope, CaptureLimits, Field, GoalOption, ObservationLayout
-from space_envs.tasks.dual_arm import FASTEST_SPIN, DualArmTask, sensor_columns
-from space_envs.tasks.targets import Draws, TargetGoals
+from space_envs.tasks.dual_arm import FASTEST_SPIN, sensor_columns
+from space_envs.tasks.goals.targets import Draws, TargetGoals
+from space_envs.tasks.goals.tumbling import TumblingTargetTask
 
 LAYOUT = ObservationLayout(
     (
@@ -82,7 +83,7 @@ class ApproachEnvelope(CaptureEnvelope):
 
 
 @dataclass(frozen=True)
-class DualArmSpatialTask(DualArmTask):
+class DualArmSpatialTask(TumblingTargetTask):
     """Two 7-DoF arms on a 500 kg satellite take a tumbling satellite, attitude kept."""
 
     horizon: int = 300
@@ -106,17 +107,17 @@ class DualArmSpatialTask(DualArmTask):
         start=(0.05, 0.1, 0.15),
         half_width=(0.25, 0.35),
     )
-    way_in = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    approach_axes = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     measured = _MEASURED
     outward = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])
     seeds = {"train": 20_401, "validation": 20_402, "test": 20_403, "ood": 20_404}
 
-    def turned(self, rng: np.random.Generator, largest: float) -> Array:
-        """Draw an attitude (4,) of the target at the meeting."""
+    def draw_attitude(self, rng: np.random.Generator, largest: float) -> Array:
+        """Draw an attitude (4,) of the target at the rendezvous."""
         return exponential(_direction(rng) * rng.uniform(0.0, largest))
 
-    def spun(self, rng: np.random.Generator, least: float, largest: float) -> Array:
-        """Draw an angular velocity (3,) of the target at the meeting, rad/s."""
+    def draw_angular_velocity(self, rng: np.random.Generator, least: float, largest: float) -> Array:
+        """Draw an angular velocity (3,) of the target at the rendezvous, rad/s."""
         return _direction(rng) * rng.uniform(least, largest)
 
     def given_goals(self, values: Mapping[str, Array], joint_position: Array | None) -> TargetGoals:

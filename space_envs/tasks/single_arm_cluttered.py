@@ -25,9 +25,9 @@ from space_envs.robots.single_arm import ModelOptions, single_arm_model
 from space_envs.scenery.single_arm import resize_keep_out
 from space_envs.simulation import Simulation
 from space_envs.tasks.base import BLOCK
-from space_envs.tasks.clutter import COUNT, ClutteredGoals, bus_gaps, draw_scenes
 from space_envs.tasks.common import Field, GoalOption, ObservationLayout
 from space_envs.tasks.contacts import SHARES
+from space_envs.tasks.goals.clutter import COUNT, ClutteredGoals, bus_gaps, draw_scenes
 from space_envs.tasks.single_arm import LAYOUT, MEASURED, SingleArmTask
 
 CLUTTERED_LAYOUT = ObservationLayout(

@@ -1,9 +1,7 @@
-"""Scenes of keep-out spheres for a goal of the single arm, and the detours that prove it can be reached.
+"""Scenes of keep-out spheres for a goal of the single arm.
 
 A goal is where a minimum-jerk joint motion of the floating robot ends. Spheres are drawn around that motion:
-one lies over it, the others lie beside it. A detour is the same kind of motion with a bump on it, whose end
-is corrected until it meets the inertial goal; a scene is kept if one of those that are drawn is clear of all
-spheres, within the limits of rate and acceleration.
+one blocks it, the others lie next to it. `detours` says which scenes are accepted.
 """
 
 from collections.abc import Iterator
@@ -14,16 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from space_envs.dynamics import FloatingRobot, minimum_jerk, roll_out_base
-from space_envs.dynamics.rotations import Array, conjugate, from_matrix, logarithm, multiply, rotate
+from space_envs.dynamics.rotations import Array, from_matrix, multiply
 from space_envs.dynamics.spheres import link_ends, sphere_gaps
-from space_envs.errors import GoalError
 from space_envs.robots.capsules import SINGLE_ARM_SHAPE
 from space_envs.robots.parameters import SINGLE_ARM
 from space_envs.robots.single_arm import single_arm_model
-from space_envs.tasks.base import BLOCK
 from space_envs.tasks.common import DIFFICULTIES
 from space_envs.tasks.contacts import Contacts
-from space_envs.tasks.single_arm import CLEARANCE, NODES, OOD_MASS, OOD_RADIUS, ROOM, PoseGoals
+from space_envs.tasks.goals.poses import CLEARANCE, NODES, OOD_MASS, OOD_RADIUS, ROOM, PoseGoals
 
 COUNT = 3  # spheres
 CLUTTERED_SPLIT_SEED = {"train": 20_231, "validation": 20_232, "test": 20_233, "ood": 20_234}
@@ -70,7 +66,7 @@ def _contacts() -> Contacts:
     return Contacts.of(single_arm_model(), SINGLE_ARM_SHAPE)
 
 
-def _satellite_gaps(robot: FloatingRobot, q: Array) -> Array:
+def satellite_gaps(robot: FloatingRobot, q: Array) -> Array:
     """Gaps (...) in m of the arm at q (..., n) rad and the satellite that it stands on."""
     return _contacts().satellite_gaps(_contacts().points(robot, q)).min(axis=(-1, -2))
 
@@ -132,7 +128,7 @@ def draw_scenes(
     displacement, mass_scale = np.empty((k, n)), np.ones(k)
     place, away, radius = np.empty((k, m, 3)), np.empty((k, m, 3)), np.empty((k, m))
     order = np.empty((k, COUNT), dtype=np.int64)
-    for row, rng in enumerate(_generators(difficulty, split, indices, attempts)):
+    for row, rng in enumerate(generators(difficulty, split, indices, attempts)):
         displacement[row] = rng.uniform(-1.0, 1.0, n)
         if ood:
             displacement[row] *= rng.uniform(*OOD_RADIUS) / np.abs(displacement[row]).max()
@@ -169,7 +165,7 @@ def draw_scenes(
     )
 
 
-def _generators(
+def generators(
     difficulty: str, split: str, indices: NDArray[np.int64], attempts: NDArray[np.int64], *more: int
 ) -> Iterator[np.random.Generator]:
     level = DIFFICULTIES.index(difficulty)
@@ -184,7 +180,7 @@ def choose_spheres(robot: FloatingRobot, scenes: Scenes) -> tuple[NDArray[np.int
     goal = (np.abs(tip).max(axis=-1) > 0.5 * SINGLE_ARM.satellite_side + CLEARANCE) & (
         np.linalg.norm(tip - start, axis=-1) > FAR_ENOUGH
     )
-    goal &= _satellite_gaps(robot, scenes.end) > ROOM
+    goal &= satellite_gaps(robot, scenes.end) > ROOM
     at_ends = sphere_gaps(scenes.links[:, [0, -1]], spheres[:, None], SINGLE_ARM.link_radius).min(axis=2)
     free = (at_ends > [[START_CLEARANCE], [GOAL_CLEARANCE]]).all(axis=1)
     free &= bus_gaps(spheres[..., :3], spheres[..., 3]) > BUS_CLEARANCE
@@ -200,145 +196,3 @@ def choose_spheres(robot: FloatingRobot, scenes: Scenes) -> tuple[NDArray[np.int
         found &= free.any(axis=1)
         chosen[:, place] = free.argmax(axis=1)
     return chosen, found
-
-
-# Detours ---------------------------------------------------------------------------------------------
-
-
-def detour(start: Array, end: Array, via: Array, nodes: int) -> tuple[Array, Array, float]:
-    """Minimum-jerk joint motion with a bump on it, at rest at both ends.
-
-    Args:
-        start, end: (..., n) rad. via: (..., n) rad off the straight way at half time. nodes: T.
-
-    Returns:
-        q, qdot (..., T, n) rad and rad/s and the sampling period, s.
-    """
-    q, qdot, dt = minimum_jerk(start, end, DURATION, nodes)
-    s = np.linspace(0.0, 1.0, nodes)[:, None]
-    bump, slope = 64.0 * (s * (1.0 - s)) ** 3, 192.0 * (s * (1.0 - s)) ** 2 * (1.0 - 2.0 * s) / DURATION
-    return q + bump * via[..., None, :], qdot + slope * via[..., None, :], dt
-
-
-def draw_detours(
-    scenes: Scenes, difficulty: str, split: str, indices: NDArray[np.int64], attempts: NDArray[np.int64]
-) -> Array:
-    """Bumps (k, DETOURS, n) in rad of the detours that are tried on scenes (k)."""
-    vias = np.empty((len(indices), DETOURS, scenes.end.shape[1]))
-    for row, rng in enumerate(_generators(difficulty, split, indices, attempts, 1)):
-        vias[row] = rng.uniform(-1.0, 1.0, vias.shape[1:])
-    # Every other one leads a few joints only off their way.
-    vias[:, ::2] *= np.abs(vias[:, ::2]) > 0.5
-    # The bump is steepest, 3.43 / DURATION, where the motion itself has 1.20 / DURATION of its way a second.
-    spare = LIMIT_SHARE * SINGLE_ARM.rate_limit * DURATION - 1.2 * np.abs(scenes.end - scenes.start)
-    return vias * spare[:, None] / 3.43
-
-
-def way_around(
-    robot: FloatingRobot, goals: ClutteredGoals, end: Array, via: Array
-) -> tuple[Array, NDArray[np.bool_]]:
-    """End configurations (K, n) with which the detours via (K, n) meet the goals, rad.
-
-    Also (K,) bool, whether they do, with rates, accelerations and gaps within their bounds all along and
-    clear of the satellite.
-
-    Args:
-        end: (K, n) rad, about where the motions end. via: (K, n) rad, as in `detour`.
-    """
-    for _ in range(8):
-        q, qdot, dt = detour(goals.joint_position, end, via, NODES)
-        position, quaternion = _roll_out(robot, q, qdot, dt, goals.mass_scale)
-        error = _pose_error(robot, goals, end, position[:, -1], quaternion[:, -1])
-        end = end + (np.linalg.pinv(robot.generalized_jacobian(end)) @ error[..., None])[..., 0]
-    q, qdot, dt = detour(goals.joint_position, end, via, DENSE_NODES)
-    position, quaternion = _roll_out(robot, q, qdot, dt, goals.mass_scale)
-    error = _pose_error(robot, goals, end, position[:, -1], quaternion[:, -1])
-    links = link_ends(robot, q, position, quaternion)
-    gap = sphere_gaps(links, goals.spheres[:, None], SINGLE_ARM.link_radius).min(axis=(1, 2, 3))
-    acceleration = np.diff(qdot, axis=1) / dt
-    return end, (
-        (np.linalg.norm(error[:, :3], axis=-1) < MET[0])
-        & (np.linalg.norm(error[:, 3:], axis=-1) < MET[1])
-        & (np.abs(qdot).max(axis=(1, 2)) < LIMIT_SHARE * SINGLE_ARM.rate_limit)
-        & (np.abs(acceleration).max(axis=(1, 2)) < LIMIT_SHARE * SINGLE_ARM.acceleration_limit)
-        & (gap > WAY_CLEARANCE)
-        & (_satellite_gaps(robot, q).min(axis=-1) > 0.0)
-        & (_satellite_gaps(robot, end) > ROOM)
-    )
-
-
-def find_draws(robot: FloatingRobot, difficulty: str, split: str, block: int) -> NDArray[np.int64]:
-    """Draw the goals of a block until each can be reached; (BLOCK, 2 + COUNT) numbers a goal.
-
-    They are those of the scene, of the detour that leads to the goal, and of the spheres.
-
-    Raises:
-        GoalError: if that does not come to an end.
-    """
-    found = np.zeros((BLOCK, 2 + COUNT), dtype=np.int64)
-    left = np.arange(BLOCK)
-    while len(left) and found[left, 0].max() < ATTEMPTS:
-        # Several attempts at a time where few goals are left: small batches take as long as large ones.
-        ahead = np.arange(max(BLOCK // len(left), 1))
-        index = np.repeat(block * BLOCK + left, len(ahead))
-        attempt = (found[left, :1] + ahead).ravel()
-        scenes = draw_scenes(robot, difficulty, split, index, attempt)
-        spheres, ok = choose_spheres(robot, scenes)
-        rows = np.flatnonzero(ok)
-        usable = scenes.take(rows)
-        vias = draw_detours(usable, difficulty, split, index[rows], attempt[rows])
-        number, ok[rows] = _search(robot, usable, spheres[rows], vias)
-        detours = np.zeros(len(index), dtype=np.int64)
-        detours[rows] = number
-        ok = ok.reshape(len(left), len(ahead))
-        first = np.arange(len(left)) * len(ahead) + ok.argmax(axis=1)
-        some = ok.any(axis=1)
-        found[left] = np.column_stack([attempt[first], detours[first], spheres[first]])
-        found[left[~some], 0] = attempt.reshape(ok.shape)[~some, -1] + 1
-        left = left[~some]
-    if len(left):
-        raise GoalError(f"{len(left)} goals of split {split!r} could not be drawn: no candidate is reachable")
-    return found
-
-
-def _search(
-    robot: FloatingRobot, scenes: Scenes, spheres: NDArray[np.int64], vias: Array
-) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Number (K,) of the most promising of the detours via (K, D, n), and whether it will do (K,)."""
-    if not len(vias):
-        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.bool_)
-    goals = scenes.goals(spheres)
-    q, qdot, dt = detour(goals.joint_position[:, None], scenes.end[:, None], vias, NODES // 2 + 1)
-    position, quaternion = roll_out_base(robot, q, qdot, dt)
-    links = link_ends(robot, q, position, quaternion)
-    gap = sphere_gaps(links, goals.spheres[:, None, None], SINGLE_ARM.link_radius).min(axis=(2, 3, 4))
-    gap[_satellite_gaps(robot, q).min(axis=-1) <= 0.0] = -1.0
-    gap[np.abs(qdot).max(axis=(2, 3)) > LIMIT_SHARE * SINGLE_ARM.rate_limit] = -1.0
-    number = gap.argmax(axis=1)
-    best = vias[np.arange(len(vias)), number]
-    return number, way_around(robot, goals, scenes.end, best)[1]
-
-
-def _pose_error(
-    robot: FloatingRobot, goals: ClutteredGoals, end: Array, position: Array, quaternion: Array
-) -> Array:
-    """Error (K, 6) [m; rad] from the end-effectors to the goals, base axes."""
-    tip, rotation = robot.end_effector_pose(end)
-    back = conjugate(quaternion)
-    turn = logarithm(multiply(multiply(back, goals.quaternion), conjugate(from_matrix(rotation))))
-    return np.concatenate([rotate(back, goals.position - position) - tip, turn], axis=-1)
-
-
-def _roll_out(
-    robot: FloatingRobot, q: Array, qdot: Array, dt: float, mass_scale: Array
-) -> tuple[Array, Array]:
-    """`roll_out_base` of satellites whose mass and inertia are scaled by (K,)."""
-    if (mass_scale == 1.0).all():
-        return roll_out_base(robot, q, qdot, dt)
-    base, coupling = robot.momentum_matrices(q)
-    own = np.zeros((6, 6))  # of the satellite, whose frame is at its centre of mass
-    own[range(3), range(3)] = robot.mass[0]
-    own[3:, 3:] = robot.inertia[0]
-    base = base + (mass_scale - 1.0)[:, None, None, None] * own
-    twist = -np.linalg.solve(base, coupling @ qdot[..., None])[..., 0]
-    return roll_out_base(robot, q, qdot, dt, twist=twist)

@@ -27,7 +27,7 @@ class Draws:
 
     Attributes:
         centre: (3,) m, about which the target's centre lies. displacement: m, largest, along each axis.
-        turn: rad, largest turn of the target away from its nominal attitude, at the meeting.
+        turn: rad, largest turn of the target away from its nominal attitude, at the rendezvous.
         spin: rad/s, largest. start: rad, largest displacement of a joint from home.
         half_width: m, least and largest.
     """

@@ -1,4 +1,4 @@
-"""`python -m space_envs.tasks.freeze`: find out which draws of the goals can be reached.
+"""`python -m space_envs.tasks.goals.freeze`: find out which draws of the goals can be reached.
 
 A maintainer runs it when the robots or the ranges of their goals change; which draws it found is stored, so
 that nobody else has to roll out motions before an episode can start.
@@ -16,16 +16,17 @@ from space_envs.robots.parameters import VARIANTS
 from space_envs.system.command_line import Parser
 from space_envs.system.files import atomic_write
 from space_envs.tasks.base import BLOCK
-from space_envs.tasks.clutter import find_draws
 from space_envs.tasks.common import DIFFICULTIES, SPLITS
-from space_envs.tasks.dual_arm import SPLIT_SIZE, DualArmTask, find_attempts
+from space_envs.tasks.dual_arm import SPLIT_SIZE
 from space_envs.tasks.dual_arm_planar import DualArmPlanarTask
 from space_envs.tasks.dual_arm_spatial import DualArmSpatialTask
+from space_envs.tasks.goals.detours import find_draws
+from space_envs.tasks.goals.tumbling import TumblingTargetTask, find_attempts
 from space_envs.tasks.single_arm import SingleArmTask
 from space_envs.tasks.single_arm_cluttered import CLUTTERED_SPLIT_SIZE
 
-FOLDER = Path(__file__).parent
-KINDS: tuple[type[DualArmTask], ...] = (DualArmPlanarTask, DualArmSpatialTask)
+FOLDER = Path(__file__).parents[1]
+KINDS: tuple[type[TumblingTargetTask], ...] = (DualArmPlanarTask, DualArmSpatialTask)
 Find = Callable[[int], np.ndarray]  # from a block to its draws
 
 
@@ -59,7 +60,7 @@ FILES = {"dual_arm_attempts": _dual_arm, "single_arm_cluttered_draws": _cluttere
 
 def main(arguments: list[str] | None = None) -> None:
     """Write the files."""
-    parser = Parser(prog="python -m space_envs.tasks.freeze", description=__doc__)
+    parser = Parser(prog="python -m space_envs.tasks.goals.freeze", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(FILES)}; all if left out")
     names = parser.parse_args(arguments).names
     for name in names:

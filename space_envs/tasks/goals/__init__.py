@@ -1,0 +1,1 @@
+"""Goals of the tasks: how they are drawn from seeds, and the motions that prove them reachable."""

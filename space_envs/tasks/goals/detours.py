@@ -1,0 +1,172 @@
+"""Detours around keep-out spheres, which prove that a goal of the single arm can be reached.
+
+A detour is a minimum-jerk joint motion with a bump on it, whose end is corrected until it meets the inertial
+goal; a scene is accepted if one of those that are drawn is clear of all spheres, within the limits of rate
+and acceleration.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from space_envs.dynamics import FloatingRobot, minimum_jerk, roll_out_base
+from space_envs.dynamics.rotations import Array, conjugate, from_matrix, logarithm, multiply, rotate
+from space_envs.dynamics.spheres import link_ends, sphere_gaps
+from space_envs.errors import GoalError
+from space_envs.robots.parameters import SINGLE_ARM
+from space_envs.tasks.base import BLOCK
+from space_envs.tasks.goals.clutter import (
+    ATTEMPTS,
+    COUNT,
+    DENSE_NODES,
+    DETOURS,
+    DURATION,
+    LIMIT_SHARE,
+    MET,
+    WAY_CLEARANCE,
+    ClutteredGoals,
+    Scenes,
+    choose_spheres,
+    draw_scenes,
+    generators,
+    satellite_gaps,
+)
+from space_envs.tasks.goals.poses import NODES, ROOM
+
+
+def detour(start: Array, end: Array, via: Array, nodes: int) -> tuple[Array, Array, float]:
+    """Minimum-jerk joint motion with a bump on it, at rest at both ends.
+
+    Args:
+        start, end: (..., n) rad. via: (..., n) rad off the straight way at half time. nodes: T.
+
+    Returns:
+        q, qdot (..., T, n) rad and rad/s and the sampling period, s.
+    """
+    q, qdot, dt = minimum_jerk(start, end, DURATION, nodes)
+    s = np.linspace(0.0, 1.0, nodes)[:, None]
+    bump, slope = 64.0 * (s * (1.0 - s)) ** 3, 192.0 * (s * (1.0 - s)) ** 2 * (1.0 - 2.0 * s) / DURATION
+    return q + bump * via[..., None, :], qdot + slope * via[..., None, :], dt
+
+
+def draw_detours(
+    scenes: Scenes, difficulty: str, split: str, indices: NDArray[np.int64], attempts: NDArray[np.int64]
+) -> Array:
+    """Bumps (k, DETOURS, n) in rad of the detours that are tried on scenes (k)."""
+    vias = np.empty((len(indices), DETOURS, scenes.end.shape[1]))
+    for row, rng in enumerate(generators(difficulty, split, indices, attempts, 1)):
+        vias[row] = rng.uniform(-1.0, 1.0, vias.shape[1:])
+    # Every other one leads a few joints only off their way.
+    vias[:, ::2] *= np.abs(vias[:, ::2]) > 0.5
+    # The bump is steepest, 3.43 / DURATION, where the motion itself has 1.20 / DURATION of its way a second.
+    spare = LIMIT_SHARE * SINGLE_ARM.rate_limit * DURATION - 1.2 * np.abs(scenes.end - scenes.start)
+    return vias * spare[:, None] / 3.43
+
+
+def way_around(
+    robot: FloatingRobot, goals: ClutteredGoals, end: Array, via: Array
+) -> tuple[Array, NDArray[np.bool_]]:
+    """End configurations (K, n) with which the detours via (K, n) meet the goals, rad.
+
+    Also (K,) bool, whether they do, with rates, accelerations and gaps within their bounds all along and
+    clear of the satellite.
+
+    Args:
+        end: (K, n) rad, about where the motions end. via: (K, n) rad, as in `detour`.
+    """
+    for _ in range(8):
+        q, qdot, dt = detour(goals.joint_position, end, via, NODES)
+        position, quaternion = _roll_out(robot, q, qdot, dt, goals.mass_scale)
+        error = _pose_error(robot, goals, end, position[:, -1], quaternion[:, -1])
+        end = end + (np.linalg.pinv(robot.generalized_jacobian(end)) @ error[..., None])[..., 0]
+    q, qdot, dt = detour(goals.joint_position, end, via, DENSE_NODES)
+    position, quaternion = _roll_out(robot, q, qdot, dt, goals.mass_scale)
+    error = _pose_error(robot, goals, end, position[:, -1], quaternion[:, -1])
+    links = link_ends(robot, q, position, quaternion)
+    gap = sphere_gaps(links, goals.spheres[:, None], SINGLE_ARM.link_radius).min(axis=(1, 2, 3))
+    acceleration = np.diff(qdot, axis=1) / dt
+    return end, (
+        (np.linalg.norm(error[:, :3], axis=-1) < MET[0])
+        & (np.linalg.norm(error[:, 3:], axis=-1) < MET[1])
+        & (np.abs(qdot).max(axis=(1, 2)) < LIMIT_SHARE * SINGLE_ARM.rate_limit)
+        & (np.abs(acceleration).max(axis=(1, 2)) < LIMIT_SHARE * SINGLE_ARM.acceleration_limit)
+        & (gap > WAY_CLEARANCE)
+        & (satellite_gaps(robot, q).min(axis=-1) > 0.0)
+        & (satellite_gaps(robot, end) > ROOM)
+    )
+
+
+def find_draws(robot: FloatingRobot, difficulty: str, split: str, block: int) -> NDArray[np.int64]:
+    """Draw the goals of a block until each can be reached; (BLOCK, 2 + COUNT) numbers a goal.
+
+    They are those of the scene, of the detour that leads to the goal, and of the spheres.
+
+    Raises:
+        GoalError: if that does not come to an end.
+    """
+    found = np.zeros((BLOCK, 2 + COUNT), dtype=np.int64)
+    left = np.arange(BLOCK)
+    while len(left) and found[left, 0].max() < ATTEMPTS:
+        # Several attempts at a time where few goals are left: small batches take as long as large ones.
+        ahead = np.arange(max(BLOCK // len(left), 1))
+        index = np.repeat(block * BLOCK + left, len(ahead))
+        attempt = (found[left, :1] + ahead).ravel()
+        scenes = draw_scenes(robot, difficulty, split, index, attempt)
+        spheres, ok = choose_spheres(robot, scenes)
+        rows = np.flatnonzero(ok)
+        usable = scenes.take(rows)
+        vias = draw_detours(usable, difficulty, split, index[rows], attempt[rows])
+        number, ok[rows] = _search(robot, usable, spheres[rows], vias)
+        detours = np.zeros(len(index), dtype=np.int64)
+        detours[rows] = number
+        ok = ok.reshape(len(left), len(ahead))
+        first = np.arange(len(left)) * len(ahead) + ok.argmax(axis=1)
+        some = ok.any(axis=1)
+        found[left] = np.column_stack([attempt[first], detours[first], spheres[first]])
+        found[left[~some], 0] = attempt.reshape(ok.shape)[~some, -1] + 1
+        left = left[~some]
+    if len(left):
+        raise GoalError(f"{len(left)} goals of split {split!r} could not be drawn: no candidate is reachable")
+    return found
+
+
+def _search(
+    robot: FloatingRobot, scenes: Scenes, spheres: NDArray[np.int64], vias: Array
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Number (K,) of the most promising of the detours via (K, D, n), and whether it will do (K,)."""
+    if not len(vias):
+        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.bool_)
+    goals = scenes.goals(spheres)
+    q, qdot, dt = detour(goals.joint_position[:, None], scenes.end[:, None], vias, NODES // 2 + 1)
+    position, quaternion = roll_out_base(robot, q, qdot, dt)
+    links = link_ends(robot, q, position, quaternion)
+    gap = sphere_gaps(links, goals.spheres[:, None, None], SINGLE_ARM.link_radius).min(axis=(2, 3, 4))
+    gap[satellite_gaps(robot, q).min(axis=-1) <= 0.0] = -1.0
+    gap[np.abs(qdot).max(axis=(2, 3)) > LIMIT_SHARE * SINGLE_ARM.rate_limit] = -1.0
+    number = gap.argmax(axis=1)
+    best = vias[np.arange(len(vias)), number]
+    return number, way_around(robot, goals, scenes.end, best)[1]
+
+
+def _pose_error(
+    robot: FloatingRobot, goals: ClutteredGoals, end: Array, position: Array, quaternion: Array
+) -> Array:
+    """Error (K, 6) [m; rad] from the end-effectors to the goals, base axes."""
+    tip, rotation = robot.end_effector_pose(end)
+    back = conjugate(quaternion)
+    turn = logarithm(multiply(multiply(back, goals.quaternion), conjugate(from_matrix(rotation))))
+    return np.concatenate([rotate(back, goals.position - position) - tip, turn], axis=-1)
+
+
+def _roll_out(
+    robot: FloatingRobot, q: Array, qdot: Array, dt: float, mass_scale: Array
+) -> tuple[Array, Array]:
+    """`roll_out_base` of satellites whose mass and inertia are scaled by (K,)."""
+    if (mass_scale == 1.0).all():
+        return roll_out_base(robot, q, qdot, dt)
+    base, coupling = robot.momentum_matrices(q)
+    own = np.zeros((6, 6))  # of the satellite, whose frame is at its centre of mass
+    own[range(3), range(3)] = robot.mass[0]
+    own[3:, 3:] = robot.inertia[0]
+    base = base + (mass_scale - 1.0)[:, None, None, None] * own
+    twist = -np.linalg.solve(base, coupling @ qdot[..., None])[..., 0]
+    return roll_out_base(robot, q, qdot, dt, twist=twist)

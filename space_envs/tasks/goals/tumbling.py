@@ -1,0 +1,173 @@
+"""Goals of the dual-arm tasks: tumbling targets that a reactionless motion of the resting robot reaches.
+
+A goal is drawn as the pose that the target has `RENDEZVOUS_TIME` after the start, and is accepted if the
+resting robot can get there without rotating its satellite.
+"""
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from importlib.resources import files
+
+import numpy as np
+from numpy.typing import NDArray
+
+from space_envs.dynamics import FloatingRobot
+from space_envs.dynamics.reactionless import reach
+from space_envs.dynamics.rigid_body import tumble
+from space_envs.dynamics.rotations import Array, canonical, rotate
+from space_envs.errors import GoalError
+from space_envs.tasks.base import BLOCK
+from space_envs.tasks.common import DIFFICULTIES
+from space_envs.tasks.dual_arm import DualArmTask, robot_of
+from space_envs.tasks.goals.targets import TargetGoals
+
+RENDEZVOUS_TIME = 20.0  # s after the start, when the target is where the goal was drawn
+ATTEMPTS = 2000  # to draw a goal that can be reached
+TRIED, FEW = 2, 4  # draws of each goal of a block after which so few that were found are too few to go on
+REACHED = (1e-3, np.deg2rad(0.2))  # m and rad left at the end of the motion that proves a goal reachable
+LIMIT_MARGIN = 0.25  # rad, of that motion's end from the joint limits
+CLEARANCE = 0.04  # m, of links from what they must not touch, at the start and at the end of that motion
+OOD_FACTOR = (1.0, 1.5)  # of the difficulty's largest spin and displacement
+OOD_MASS = (0.8, 1.2)  # factor on the satellite's mass and inertia
+
+
+@dataclass(frozen=True)
+class TumblingTargetTask(DualArmTask):
+    """A dual-arm task whose goals are tumbling targets, drawn from seeds."""
+
+    def goal_block(self, split: str, block: int) -> TargetGoals:
+        """Goals of a block."""
+        return _goal_block(type(self), self.options.mounts, self.difficulty, split, block)
+
+
+@lru_cache(maxsize=512)
+def _goal_block(
+    kind: type[DualArmTask],
+    mounts: tuple[tuple[float, float], ...] | None,
+    difficulty: str,
+    split: str,
+    block: int,
+) -> TargetGoals:
+    """Goals block * BLOCK ... of a split, from seeds alone."""
+    rows = slice(block * BLOCK, (block + 1) * BLOCK)
+    if mounts is None:
+        attempts = frozen_attempts(f"{kind.kind}_{difficulty}_{split}")[rows]
+    else:
+        attempts = find_attempts(kind, mounts, difficulty, split, block)
+    goals = _drawn(
+        kind(), robot_of(kind.kind, mounts), difficulty, split, np.arange(BLOCK) + rows.start, attempts
+    )
+    # From the rendezvous back to the start.
+    attitude, spin = tumble(
+        goals.quaternion, goals.angular_velocity, np.array(kind.target.inertia), np.array([-RENDEZVOUS_TIME])
+    )
+    return replace(goals, quaternion=canonical(attitude[:, 0]), angular_velocity=spin[:, 0])
+
+
+@lru_cache(maxsize=1)
+def _frozen() -> dict[str, NDArray[np.int64]]:
+    with np.load(str(files("space_envs") / "tasks" / "dual_arm_attempts.npz"), allow_pickle=False) as archive:
+        return {name: archive[name].astype(np.int64) for name in archive.files}
+
+
+def frozen_attempts(name: str) -> NDArray[np.int64]:
+    """Which draw of each goal of a split is the first that can be reached, as `freeze.py` found out."""
+    return _frozen()[name]
+
+
+def find_attempts(
+    kind: type[DualArmTask],
+    mounts: tuple[tuple[float, float], ...] | None,
+    difficulty: str,
+    split: str,
+    block: int,
+) -> NDArray[np.int64]:
+    """Draw the goals of a block until each can be reached; (BLOCK,) number of draws that were in vain.
+
+    Raises:
+        GoalError: if that does not come to an end, or if hardly any draw can be reached with other mounts.
+    """
+    task, robot = kind(), robot_of(kind.kind, mounts)
+    attempts, left = np.zeros(BLOCK, dtype=np.int64), np.arange(BLOCK)
+    while len(left) and attempts.max() < ATTEMPTS:
+        if mounts is not None and attempts[left].min() >= TRIED and BLOCK - len(left) < FEW:
+            raise GoalError(f"hardly a goal of {split!r} is in reach with mounts {mounts}: give one to reset")
+        # Several attempts at a time where few goals are left: small batches take as long as large ones.
+        ahead = np.arange(max(BLOCK // len(left), 1))
+        index, attempt = np.repeat(left, len(ahead)), (attempts[left][:, None] + ahead).ravel()
+        tried = _drawn(task, robot, difficulty, split, block * BLOCK + index, attempt)
+        ok = _reachable(task, robot, tried).reshape(len(left), len(ahead))
+        found = ok.any(axis=1)
+        attempts[left] += np.where(found, ok.argmax(axis=1), len(ahead))
+        left = left[~found]
+    if len(left):
+        raise GoalError(f"{len(left)} goals of split {split!r} could not be drawn: no candidate is reachable")
+    return attempts
+
+
+def _drawn(
+    task: DualArmTask,
+    robot: FloatingRobot,
+    difficulty: str,
+    split: str,
+    indices: NDArray[np.int64],
+    attempts: NDArray[np.int64],
+) -> TargetGoals:
+    """Goals (k) as they are at the rendezvous, from seed, index and attempt."""
+    level = DIFFICULTIES.index(difficulty)
+    drawn = [
+        _draw(task, robot, level, split == "ood", np.random.default_rng([task.seeds[split], level, *pair]))
+        for pair in zip(indices.tolist(), attempts.tolist(), strict=True)
+    ]
+    return TargetGoals(*(np.stack(part) for part in zip(*drawn, strict=True)))
+
+
+def _draw(
+    task: DualArmTask, robot: FloatingRobot, level: int, ood: bool, rng: np.random.Generator
+) -> tuple[Array, ...]:
+    """Draw the fields of one goal, at the rendezvous, in the order of `TargetGoals`."""
+    draws = task.draws
+    scale = rng.uniform(*OOD_MASS) if ood else 1.0
+    start = robot.home + draws.start[level] * rng.uniform(-1.0, 1.0, robot.n_joints)
+    way = rng.uniform(-1.0, 1.0, 3)
+    if task.kind == "planar":
+        way[2] = 0.0
+    least = 0.0
+    if ood:
+        way *= rng.uniform(*OOD_FACTOR) / np.abs(way).max()
+        least = 1.0
+    centre = np.array(draws.centre) + draws.displacement[level] * way
+    attitude = task.draw_attitude(rng, draws.turn[level])
+    spin = task.draw_angular_velocity(
+        rng, least * draws.spin[level], (OOD_FACTOR[1] if ood else 1.0) * draws.spin[level]
+    )
+    return np.array(scale), start, centre, attitude, spin, np.array(rng.uniform(*draws.half_width))
+
+
+def _reachable(task: DualArmTask, robot: FloatingRobot, goals: TargetGoals) -> NDArray[np.bool_]:
+    """Whether a reactionless motion from rest ends at the goals (K), clear of everything at both ends."""
+    before, _ = tumble(
+        goals.quaternion, goals.angular_velocity, np.array(task.target.inertia), np.array([-RENDEZVOUS_TIME])
+    )
+    ok = _clear(task, robot, goals.joint_position, goals, before[:, 0], False)
+    rows = np.flatnonzero(ok)
+    if not len(rows):
+        return ok
+    goals = goals.take(rows)
+    points = goals.position[:, None] + rotate(goals.quaternion[:, None], task.grapples(goals.half_width))
+    axes = None if task.approach_axes is None else rotate(goals.quaternion[:, None], task.approach_axes)
+    found = reach(robot, goals.joint_position, points, axes)
+    inside = (found.q > robot.range[:, 0] + LIMIT_MARGIN) & (found.q < robot.range[:, 1] - LIMIT_MARGIN)
+    ok[rows] = (found.distance < REACHED[0]) & (found.angle < REACHED[1]) & inside.all(axis=1)
+    ok[rows] &= _clear(task, robot, found.q, goals, goals.quaternion, True)
+    return ok
+
+
+def _clear(
+    task: DualArmTask, robot: FloatingRobot, q: Array, goals: TargetGoals, attitude: Array, gripper: bool
+) -> NDArray[np.bool_]:
+    """Whether the arms at q (K, n) keep away from each other, the target and the satellite.
+
+    The base has hardly moved at the start, and by centimetres at the end; the margin covers that.
+    """
+    return task.gaps(robot, q, goals, attitude, gripper).min(axis=1) > CLEARANCE
