@@ -106,7 +106,7 @@ class Renderer:
             self._place(state)
             scene, context = self._open()
             mujoco.mjv_updateScene(self._model, self._data, self._option, None, view, category, scene)
-            _draw_trail(scene, points)
+            draw_trail(scene, points)
             with self._gl.as_current():
                 mujoco.mjr_setBuffer(int(mujoco.mjtFramebuffer.mjFB_OFFSCREEN), context)
                 mujoco.mjr_render(self._view, scene, context)
@@ -233,8 +233,8 @@ def _points(trail: ArrayLike | None) -> NDArray[np.float64]:
     return np.zeros((0, 3)) if trail is None else finite_array("trail", trail, (None, 3))
 
 
-def _draw_trail(scene: mujoco.MjvScene, points: NDArray[np.float64]) -> None:
-    """Join the points; what no longer fits into the scene is left out, oldest first."""
+def draw_trail(scene: mujoco.MjvScene, points: NDArray[np.float64]) -> None:
+    """Add a line through points (n, 3) to a scene; the oldest are left out if the scene has no room."""
     points = points[-(scene.maxgeom - scene.ngeom + 1) :]
     capsule = int(mujoco.mjtGeom.mjGEOM_CAPSULE)
     for start, end in zip(points[:-1], points[1:], strict=True):

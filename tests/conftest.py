@@ -8,6 +8,8 @@ from hypothesis import settings
 from page_layout import CHROMIUM
 from playwright.sync_api import Browser, Playwright, sync_playwright
 
+from space_envs.system.opengl import trial_failure
+
 # Speeds of shared machines vary too much for deadlines. In CI the same examples are drawn every time, so
 # that a red run can be repeated; at a desk new ones are looked for.
 settings.register_profile("desk", deadline=None)
@@ -17,14 +19,14 @@ settings.load_profile("ci" if os.environ.get("CI") else "desk")
 
 @pytest.fixture(scope="session")
 def engine() -> Iterator[Playwright]:
-    """Drives browsers; there can be one of it in a process."""
+    """Driver of browsers, at most one per process."""
     with sync_playwright() as started:
         yield started
 
 
 @pytest.fixture(scope="session")
 def browser(engine: Playwright) -> Iterator[Browser]:
-    """Debian's Chromium, headless, that draws in 3D without a graphics card."""
+    """Headless Chromium that draws in 3D without a graphics card."""
     if CHROMIUM is None:
         pytest.skip("no chromium: apt-get install chromium")
     opened = engine.chromium.launch(
@@ -33,3 +35,11 @@ def browser(engine: Playwright) -> Iterator[Browser]:
     )
     yield opened
     opened.close()
+
+
+@pytest.fixture
+def fresh_trials() -> Iterator[None]:
+    """Trials of OpenGL backends are made again during a test."""
+    trial_failure.cache_clear()
+    yield
+    trial_failure.cache_clear()

@@ -56,13 +56,6 @@ def renderer() -> Iterator[Renderer]:
         yield made
 
 
-@pytest.fixture
-def fresh_trials() -> Iterator[None]:
-    opengl._problem.cache_clear()
-    yield
-    opengl._problem.cache_clear()
-
-
 def test_a_picture_or_the_reason_why_not(renderer: Renderer) -> None:
     reason = missing_gl()
     if reason is not None:
@@ -184,7 +177,7 @@ def test_the_backends_that_are_tried(
     for name, value in variables.items():
         monkeypatch.setenv(name, value)
     monkeypatch.setattr(opengl.sys, "platform", platform)
-    assert opengl._candidates() == expected
+    assert opengl.backends() == expected
 
 
 def test_no_window_without_a_screen(
@@ -261,11 +254,11 @@ def test_bad_input_is_refused(renderer: Renderer) -> None:
 def test_a_long_trail_keeps_its_end(renderer: Renderer) -> None:
     scene = mujoco.MjvScene(single_arm_model(ModelOptions(visual=True)), 10)
     points = np.linspace([0, 0, 0], [0, 0, 30], 31)
-    rendering._draw_trail(scene, points)
+    rendering.draw_trail(scene, points)
     assert scene.ngeom == 10
     np.testing.assert_allclose(scene.geoms[9].pos, [0, 0, 29.5], atol=1e-5)
     np.testing.assert_allclose(scene.geoms[0].pos, [0, 0, 20.5], atol=1e-5)
-    rendering._draw_trail(scene, points)  # a full scene takes no more
+    rendering.draw_trail(scene, points)  # a full scene takes no more
     assert scene.ngeom == 10
 
 

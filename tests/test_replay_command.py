@@ -1,6 +1,5 @@
 """`show` and `replay`: tables and episodes of a result folder, and plain reasons where there are none."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -199,13 +198,6 @@ def test_mistakes_are_one_line(
     assert command.main([str(folder), "--episode", "0", *given]) == 2
     error = capsys.readouterr().err
     assert error.startswith("evaluate.py replay: ") and said in error and error.count("\n") == 1
-
-
-@pytest.fixture
-def fresh_trials() -> Iterator[None]:
-    opengl._problem.cache_clear()
-    yield
-    opengl._problem.cache_clear()
 
 
 def test_without_a_screen_a_video_is_suggested(

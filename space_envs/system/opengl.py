@@ -1,9 +1,9 @@
-"""Which OpenGL this machine can draw with, found out when the first picture is asked for.
+"""Choice of the OpenGL backend that draws pictures, made when the first picture is requested.
 
-MuJoCo chooses its backend when it is imported, by the environment variable MUJOCO_GL, and on Linux takes
-GLFW, which needs a screen. Here the choice is made late and nothing happens on import, so that a machine
-without OpenGL runs everything but pictures. A driver can end the process instead of raising, so it is tried
-in a process of its own.
+MuJoCo chooses its backend when it is imported, by the environment variable MUJOCO_GL, and on Linux uses
+GLFW by default, which needs a screen. Here the choice is made late and nothing happens on import, so that a
+machine without OpenGL runs everything but pictures. A driver can end the process instead of raising an
+exception, so that each backend is tried in a process of its own.
 """
 
 import importlib
@@ -35,11 +35,12 @@ _ADVICE = (
 
 
 def has_screen() -> bool:
-    """Whether windows can be expected to open: always on macOS and Windows, by DISPLAY on Linux."""
+    """Whether windows can be opened: always on macOS and Windows, by DISPLAY on Linux."""
     return sys.platform != "linux" or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
 
 
-def _candidates() -> tuple[str, ...]:
+def backends() -> tuple[str, ...]:
+    """Names of the backends to try, in this order; none if MUJOCO_GL disables drawing."""
     chosen = os.environ.get("MUJOCO_GL", "").lower().strip()
     if chosen in _DISABLED:
         return ()
@@ -53,8 +54,8 @@ def _candidates() -> tuple[str, ...]:
 
 
 @cache
-def _problem(backend: str) -> str | None:
-    """Draw with a backend in a process of its own; why that failed, or None."""
+def trial_failure(backend: str) -> str | None:
+    """Reason for which a backend failed to draw in a process of its own, or None if it did not."""
     try:
         trial = subprocess.run(
             [sys.executable, "-c", _TRIAL],
@@ -72,19 +73,19 @@ def _problem(backend: str) -> str | None:
 
 
 def find_backend() -> str:
-    """Name of a backend that draws; the answer is remembered for the life of the process.
+    """Name of a backend that draws; trials are made once per process.
 
     Raises:
-        RenderingError: if none does; the message says why and what to install.
+        RenderingError: if there is none; the message says why and what to install.
     """
-    candidates = _candidates()
+    candidates = backends()
     if not candidates:
         raise RenderingError(
             f"pictures are switched off by MUJOCO_GL={os.environ['MUJOCO_GL']}; unset it to draw. {_ADVICE}"
         )
     problems = []
     for backend in candidates:
-        problem = _problem(backend)
+        problem = trial_failure(backend)
         if problem is None:
             return backend
         problems.append(f"{backend}: {problem}")
@@ -92,7 +93,7 @@ def find_backend() -> str:
 
 
 def missing_gl() -> str | None:
-    """Why this machine cannot draw pictures, or None if it can."""
+    """Reason for which this machine cannot draw pictures, or None if it can."""
     try:
         find_backend()
     except RenderingError as error:
@@ -101,7 +102,7 @@ def missing_gl() -> str | None:
 
 
 def check_process() -> None:
-    """Check that no parent of this process has loaded OpenGL: its state does not survive a fork.
+    """Check that no parent of this process has loaded OpenGL, whose state does not survive a fork.
 
     Raises:
         RenderingError: if one has.
@@ -117,7 +118,7 @@ def check_window() -> None:
     """Check that a window can be opened.
 
     Raises:
-        RenderingError: if not; the message says why.
+        RenderingError: if it cannot; the message says why.
     """
     check_process()
     advice = "Use render_mode='rgb_array', or run where there is a screen."
@@ -125,14 +126,14 @@ def check_window() -> None:
         raise RenderingError(
             f"no screen for render_mode='human': neither DISPLAY nor WAYLAND_DISPLAY is set. {advice}"
         )
-    problem = _problem("glfw")
+    problem = trial_failure("glfw")
     if problem is not None:
         raise RenderingError(f"no window can be opened for render_mode='human' ({problem}). {advice}")
 
 
 @contextmanager
 def chosen_backend(backend: str) -> Iterator[None]:
-    """Name the backend to MuJoCo's C library, which reads MUJOCO_GL when it loads OpenGL's functions."""
+    """Set the backend for MuJoCo's C library, which reads MUJOCO_GL when it loads OpenGL's functions."""
     before = os.environ.get("MUJOCO_GL")
     os.environ["MUJOCO_GL"] = backend
     try:
@@ -148,7 +149,7 @@ def create_context(backend: str, width: int, height: int) -> Any:
     """A MuJoCo GLContext of a backend that `find_backend` has named.
 
     Raises:
-        RenderingError: in a forked child of a process that had one.
+        RenderingError: in a forked child of a process that has loaded OpenGL.
     """
     check_process()
     _LOADED_BY.add(os.getpid())
@@ -156,7 +157,7 @@ def create_context(backend: str, width: int, height: int) -> Any:
 
 
 def _leave_display() -> None:
-    """In a forked child, keep MuJoCo's exit handler from the parent's display: it would wait for ever."""
+    """In a forked child, detach MuJoCo's exit handler from the parent's display: it would wait forever."""
     egl = sys.modules.get(_MODULES["egl"])
     if egl is not None:
         egl.EGL_DISPLAY = None  # type: ignore[attr-defined]
