@@ -119,36 +119,51 @@ def condition_gaussian(
     target = finite_array("target", target, (features.shape[0],))
     tolerance = number("tolerance", tolerance, 0.0)
 
+    return _condition(mean, factor, features, target, noise, tolerance)
+
+
+def _condition(
+    mean: Array, factor: Factor, features: Array, target: Array, noise: ArrayLike, tolerance: float
+) -> tuple[Array, Array]:
+    """Mean (d,) and covariance (d, d), of arguments that are checked."""
     directions = factor.directions
     rank = directions.shape[1]
     innovation = target - features @ mean
-    most = np.linalg.norm(features, axis=1) * factor.largest
+    largest = np.linalg.norm(features, axis=1) * factor.largest
     response = features @ directions
-    noise_deviation, noise_directions = _factor_noise(noise, most)
-
+    noise_deviation, noise_directions = _factor_noise(noise, largest)
     # The noise joins the latent variables; conditioning is then exact, one decomposition for all.
-    scale = np.hypot(most, noise_deviation)
+    scale = np.hypot(largest, noise_deviation)
     scale[scale == 0] = 1.0
     joint = np.hstack([response, noise_directions]) / scale[:, None]
     left, singular, right = np.linalg.svd(joint, full_matrices=True)
     met = int(np.count_nonzero(singular > FIXED_FRACTION))
     latent = right[:met].T @ ((left[:, :met].T @ (innovation / scale)) / singular[:met])
     shift = directions @ latent[:rank]
-
     residual = innovation - features @ shift - noise_directions @ latent[rank:]
+    _check_residual(residual, target, noise_deviation, tolerance)
+    _check_distance(latent[:rank], response, innovation, target)
+    # right[met:] spans the unconditioned directions; their noise part is integrated out by leaving it away.
+    free = directions @ right[met:, :rank].T
+    return mean + shift, free @ free.T
+
+
+def _check_residual(residual: Array, target: Array, noise_deviation: Array, tolerance: float) -> None:
+    """Refuse residuals (m,) beyond the tolerance and the noise."""
     excess = np.abs(residual) - np.maximum(tolerance * np.maximum(1.0, np.abs(target)), noise_deviation)
     if (excess > 0).any():
         row = int(np.argmax(excess))
         problem = f"is missed by {residual[row]:.3g}, since no variance is left there"
         raise _conflict(target, residual, row, problem)
-    deviations = float(np.linalg.norm(latent[:rank]))
+
+
+def _check_distance(latent: Array, response: Array, innovation: Array, target: Array) -> None:
+    """Refuse targets too many standard deviations away, in latent variables (r,)."""
+    deviations = float(np.linalg.norm(latent))
     if deviations > MOST_DEVIATIONS:
         prior_deviation = np.linalg.norm(response, axis=1)
         row = int(np.argmax(np.abs(innovation) / np.maximum(prior_deviation, np.finfo(float).tiny)))
         raise _conflict(target, innovation, row, f"lies {deviations:.3g} standard deviations from the mean")
-    # right[met:] spans what the target leaves free; its noise part is integrated out by leaving it away.
-    free = directions @ right[met:, :rank].T
-    return mean + shift, free @ free.T
 
 
 def _conflict(target: Array, residual: Array, row: int, problem: str) -> ConditioningError:
@@ -156,9 +171,9 @@ def _conflict(target: Array, residual: Array, row: int, problem: str) -> Conditi
     return ConditioningError(f"row {row}: target {target[row]:.9g} {problem}; {hint}", residual, row)
 
 
-def _factor_noise(noise: ArrayLike, most: Array) -> tuple[Array, Array]:
+def _factor_noise(noise: ArrayLike, largest: Array) -> tuple[Array, Array]:
     """Standard deviations (m,) and directions (m, q) of a noise given as covariance or variances."""
-    rows = most.size
+    rows = largest.size
     array = finite_array("noise", noise)
     if array.shape not in ((), (rows,), (rows, rows)):
         raise PrompError(f"noise: expected shape (), ({rows},) or ({rows}, {rows}), got {array.shape}")
@@ -170,7 +185,7 @@ def _factor_noise(noise: ArrayLike, most: Array) -> tuple[Array, Array]:
     # Factored as a correlation, so that a row of 1e-5 rad stays apart from one of 1 rad/s.
     divisor = np.where(deviation > 0, deviation, 1.0)
     correlation = factor_covariance(matrix / np.outer(divisor, divisor), "noise")
-    present = np.where(deviation > NOISE_FLOOR * most, deviation, 0.0)
+    present = np.where(deviation > NOISE_FLOOR * largest, deviation, 0.0)
     return deviation, present[:, None] * correlation.directions
 
 

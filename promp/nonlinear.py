@@ -8,7 +8,7 @@ ended: the iterated extended Kalman update, which is Gauss-Newton on that sum (B
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,11 +22,11 @@ Values = NDArray[np.floating]
 Function = Callable[[NDArray[Any]], tuple[Values, Values]]
 
 ITERATIONS = 60
-TOLERANCE = 1e-9  # of what is missed, in the function's units
+TOLERANCE = 1e-9  # of the residual, in the function's units
 STILL = 1e-4  # standard deviations, of a step that is the last
 SHORTEST = 1e-6  # share of a step below which it is given up
 PROJECTIONS = 12  # iterations of `project`; it converges quadratically or not at all
-_DECREASE = 1e-3  # share of the decrease that the linearisation promises, with which a step is taken
+_DECREASE = 1e-3  # share of the predicted decrease with which a step is taken
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +34,7 @@ class NonlinearTarget:
     """h(w) - x* with its derivative, and how accurately it shall be zero.
 
     Args:
-        function: weights (S, n, nb) -> what is missed (S, m) and its derivative (S, m, n nb) by the weights,
+        function: weights (S, n, nb) -> residual (S, m) and its derivative (S, m, n nb) by the weights,
             flattened with the DoF first. It must be smooth where the search goes.
         accuracy: standard deviation, a number or (m,), in the function's units. 0 means exactly.
     """
@@ -50,8 +50,7 @@ class Conditioned:
     Attributes:
         promp: its mean is the most likely motion that meets the targets; its covariance is that of eq. 19
             with h linearised there, so that samples meet them to first order.
-        prior: what was conditioned. targets: on what.
-        iterations: that it took.
+        prior: the ProMP before. targets: conditions. iterations: of the search.
     """
 
     promp: ProMP
@@ -103,10 +102,10 @@ def condition_nonlinear(
         promp: of any covariance, singular or not. targets: one or several, which are met together.
         start: weights (n, nb) where the search begins; default the mean. They are first brought to the
             prior's support. Where several motions are locally most likely, the search ends in one near it.
-        tolerance: of what exact targets may be missed by, in their units. iterations: at most.
+        tolerance: largest residual of exact targets, in their units. iterations: at most.
 
     Raises:
-        ConditioningError: with what is missed, if the search does not come within the tolerance of the exact
+        ConditioningError: with the residual, if the search does not come within the tolerance of the exact
             targets, or does not come to rest.
         PrompError: for functions whose results have other shapes than NonlinearTarget says.
     """
@@ -115,62 +114,97 @@ def condition_nonlinear(
         raise PrompError("targets: expected at least one, got none")
     number("tolerance", tolerance, 0.0, strict=True)
     count("iterations", iterations)
-    flat, factor = promp.mean.ravel(), promp.factor
-    rank = factor.deviations.size
-    latent = np.zeros(rank)
-    if start is not None:
-        latent = (finite_array("start", start, promp.mean.shape).ravel() - flat) @ factor.axes
-        latent /= factor.deviations
-
-    def at(unknown: Array) -> tuple[Array, Array, Array]:
-        """What is missed, its derivative by the weights, and by the unknowns: latent variables and noise."""
-        weights = flat + factor.directions @ unknown[:rank]
-        missed, slope, deviation = _together(targets, weights.reshape(1, *promp.mean.shape))
-        noise = np.diag(deviation)[:, deviation > 0.0]
-        response = np.hstack([slope[0] @ factor.directions, noise])
-        return missed[0] + noise @ unknown[rank:], slope[0], response
-
-    deviation = _together(targets, promp.mean[None])[2]
-    # The noise joins the unknowns, all of variance one: the shortest of those that meet everything exactly.
-    unknown = np.concatenate([latent, np.zeros(np.count_nonzero(deviation))])
-    missed, slope, response = at(unknown)
-    price, length = 0.0, np.inf
+    search = _Search(promp, targets)
+    unknown = search.start(start)
+    here = search.at(unknown)
+    penalty_weight, length = 0.0, np.inf
     for iteration in range(1, iterations + 1):
-        inverse = np.linalg.pinv(response, rcond=FIXED_FRACTION)
-        goal = inverse @ (response @ unknown - missed)
-        step = goal - unknown
-        length = float(np.linalg.norm(step))
-        if np.abs(missed).max() <= tolerance and length <= STILL:
-            covariance = condition_gaussian(
-                flat, factor, slope, slope @ (flat + factor.directions @ unknown[:rank]), deviation**2
-            )[1]
-            mean = flat + factor.directions @ unknown[:rank]
-            return Conditioned(type(promp)(mean, covariance, promp.basis), promp, targets, iteration)
+        inverse = np.linalg.pinv(here.response, rcond=FIXED_FRACTION)
+        goal = inverse @ (here.response @ unknown - here.missed)
+        length = float(np.linalg.norm(goal - unknown))
+        if np.abs(here.missed).max() <= tolerance and length <= STILL:
+            return Conditioned(search.conditioned(unknown, here.slope), promp, targets, iteration)
         # Exact penalty: the multipliers of the linearised problem are inverse' goal.
-        price = max(price, 1.5 * float(np.abs(inverse.T @ goal).max()))
-        here = _penalty(unknown, missed, price)
-        promised = here - _penalty(goal, missed + response @ step, price)
+        penalty_weight = max(penalty_weight, 1.5 * float(np.abs(inverse.T @ goal).max()))
+        found = search.step(unknown, goal, here, inverse, penalty_weight)
+        if found is None:
+            raise _not_met(here.missed, length, iteration)
+        unknown, here = found
+    raise _not_met(here.missed, length, iterations)
+
+
+class _Linearised(NamedTuple):
+    """Targets at some unknowns: missed (m,), derivatives by the weights (m, n nb) and by the unknowns."""
+
+    missed: Array
+    slope: Array
+    response: Array
+
+
+class _Search:
+    """Search in the unknowns: latent variables of the prior (r,), and noise of the targets (q,).
+
+    All have variance one: the shortest unknowns of those that meet everything exactly are the most likely.
+    """
+
+    def __init__(self, promp: ProMP, targets: tuple[NonlinearTarget, ...]) -> None:
+        self._promp, self._targets = promp, targets
+        self._mean, self._factor = promp.mean.ravel(), promp.factor
+        self._rank = self._factor.deviations.size
+        self._deviation = _together(targets, promp.mean[None])[2]
+
+    def start(self, weights: ArrayLike | None) -> Array:
+        """Unknowns (r + q,) of weights (n, nb), brought to the prior's support; of the mean for None."""
+        latent = np.zeros(self._rank)
+        if weights is not None:
+            start = finite_array("start", weights, self._promp.mean.shape)
+            latent = (start.ravel() - self._mean) @ self._factor.axes
+            latent /= self._factor.deviations
+        return np.concatenate([latent, np.zeros(np.count_nonzero(self._deviation))])
+
+    def weights(self, unknown: Array) -> Array:
+        """Flat weights (n nb,)."""
+        return self._mean + self._factor.directions @ unknown[: self._rank]
+
+    def at(self, unknown: Array) -> _Linearised:
+        """The targets, linearised."""
+        weights = self.weights(unknown).reshape(1, *self._promp.mean.shape)
+        missed, slope, deviation = _together(self._targets, weights)
+        noise = np.diag(deviation)[:, deviation > 0.0]
+        response = np.hstack([slope[0] @ self._factor.directions, noise])
+        return _Linearised(missed[0] + noise @ unknown[self._rank :], slope[0], response)
+
+    def step(
+        self, unknown: Array, goal: Array, here: _Linearised, inverse: Array, weight: float
+    ) -> tuple[Array, _Linearised] | None:
+        """Unknowns on the line to `goal`, or near it, that lower the penalty enough; None without any."""
+        step, now = goal - unknown, _penalty(unknown, here.missed, weight)
+        predicted = now - _penalty(goal, here.missed + here.response @ step, weight)
         share = 1.0
-        while True:
+        while share >= SHORTEST:
             trial = unknown + share * step
-            there = at(trial)
-            # What the step's own curvature adds is taken away to first order.
-            bent = trial - inverse @ (there[0] - (1.0 - share) * missed)
-            other = at(bent)
-            if _penalty(bent, other[0], price) < _penalty(trial, there[0], price):
+            there = self.at(trial)
+            # The residual that the step's own curvature adds is taken away to first order.
+            bent = trial - inverse @ (there.missed - (1.0 - share) * here.missed)
+            other = self.at(bent)
+            if _penalty(bent, other.missed, weight) < _penalty(trial, there.missed, weight):
                 trial, there = bent, other
-            if here - _penalty(trial, there[0], price) >= _DECREASE * share * promised:
-                break
+            if now - _penalty(trial, there.missed, weight) >= _DECREASE * share * predicted:
+                return trial, there
             share *= 0.5
-            if share < SHORTEST:
-                raise _not_met(missed, length, iteration)
-        unknown, (missed, slope, response) = trial, there
-    raise _not_met(missed, length, iterations)
+        return None
+
+    def conditioned(self, unknown: Array, slope: Array) -> ProMP:
+        """The distribution around the weights found, with the targets linearised there."""
+        mean = self.weights(unknown)
+        target = slope @ mean
+        _, covariance = condition_gaussian(self._mean, self._factor, slope, target, self._deviation**2)
+        return type(self._promp)(mean, covariance, self._promp.basis)
 
 
-def _penalty(unknown: Array, missed: Array, price: float) -> float:
-    """Half the squared deviations, and the price of what is missed."""
-    return 0.5 * float(unknown @ unknown) + price * float(np.abs(missed).sum())
+def _penalty(unknown: Array, missed: Array, weight: float) -> float:
+    """Half the squared deviations, and the weighted sum of residuals."""
+    return 0.5 * float(unknown @ unknown) + weight * float(np.abs(missed).sum())
 
 
 def _not_met(missed: Array, length: float, iterations: int) -> ConditioningError:
@@ -184,7 +218,7 @@ def _not_met(missed: Array, length: float, iterations: int) -> ConditioningError
 
 
 def _together(targets: Sequence[NonlinearTarget], weights: Array) -> tuple[Array, Array, Array]:
-    """What weights (S, n, nb) miss (S, m), the derivatives (S, m, n nb) and the accuracies (m,)."""
+    """Residuals (S, m) of weights (S, n, nb), their derivatives (S, m, n nb) and the accuracies (m,)."""
     parts = []
     for target in targets:
         missed, slope = target.function(weights)

@@ -49,43 +49,51 @@ def regress_weights(
     phase = np.linspace(0.0, 1.0, samples) if phase is None else phase_array(phase, (samples,))
     ridge = number("ridge", ridge, 0.0)
     flag("exact_ends", exact_ends)
-    features = basis.value(phase)  # (T, nb)
-    observed = positions.transpose(1, 0, 2).reshape(samples, -1)  # (T, D n)
-    ends = [0, samples - 1]
+    features, observed, ends = basis.value(phase), _columns(positions), [0, samples - 1]
     if velocities is not None:
         if duration is None:
             raise PrompError("duration: expected the seconds the velocities refer to, got None")
         duration = number("duration", duration, 0.0, strict=True)
         velocities = finite_array("velocities", velocities, positions.shape)
         features = np.vstack([features, basis.derivative(phase) / duration])
-        observed = np.vstack([observed, velocities.transpose(1, 0, 2).reshape(samples, -1)])
+        observed = np.vstack([observed, _columns(velocities)])
         ends += [samples, 2 * samples - 1]
-
-    # The ridge as rows of its own: singular**2 and `right` are then the eigen-decomposition of Psi' Psi +
-    # ridge I.
-    rows = features.shape[0]
-    left, singular, right = np.linalg.svd(
-        np.vstack([features, np.sqrt(ridge) * np.eye(basis.size)]), full_matrices=False
-    )
-    if singular[-1] ** 2 <= np.finfo(float).eps * singular[0] ** 2:
-        raise PrompError(
-            f"positions: {samples} samples at these phases do not determine {basis.size} weights; "
-            "expected more samples, or a ridge above 0"
-        )
-    flat = right.T @ ((left[:rows].T @ observed) / singular[:, None])  # (nb, D n)
-    if exact_ends:
-        flat += _meet_exactly(features[ends], observed[ends] - features[ends] @ flat, right, singular)
+    flat = _regress(features, observed, ridge, ends if exact_ends else [])
     return np.ascontiguousarray(flat.reshape(basis.size, demonstrations, dofs).transpose(1, 2, 0))
 
 
+def _columns(values: Array) -> Array:
+    """Samples (D, T, n) as rows of one problem for each demonstration and DoF: (T, D n)."""
+    return values.transpose(1, 0, 2).reshape(values.shape[1], -1)
+
+
+def _regress(features: Array, observed: Array, ridge: float, exact: list[int]) -> Array:
+    """Weights (nb, D n) of observations (R, D n) by features (R, nb); the rows `exact` are met exactly."""
+    rows, size = features.shape
+    # The ridge as rows of its own: singular**2 and `right` are then the eigen-decomposition of Psi' Psi +
+    # ridge I.
+    left, singular, right = np.linalg.svd(
+        np.vstack([features, np.sqrt(ridge) * np.eye(size)]), full_matrices=False
+    )
+    if singular[-1] ** 2 <= np.finfo(float).eps * singular[0] ** 2:
+        raise PrompError(
+            f"positions: {rows} values at these phases do not determine {size} weights; "
+            "expected more samples, or a ridge above 0"
+        )
+    flat = right.T @ ((left[:rows].T @ observed) / singular[:, None])
+    if exact:
+        flat += _meet_exactly(features[exact], observed[exact] - features[exact] @ flat, right, singular)
+    return flat
+
+
 def _meet_exactly(constraints: Array, missed: Array, right: Array, singular: Array) -> Array:
-    """The correction (nb, K) that makes constraints (m, nb) @ weights exact and costs the fit least."""
+    """Least correction (nb, K) of the fit that makes constraints (m, nb) @ weights exact."""
     whiten = right.T / singular
     correction = whiten @ (np.linalg.pinv(constraints @ whiten) @ missed)
-    left_over = float(np.abs(missed - constraints @ correction).max())
-    if left_over > 1e-9 * max(1.0, float(np.abs(missed).max())):
+    residual = float(np.abs(missed - constraints @ correction).max())
+    if residual > 1e-9 * max(1.0, float(np.abs(missed).max())):
         raise PrompError(
             f"exact_ends: expected a basis that can meet {constraints.shape[0]} end values, "
-            f"got {constraints.shape[1]} functions that leave over {left_over:.3g}"
+            f"got {constraints.shape[1]} functions that leave over {residual:.3g}"
         )
     return correction
