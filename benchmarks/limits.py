@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from benchmarks.arguments import seed, whole
 from benchmarks.machine import machine_class, markdown_table
-from benchmarks.momentum import ROBOTS, Robot, environment, simulate, unlimited
+from benchmarks.simulated import ROBOTS, SimulatedRobot, environment, simulate, unlimited
 from space_envs.control import CONTROL_MODES
 from space_envs.dynamics.bodies import body_motion, momentum_drift
 from space_envs.dynamics.rotations import Array
@@ -26,8 +26,8 @@ HOLDS = (0.0, 0.2, 0.5, 2.0, 3.0)  # s that an action is held, by episode in tur
 SECONDS = 20.0
 
 
-class Worst(NamedTuple):
-    """Of some episodes.
+class WorstFigures(NamedTuple):
+    """Worst figures of some episodes.
 
     Attributes:
         drift: of total momentum, to what a body carried. rate: largest, to its limit.
@@ -52,15 +52,17 @@ def full_strokes(env: CaptureVectorEnv, seed: int) -> Iterator[Array]:
         yield action
 
 
-def run(robot: Robot, mode: str, period: float, timestep: float, episodes: int, seed: int) -> Worst:
+def run(
+    robot: SimulatedRobot, mode: str, period: float, timestep: float, episodes: int, seed: int
+) -> WorstFigures:
     """Episodes under full strokes."""
     env = environment(robot, mode, episodes, seed, control_period=period, timestep=timestep)
     motion = simulate(env, full_strokes(env, seed))
     if motion.diverged:
-        return Worst(np.inf, np.inf, -np.inf)
+        return WorstFigures(np.inf, np.inf, -np.inf)
     qpos, qvel = motion.qpos, motion.qvel
     ends, angles = env.task.robot.range, qpos[..., 7:]
-    return Worst(
+    return WorstFigures(
         float(momentum_drift(body_motion(env.task.robot, qpos, qvel))[1].max()),
         float(np.abs(qvel[..., 6:]).max() / env.task.parameters.rate_limit),
         float(np.minimum(angles - ends[:, 0], ends[:, 1] - angles).min()),

@@ -6,46 +6,31 @@ The error is that of the base after the same torques, against a run with a quart
 """
 
 import sys
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from tqdm import tqdm
 
 from benchmarks.arguments import seed, whole
 from benchmarks.machine import machine_class, markdown_table
+from benchmarks.simulated import ROBOTS, SimulatedRobot, environment, simulate, unlimited
 from space_envs.control import CONTROL_MODES
 from space_envs.dynamics.bodies import body_motion, momentum_drift
 from space_envs.dynamics.rotations import Array, angle_between
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import SpaceEnvsError
-from space_envs.registration import ENTRIES, make_task, register, unregister
-from space_envs.robots.parameters import VARIANTS
+from space_envs.registration import make_task
 from space_envs.simulation import Simulation
 from space_envs.system.command_line import Parser, exit_status
 
-
-class Robot(NamedTuple):
-    """A robot as it is simulated: the environment's id and keywords."""
-
-    name: str
-    env_id: str
-    keywords: dict[str, Any]
-
-
-ROBOTS = (
-    *(Robot(f"single arm, {v}", "SpaceCapture/SingleArm-v0", {"variant": v}) for v in VARIANTS),
-    Robot("dual arm, planar", "SpaceCapture/DualArmPlanar-v0", {}),
-    Robot("dual arm, spatial", "SpaceCapture/DualArmSpatial-v0", {}),
-)
 STEPS = (0.005, 0.01, 0.02, 0.05)
 REFERENCE = 0.00125
 HOLDS = (1, 5, 20, 30)  # control steps that an action is held, by episode in turn
 
 
-class Run(NamedTuple):
+class ModeResult(NamedTuple):
     """Episodes of one control mode.
 
     Attributes:
@@ -59,68 +44,6 @@ class Run(NamedTuple):
     torques: np.ndarray
 
 
-class Motion(NamedTuple):
-    """Episodes in states (E, T + 1, ...) and what drove them.
-
-    Attributes:
-        qpos, qvel: of the robot, base first. torques: (E, T, n) N m.
-        diverged: whether MuJoCo warned of a state; the motion ends there.
-    """
-
-    qpos: Array
-    qvel: Array
-    torques: Array
-    diverged: bool
-
-
-@contextmanager
-def unlimited(robot: Robot) -> Iterator[Robot]:
-    """The robot under an id of its own, for control periods and time steps that its task would refuse."""
-    task = ENTRIES[robot.env_id].task
-    limits = {"largest_control_period": 10.0, "largest_timestep": 0.1}
-    env_id = robot.env_id.replace("-v", "Unlimited-v")
-    register(env_id, type(f"Unlimited{task.__name__}", (task,), limits))
-    try:
-        yield robot._replace(env_id=env_id)
-    finally:
-        unregister(env_id)
-
-
-def environment(robot: Robot, mode: str, episodes: int, seed: int, **keywords: Any) -> CaptureVectorEnv:
-    """Episodes at their start, that nothing ends before their horizon.
-
-    Args:
-        keywords: of the task.
-    """
-    env = CaptureVectorEnv(
-        robot.env_id,
-        num_envs=episodes,
-        autoreset_mode="disabled",
-        control_mode=mode,
-        attitude_limit=179.9,
-        hold_time=1e3,
-        collisions=False,
-        **robot.keywords,
-        **keywords,
-    )
-    env.reset(seed=seed)
-    return env
-
-
-def simulate(env: CaptureVectorEnv, actions: Iterable[Array]) -> Motion:
-    """The motion of the robot under actions (E, m), one for each control step."""
-    simulation, torques, diverged = env.simulation, [], False
-    states = [simulation.robot_state()]
-    for action in actions:
-        env.step(action)
-        torques.append(simulation.ctrl.copy())
-        states.append(simulation.robot_state())
-        if diverged := bool(simulation.warned()):
-            break
-    qpos, qvel = (np.stack(part, axis=1) for part in zip(*states, strict=True))
-    return Motion(qpos, qvel, np.stack(torques, axis=1), diverged)
-
-
 def random_actions(env: CaptureVectorEnv, seed: int) -> Iterator[Array]:
     """Actions (E, m) of one control step after the other."""
     rng, hold = np.random.default_rng(seed), np.resize(HOLDS, env.num_envs)
@@ -131,7 +54,7 @@ def random_actions(env: CaptureVectorEnv, seed: int) -> Iterator[Array]:
         yield np.sign(action) if 2 * step >= env.task.horizon else action
 
 
-def run(robot: Robot, mode: str, timestep: float, episodes: int, seed: int) -> Run:
+def run(robot: SimulatedRobot, mode: str, timestep: float, episodes: int, seed: int) -> ModeResult:
     """Whole episodes under random actions.
 
     Raises:
@@ -144,10 +67,10 @@ def run(robot: Robot, mode: str, timestep: float, episodes: int, seed: int) -> R
             f"{robot.name}, {mode}: the simulation diverges at a time step of {timestep:g} s"
         )
     absolute, ratio = momentum_drift(body_motion(env.task.robot, motion.qpos, motion.qvel))
-    return Run(float(absolute.max()), float(ratio.max()), motion.qpos[:, 0, 7:], motion.torques)
+    return ModeResult(float(absolute.max()), float(ratio.max()), motion.qpos[:, 0, 7:], motion.torques)
 
 
-def replay(robot: Robot, timestep: float, given: Run) -> tuple[np.ndarray, np.ndarray, float]:
+def replay(robot: SimulatedRobot, timestep: float, given: ModeResult) -> tuple[np.ndarray, np.ndarray, float]:
     """Base position and quaternion after 10 s of given torques, and control steps a second on all threads."""
     task = make_task(robot.env_id, {**robot.keywords, "timestep": timestep})
     episodes = len(given.torques)
@@ -171,7 +94,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--seed", type=seed, default=0, help="of actions and goals (default 0)")
     options = parser.parse_args(arguments)
     rows = []
-    references: dict[str, tuple[Run, np.ndarray, np.ndarray]] = {}
+    references: dict[str, tuple[ModeResult, np.ndarray, np.ndarray]] = {}
     for robot, timestep in tqdm([(r, t) for r in ROBOTS for t in STEPS], unit="cell"):
         with unlimited(robot) as tried:
             results = {m: run(tried, m, timestep, options.episodes, options.seed) for m in CONTROL_MODES}

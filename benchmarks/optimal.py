@@ -33,7 +33,7 @@ FINE = 1e-4  # relative decrease of an iteration below which the reference stops
 
 
 @dataclass(frozen=True)
-class Setting:
+class ReachSetting:
     """Difficulty, terminal constraint and limits of the planner's problems."""
 
     difficulty: str
@@ -61,7 +61,7 @@ class Setting:
         ]
 
 
-def best_known(setting: Setting, reach: Reach, number: int, collocation: bool) -> tuple[float, float]:
+def best_known(setting: ReachSetting, reach: Reach, number: int, collocation: bool) -> tuple[float, float]:
     """Least costs, m^2/s, from many initial guesses in the weights, and of collocation; infinite if none."""
     robot = SingleArmTask().robot
     library = shipped_library(setting.keep_attitude, setting.limited)
@@ -94,7 +94,7 @@ def timed(
 
 
 def compared(
-    setting: Setting, asked: list[Reach], plans: list[ReachPlan | Failure], times: Array, best: Array
+    setting: ReachSetting, asked: list[Reach], plans: list[ReachPlan | Failure], times: Array, best: Array
 ) -> tuple[list[str], Counter[str]]:
     """Cells of a row, and the causes of failures; best costs (K, 2) in the weights and by collocation."""
     model, robot = single_arm_model(), SingleArmTask().robot
@@ -144,7 +144,7 @@ def table_of_goals(goals: dict[str, int], split: str, jobs: int, collocation: bo
     for difficulty, count in goals.items():
         for limited in (False, True):
             for keep_attitude in (False, True):
-                setting = Setting(difficulty, keep_attitude, limited)
+                setting = ReachSetting(difficulty, keep_attitude, limited)
                 asked = setting.reaches(split, count)
                 planner = OptimalPlanner(
                     SingleArmTask().robot, setting.limits, shipped_library(keep_attitude, limited)
@@ -174,7 +174,7 @@ def table_of_initial_guesses(count: int) -> None:
     """Print the effect of stored initial guesses, on validation goals within the model's limits."""
     rows = []
     for keep_attitude in (False, True):
-        setting = Setting("medium", keep_attitude, True)
+        setting = ReachSetting("medium", keep_attitude, True)
         asked = setting.reaches("validation", count)
         library, robot = shipped_library(keep_attitude), SingleArmTask().robot
         planners = {

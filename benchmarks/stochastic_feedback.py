@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from agents.planners.single_arm.problem import Reach
 from agents.planners.single_arm.promp.demonstrated import DemonstratedPlanner
 from agents.planners.single_arm.weights.functions import ArmFunctions
 from agents.planners.single_arm.weights.shapes import INTERVALS
+from agents.policies.single_arm.promp_feedback import POSITION_NOISE, RATE_NOISE
 from agents.policies.single_arm.stochastic_feedback import StochasticFeedback
 from benchmarks.arguments import check_goals, seed, whole
 from benchmarks.machine import machine_class, markdown_table
@@ -23,7 +25,6 @@ from space_envs.system.command_line import Parser, exit_status
 from space_envs.tasks.single_arm import SingleArmTask
 
 DURATION, PERIOD, TIMESTEP = 10.0, 0.02, 0.01  # s
-POSITION_NOISE, RATE_NOISE = 1e-3, 2e-3  # rad, rad/s, of measured joint angles and rates
 TORQUE_NOISE = 0.2  # N m, held over a period
 MASSES = 0.1  # share by which every body's mass and inertia are off, up or down
 STILL = np.array([1.0, 0.0, 0.0, 0.0])
@@ -32,8 +33,8 @@ Law = Callable[[int, Array, Array], Array]
 
 
 @dataclass(frozen=True)
-class Setting:
-    """Whether there is noise, and whether masses are off."""
+class Disturbance:
+    """Differences from the model: noise of measurements and torques, and wrong masses."""
 
     name: str
     noise: bool
@@ -41,10 +42,10 @@ class Setting:
 
 
 SETTINGS = (
-    Setting("nominal", False, False),
-    Setting("noise", True, False),
-    Setting("mass error", False, True),
-    Setting("both", True, True),
+    Disturbance("nominal", False, False),
+    Disturbance("noise", True, False),
+    Disturbance("mass error", False, True),
+    Disturbance("both", True, True),
 )
 
 
@@ -54,35 +55,39 @@ def computed_torque(law: StochasticFeedback, frequency: float) -> Law:
 
     def accelerations(step: int, position: Array, rate: Array) -> Array:
         state = law.state[step]
-        back = frequency**2 * (state[:n] - position) + 2.0 * frequency * (state[n:] - rate)
-        return law.mean[step] + back
+        feedback = frequency**2 * (state[:n] - position) + 2.0 * frequency * (state[n:] - rate)
+        return law.mean[step] + feedback
 
     return accelerations
 
 
-def play(promp: ProMP, law: Law, reach: Reach, setting: Setting, episodes: int, seed: int) -> Array:
-    """Figures (6,) of episodes under a law.
+class LawErrors(NamedTuple):
+    """Errors of episodes under a law.
 
-    They are the root mean square of the joint error on the way, rad, and at the end, rad; the medians of the
-    end-effector's end errors, m and deg, and of the base's end attitude, deg; and the standard deviation of
-    torques among the episodes, N m.
+    Attributes:
+        joints, joints_at_end: rad, root mean square of the joint error along the motion and at its end.
+        position: m and rotation: deg, medians of the end-effector's errors at the end.
+        attitude: deg, median of the base's at the end. torque: N m, standard deviation among the episodes.
     """
+
+    joints: float
+    joints_at_end: float
+    position: float
+    rotation: float
+    attitude: float
+    torque: float
+
+
+def simulated_errors(
+    promp: ProMP, law: Law, reach: Reach, setting: Disturbance, episodes: int, seed: int
+) -> LawErrors:
+    """Errors of episodes under a law in MuJoCo, from rest at the start of the reach."""
     rng = np.random.default_rng(seed)
-    model = single_arm_model(ModelOptions(timestep=TIMESTEP))
-    simulation, functions = Simulation(model, episodes), ArmFunctions.of(SingleArmTask().robot, INTERVALS)
-    every, n = np.arange(episodes), simulation.n_joints
-    simulation.reset(every)
-    if setting.masses:
-        factor = 1.0 + MASSES * rng.choice([-1.0, 1.0], (episodes, model.nbody))
-        simulation.batch.expand("body_mass")[:] = model.body_mass * factor
-        simulation.batch.expand("body_inertia")[:] = model.body_inertia * factor[..., None]
-        simulation.batch.set_const(every)
-    simulation.joint_position[:] = reach.start
-    simulation.refresh()
+    simulation = _start(reach, setting, episodes, rng)
+    functions = ArmFunctions.of(SingleArmTask().robot, INTERVALS)
     steps = round(DURATION / PERIOD)
-    error, torque = np.empty((steps, episodes, n)), np.empty((steps, episodes, n))
-    phase = np.linspace(0.0, 1.0, steps + 1)[1:]
-    planned = promp.position(phase)
+    error, torque = np.empty((2, steps, episodes, simulation.n_joints))
+    planned = promp.position(np.linspace(0.0, 1.0, steps + 1)[1:])
     for step in range(steps):
         position, rate = simulation.joint_position.copy(), simulation.joint_velocity.copy()
         if setting.noise:
@@ -94,20 +99,38 @@ def play(promp: ProMP, law: Law, reach: Reach, setting: Setting, episodes: int, 
             simulation.ctrl[:] += TORQUE_NOISE * rng.standard_normal(position.shape)
         simulation.step(round(PERIOD / TIMESTEP))
         error[step] = simulation.joint_position - planned[step]
+    joints, joints_at_end = np.sqrt((error**2).mean()), np.sqrt((error[-1] ** 2).mean())
+    variation = np.sqrt(torque.var(axis=1).mean())
+    return LawErrors(joints, joints_at_end, *_end_errors(simulation, reach), variation)
+
+
+def _start(reach: Reach, setting: Disturbance, episodes: int, rng: np.random.Generator) -> Simulation:
+    """Episodes at rest, with masses that are off where the setting says so."""
+    model, every = single_arm_model(ModelOptions(timestep=TIMESTEP)), np.arange(episodes)
+    simulation = Simulation(model, episodes)
+    simulation.reset(every)
+    if setting.masses:
+        factor = 1.0 + MASSES * rng.choice([-1.0, 1.0], (episodes, model.nbody))
+        simulation.batch.expand("body_mass")[:] = model.body_mass * factor
+        simulation.batch.expand("body_inertia")[:] = model.body_inertia * factor[..., None]
+        simulation.batch.set_const(every)
+    simulation.joint_position[:] = reach.start
+    simulation.refresh()
+    return simulation
+
+
+def _end_errors(simulation: Simulation, reach: Reach) -> tuple[float, float, float]:
+    """Medians of the end-effector's position, m, and rotation, deg, and of the base's attitude, deg."""
     qpos, _ = simulation.robot_state()
-    local, turn = SingleArmTask().robot.end_effector_pose(qpos[:, 7:])
-    tip = qpos[:, :3] + rotate(qpos[:, 3:7], local)
-    turned = multiply(qpos[:, 3:7], from_matrix(turn))
-    goal = np.broadcast_to(reach.quaternion, turned.shape)
-    return np.array(
-        [
-            np.sqrt((error**2).mean()),
-            np.sqrt((error[-1] ** 2).mean()),
-            np.median(np.linalg.norm(tip - reach.position, axis=1)),
-            np.median(np.rad2deg(angle_between(turned, goal))),
-            np.median(np.rad2deg(angle_between(qpos[:, 3:7], np.broadcast_to(STILL, turned.shape)))),
-            np.sqrt(torque.var(axis=1).mean()),
-        ]
+    base, attitude = qpos[:, :3], qpos[:, 3:7]
+    local, axes = SingleArmTask().robot.end_effector_pose(qpos[:, 7:])
+    position = base + rotate(attitude, local) - reach.position
+    rotation = multiply(attitude, from_matrix(axes))
+    goal, still = (np.broadcast_to(each, rotation.shape) for each in (reach.quaternion, STILL))
+    return (
+        float(np.median(np.linalg.norm(position, axis=1))),
+        float(np.median(np.rad2deg(angle_between(rotation, goal)))),
+        float(np.median(np.rad2deg(angle_between(attitude, still)))),
     )
 
 
@@ -121,7 +144,7 @@ def main() -> None:
     check_goals("SpaceCapture/SingleArm-v0", "validation", options.goals)
     task = SingleArmTask()
     planner = DemonstratedPlanner(task.robot, model_limits(), shipped_library(True))
-    figures: dict[tuple[str, str], list[Array]] = {}
+    figures: dict[tuple[str, str], list[LawErrors]] = {}
     goals = task.goals("validation", np.arange(options.goals))
     used = 0
     for number, (place, turn) in enumerate(zip(goals.position, goals.quaternion, strict=True)):
@@ -139,13 +162,15 @@ def main() -> None:
         laws["stochastic feedback, noise known"] = noisy.acceleration
         for setting in SETTINGS:
             for name, law in laws.items():
-                made = play(promp, law, reach, setting, options.episodes, options.seed + number)
+                made = simulated_errors(promp, law, reach, setting, options.episodes, options.seed + number)
                 figures.setdefault((setting.name, name), []).append(made)
     rows = []
     for (setting, name), made in figures.items():
-        joint, last, tip, turned, attitude, torque = np.median(made, axis=0)
-        row = [f"{1e3 * joint:.2f}", f"{1e3 * last:.2f}", f"{1e3 * tip:.2f}", f"{turned:.3f}"]
-        rows.append([setting, name, *row, f"{attitude:.4f}", f"{torque:.3f}"])
+        middle = LawErrors(*np.median(made, axis=0).tolist())
+        joints = [f"{1e3 * middle.joints:.2f}", f"{1e3 * middle.joints_at_end:.2f}"]
+        end_effector = [f"{1e3 * middle.position:.2f}", f"{middle.rotation:.3f}"]
+        base = [f"{middle.attitude:.4f}", f"{middle.torque:.3f}"]
+        rows.append([setting, name, *joints, *end_effector, *base])
     head = ["setting", "law", "joint error, mrad", "final joint error, mrad", "end-effector, mm"]
     print(markdown_table([*head, "end-effector, deg", "attitude, deg", "torque variation, N m"], rows))
     print(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from offenders import assert_none
 
-from benchmarks import momentum, planners
+from benchmarks import planners, simulated
 from benchmarks.__main__ import main, names
 from space_envs.errors import ConfigurationError
 from space_envs.registration import ENTRIES
@@ -71,21 +71,23 @@ def test_names_are_checked_and_the_nearest_is_named(
 @pytest.mark.parametrize("name", ["mismatch", "optimal", "planning", "stochastic_feedback", "tracking"])
 def test_more_goals_than_a_split_has_are_refused(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "argv", [f"benchmarks/{name}.py", "--goals", "9999"])
-    for work in {"play", "evaluation_time"} & set(vars(module := import_module(f"benchmarks.{name}"))):
+    for work in {"play", "simulated_errors", "evaluation_time"} & set(
+        vars(module := import_module(f"benchmarks.{name}"))
+    ):
         monkeypatch.setattr(module, work, lambda *_: pytest.fail("work before the refusal"))
     with pytest.raises(ConfigurationError, match="has (256|512) goals, so --goals must be at most"):
         module.main()
 
 
 def test_wider_limits_are_of_the_benchmark_alone() -> None:
-    robot = momentum.ROBOTS[0]
-    with momentum.unlimited(robot) as tried:
-        env = momentum.environment(tried, "joint_velocity", 2, 0, control_period=1.0, timestep=0.05)
-        motion = momentum.simulate(env, [np.ones(env.action_space.shape)] * 3)
+    robot = simulated.ROBOTS[0]
+    with simulated.unlimited(robot) as tried:
+        env = simulated.environment(tried, "joint_velocity", 2, 0, control_period=1.0, timestep=0.05)
+        motion = simulated.simulate(env, [np.ones(env.action_space.shape)] * 3)
     assert motion.qpos.shape[:2] == (2, 4) and motion.torques.shape[:2] == (2, 3) and not motion.diverged
     assert tried.env_id not in ENTRIES
     with pytest.raises(ConfigurationError, match="timestep must lie in"):
-        momentum.environment(robot, "joint_velocity", 2, 0, timestep=0.05)
+        simulated.environment(robot, "joint_velocity", 2, 0, timestep=0.05)
 
 
 def test_the_list_is_a_line_for_each_with_a_gap_after_the_name(capsys: pytest.CaptureFixture[str]) -> None:

@@ -8,7 +8,7 @@ from agents.planners.single_arm.library import shipped_library
 from agents.planners.single_arm.problem import Reach
 from agents.planners.single_arm.promp.demonstrated import DemonstratedPlanner
 from agents.policies.single_arm.stochastic_feedback import StochasticFeedback
-from benchmarks.stochastic_feedback import DURATION, PERIOD, SETTINGS, computed_torque, play
+from benchmarks.stochastic_feedback import DURATION, PERIOD, SETTINGS, computed_torque, simulated_errors
 from promp import ProMP, ViaPoint
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError
@@ -104,13 +104,13 @@ def test_both_laws_bring_the_arm_to_the_goal_in_simulation() -> None:
     space, bounds, _ = planner.planner.setting(reach)
     promp = planner.distributions(reach, space, bounds).found[0].promp
     law = StochasticFeedback.of(promp, DURATION, PERIOD)
-    plain = play(promp, computed_torque(law, 1.0), reach, SETTINGS[0], 2, 0)
-    assert plain[0] < 2e-3
-    assert plain[2] < 2e-3
-    stochastic = play(promp, law.acceleration, reach, SETTINGS[0], 2, 0)
+    plain = simulated_errors(promp, computed_torque(law, 1.0), reach, SETTINGS[0], 2, 0)
+    assert plain.joints < 2e-3
+    assert plain.position < 2e-3
+    stochastic = simulated_errors(promp, law.acceleration, reach, SETTINGS[0], 2, 0)
     # It lets joints stray, and yet meets the goal.
-    assert stochastic[0] > 5.0 * plain[0]
-    assert stochastic[2] < 2e-3
-    assert stochastic[4] < 0.05
-    noisy = play(promp, computed_torque(law, 1.0), reach, SETTINGS[1], 2, 0)
-    assert noisy[5] > 0.1 > plain[5]
+    assert stochastic.joints > 5.0 * plain.joints
+    assert stochastic.position < 2e-3
+    assert stochastic.attitude < 0.05
+    noisy = simulated_errors(promp, computed_torque(law, 1.0), reach, SETTINGS[1], 2, 0)
+    assert noisy.torque > 0.1 > plain.torque

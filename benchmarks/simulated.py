@@ -1,0 +1,91 @@
+"""Robots in simulations that nothing ends before their horizon, for benchmarks of the simulation."""
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from space_envs.dynamics.rotations import Array
+from space_envs.envs import CaptureVectorEnv
+from space_envs.registration import ENTRIES, register, unregister
+from space_envs.robots.parameters import VARIANTS
+
+
+class SimulatedRobot(NamedTuple):
+    """A robot as it is simulated: its name in tables, the environment's id and keywords."""
+
+    name: str
+    env_id: str
+    keywords: dict[str, Any]
+
+
+ROBOTS = (
+    *(SimulatedRobot(f"single arm, {v}", "SpaceCapture/SingleArm-v0", {"variant": v}) for v in VARIANTS),
+    SimulatedRobot("dual arm, planar", "SpaceCapture/DualArmPlanar-v0", {}),
+    SimulatedRobot("dual arm, spatial", "SpaceCapture/DualArmSpatial-v0", {}),
+)
+
+
+class SimulatedMotion(NamedTuple):
+    """Motion of E episodes: states (E, T + 1, ...) and torques.
+
+    Attributes:
+        qpos, qvel: of the robot, base first. torques: (E, T, n) N m.
+        diverged: whether MuJoCo warned of a state; the motion ends there.
+    """
+
+    qpos: Array
+    qvel: Array
+    torques: Array
+    diverged: bool
+
+
+@contextmanager
+def unlimited(robot: SimulatedRobot) -> Iterator[SimulatedRobot]:
+    """The robot under an id of its own, for control periods and time steps that its task would refuse."""
+    task = ENTRIES[robot.env_id].task
+    limits = {"largest_control_period": 10.0, "largest_timestep": 0.1}
+    env_id = robot.env_id.replace("-v", "Unlimited-v")
+    register(env_id, type(f"Unlimited{task.__name__}", (task,), limits))
+    try:
+        yield robot._replace(env_id=env_id)
+    finally:
+        unregister(env_id)
+
+
+def environment(
+    robot: SimulatedRobot, mode: str, episodes: int, seed: int, **keywords: Any
+) -> CaptureVectorEnv:
+    """Episodes at their start, which nothing ends before their horizon.
+
+    Args:
+        keywords: of the task.
+    """
+    env = CaptureVectorEnv(
+        robot.env_id,
+        num_envs=episodes,
+        autoreset_mode="disabled",
+        control_mode=mode,
+        attitude_limit=179.9,
+        hold_time=1e3,
+        collisions=False,
+        **robot.keywords,
+        **keywords,
+    )
+    env.reset(seed=seed)
+    return env
+
+
+def simulate(env: CaptureVectorEnv, actions: Iterable[Array]) -> SimulatedMotion:
+    """The motion of the robot under actions (E, m), one for each control step."""
+    simulation, torques, diverged = env.simulation, [], False
+    states = [simulation.robot_state()]
+    for action in actions:
+        env.step(action)
+        torques.append(simulation.ctrl.copy())
+        states.append(simulation.robot_state())
+        if diverged := bool(simulation.warned()):
+            break
+    qpos, qvel = (np.stack(part, axis=1) for part in zip(*states, strict=True))
+    return SimulatedMotion(qpos, qvel, np.stack(torques, axis=1), diverged)
