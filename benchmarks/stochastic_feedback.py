@@ -33,7 +33,7 @@ Law = Callable[[int, Array, Array], Array]
 
 
 @dataclass(frozen=True)
-class Disturbance:
+class ModelErrors:
     """Differences from the model: noise of measurements and torques, and wrong masses."""
 
     name: str
@@ -42,10 +42,10 @@ class Disturbance:
 
 
 SETTINGS = (
-    Disturbance("nominal", False, False),
-    Disturbance("noise", True, False),
-    Disturbance("mass error", False, True),
-    Disturbance("both", True, True),
+    ModelErrors("nominal", False, False),
+    ModelErrors("noise", True, False),
+    ModelErrors("mass error", False, True),
+    ModelErrors("both", True, True),
 )
 
 
@@ -79,7 +79,7 @@ class LawErrors(NamedTuple):
 
 
 def simulated_errors(
-    promp: ProMP, law: Law, reach: Reach, setting: Disturbance, episodes: int, seed: int
+    promp: ProMP, law: Law, reach: Reach, setting: ModelErrors, episodes: int, seed: int
 ) -> LawErrors:
     """Errors of episodes under a law in MuJoCo, from rest at the start of the reach."""
     rng = np.random.default_rng(seed)
@@ -104,7 +104,7 @@ def simulated_errors(
     return LawErrors(joints, joints_at_end, *_end_errors(simulation, reach), variation)
 
 
-def _start(reach: Reach, setting: Disturbance, episodes: int, rng: np.random.Generator) -> Simulation:
+def _start(reach: Reach, setting: ModelErrors, episodes: int, rng: np.random.Generator) -> Simulation:
     """Episodes at rest, with masses that are off where the setting says so."""
     model, every = single_arm_model(ModelOptions(timestep=TIMESTEP)), np.arange(episodes)
     simulation = Simulation(model, episodes)

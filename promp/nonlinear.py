@@ -133,7 +133,7 @@ def condition_nonlinear(
     raise _not_met(here.missed, length, iterations)
 
 
-class _Linearised(NamedTuple):
+class _LinearTargets(NamedTuple):
     """Targets at some unknowns: missed (m,), derivatives by the weights (m, n nb) and by the unknowns."""
 
     missed: Array
@@ -166,17 +166,17 @@ class _Search:
         """Flat weights (n nb,)."""
         return self._mean + self._factor.directions @ unknown[: self._rank]
 
-    def at(self, unknown: Array) -> _Linearised:
+    def at(self, unknown: Array) -> _LinearTargets:
         """The targets, linearised."""
         weights = self.weights(unknown).reshape(1, *self._promp.mean.shape)
         missed, slope, deviation = _together(self._targets, weights)
         noise = np.diag(deviation)[:, deviation > 0.0]
         response = np.hstack([slope[0] @ self._factor.directions, noise])
-        return _Linearised(missed[0] + noise @ unknown[self._rank :], slope[0], response)
+        return _LinearTargets(missed[0] + noise @ unknown[self._rank :], slope[0], response)
 
     def step(
-        self, unknown: Array, goal: Array, here: _Linearised, inverse: Array, weight: float
-    ) -> tuple[Array, _Linearised] | None:
+        self, unknown: Array, goal: Array, here: _LinearTargets, inverse: Array, weight: float
+    ) -> tuple[Array, _LinearTargets] | None:
         """Unknowns on the line to `goal`, or near it, that lower the penalty enough; None without any."""
         step, now = goal - unknown, _penalty(unknown, here.missed, weight)
         predicted = now - _penalty(goal, here.missed + here.response @ step, weight)

@@ -18,20 +18,18 @@ from reproduce.__main__ import main
 from reproduce.claims import Rule
 from reproduce.page.blocks import Page, Picture, Prose, Section
 from reproduce.page.writing import to_html, to_markdown, write_docs
-from reproduce.shyam2020 import methods, sampling
+from reproduce.shyam2020 import methods, steps
 from reproduce.shyam2020.cases import MOST, GoalCase, context, goal, limits
 from reproduce.shyam2020.measures import course, figures
 from reproduce.shyam2020.methods import METHODS
 from reproduce.shyam2020.page.claims import BEYOND, CLAIMS
 from reproduce.shyam2020.page.model import HOME, TABLE_I, TABLE_II, compiled
-from reproduce.shyam2020.sampling import (
+from reproduce.shyam2020.sampling import draw_samples, prior, sample_figures
+from reproduce.shyam2020.steps import (
     BALL_RADIUS,
     ROOM,
     ball_on_the_way,
-    draw_samples,
     literal_figures,
-    prior,
-    sample_figures,
     via_point_figures,
 )
 from space_envs.dynamics.rotations import angle_between
@@ -288,9 +286,9 @@ def test_locked_joints_stay_where_they_are(monkeypatch):
             "Found", (), {"converged": np.arange(len(start)) == (0 if joint < 3 else 8 * joint - 23)}
         )()
 
-    monkeypatch.setattr(sampling, "floating_inverse_kinematics", search)
+    monkeypatch.setattr(steps, "floating_inverse_kinematics", search)
     case = goal(0)
-    assert sampling.locked_figures(case, 25) == {"still": 6, "of": 7, "starts": 25}
+    assert steps.locked_figures(case, 25) == {"still": 6, "of": 7, "starts": 25}
     assert rows == [1] * 3 + [1, 24] * 4
     for bounds in seen:
         held = np.flatnonzero(bounds[:, 0] == bounds[:, 1])
@@ -299,7 +297,7 @@ def test_locked_joints_stay_where_they_are(monkeypatch):
 
 def test_a_search_from_one_start_gives_up_where_another_reaches_the_goal():
     """What one start does not find is no proof that it cannot be."""
-    one, many = (sampling.locked_figures(goal(0), starts)["still"] for starts in (1, 25))
+    one, many = (steps.locked_figures(goal(0), starts)["still"] for starts in (1, 25))
     assert one < many
 
 

@@ -1,4 +1,4 @@
-"""What is worked out about a goal: every planner's motion and its figures, and the algorithm's steps."""
+"""Results of a goal: every planner's motion and its figures, and the algorithm's single steps."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,22 +15,18 @@ from agents.planners.common.inverse_kinematics import JointMotion
 from agents.planners.common.plans import Failure
 from agents.policies.single_arm.promp import SAMPLES
 from reproduce.cases import CaseRecord, config_key, source_digest
-from reproduce.shyam2020 import cases, measures, sampling
+from reproduce.shyam2020 import cases, measures, sampling, steps
 from reproduce.shyam2020.cases import GoalCase, goal
 from reproduce.shyam2020.measures import Course, course, figures
 from reproduce.shyam2020.methods import METHODS, optimal_control
-from reproduce.shyam2020.sampling import (
-    DrawnSamples,
+from reproduce.shyam2020.sampling import DrawnSamples, draw_samples, sample_figures
+from reproduce.shyam2020.steps import (
     ball_figures,
-    draw_samples,
     encoding_figures,
     literal_figures,
     locked_figures,
-    sample_figures,
     via_point_figures,
 )
-
-NO_GOAL = "no joint goal was found"
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +45,7 @@ def work_out(case: GoalCase, seed: int) -> PlannedGoal:
     The record is a plain JSON object: `index`; `goal`; `methods` with the figures of
     `reproduce.shyam2020.measures.figures`, or cause and reason of a failure; `once`, optimal control from a
     single start; `samples`, `via_point`, `literal`, `locked`, `encoding`, `ball` as
-    `reproduce.shyam2020.sampling` says, None where they cannot be asked; and `timing`, s, which alone depends
+    `sampling` and `steps` say, None where they cannot be asked; and `timing`, s, which alone depends
     on the clock.
     """
     _warm(seed)
@@ -110,14 +106,14 @@ def recipe(seed: int) -> dict[str, Any]:
         Path(agents.__file__).parent / "planners" / "single_arm",
         *(
             Path(agents.__file__).parent / "policies" / "single_arm" / f"{name}.py"
-            for name in ("minimum_jerk", "mpc", "promp")
+            for name in ("minimum_jerk", "mpc", "promp", "reaching")
         ),
         Path(promp.__file__).parent,
         suite / "dynamics",
         suite / "codegen",
         suite / "robots",
         suite / "tasks" / "single_arm.py",
-        *(Path(str(module.__file__)) for module in (cases, measures, sampling)),
+        *(Path(str(module.__file__)) for module in (cases, measures, sampling, steps)),
         own / "methods.py",
         own / "runs.py",
     ]

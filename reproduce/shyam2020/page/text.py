@@ -3,7 +3,8 @@
 from agents.policies.single_arm.promp_feedback import POSITION_NOISE, RATE_NOISE
 from reproduce.page.text import PageText
 from reproduce.shyam2020.page import thresholds
-from reproduce.shyam2020.sampling import BALL_RADIUS, LOCKED_STARTS, SHOWN
+from reproduce.shyam2020.sampling import SHOWN
+from reproduce.shyam2020.steps import BALL_RADIUS, LOCKED_STARTS
 
 CONSTANTS = {name: value for name, value in vars(thresholds).items() if name.isupper()}
 TEXT = PageText(

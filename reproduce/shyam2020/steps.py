@@ -1,0 +1,153 @@
+"""Single steps and promises of the paper's algorithm put to the test, each on one goal."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.planners.common.inverse_kinematics import (
+    JointMotion,
+    floating_inverse_kinematics,
+    inverse_kinematics,
+)
+from agents.planners.common.plans import Failure
+from agents.policies.single_arm.minimum_jerk import minimum_jerk_profile
+from agents.policies.single_arm.promp import shipped_prior
+from agents.policies.single_arm.reaching import motion_times
+from promp import ProMP, ViaPoint
+from reproduce.shyam2020.cases import GoalCase, context
+from reproduce.shyam2020.measures import IDENTITY, Course, course
+from reproduce.shyam2020.methods import planner
+from reproduce.shyam2020.sampling import DrawnSamples, prior
+from space_envs.dynamics.rotations import Array, angle_between
+from space_envs.dynamics.spheres import link_ends, sphere_gaps
+from space_envs.robots.parameters import SINGLE_ARM
+
+BALL_RADIUS = 0.1  # m, of the sphere in the path of the arm
+ROOM = 0.03  # m, that the links have from it at start and goal; else the case is not asked about
+PLACES = 50  # times at which places for it are looked for
+LOCKED_STARTS = 25  # of the search with a joint locked
+BEND = 0.1  # rad, of every joint at the via-point, away from the mean
+
+
+def via_point_figures(case: GoalCase, goal: Array) -> dict[str, float]:
+    """How far the ProMP conditioned on start, goal and a via-point passes from them, rad, at most."""
+    bare, rest = shipped_prior(), np.zeros_like(goal)
+    duration = float(prior().times[-1])
+    ends = [ViaPoint(0.0, case.start, rest, duration), ViaPoint(1.0, goal, rest, duration)]
+    between = bare.condition_on(ends).position(0.5) + BEND
+    through = bare.condition_on([*ends, ViaPoint(0.5, between)])
+    asked = ((0.0, case.start), (0.5, between), (1.0, goal))
+    return {"via_point": max(float(np.abs(through.position(z) - value).max()) for z, value in asked)}
+
+
+def literal_figures(case: GoalCase) -> dict[str, float]:
+    """Where the end-effector arrives if the joint goal is found as if the base stayed, m and rad."""
+    at, arm = prior(), context().arm
+    start = case.start[None]
+    found = inverse_kinematics(
+        arm, case.position[None], case.quaternion[None], start, context().joint_limits, start
+    )
+    weights = at.weights(start, np.zeros_like(start), found.position)[0]
+    motion = at.motion(weights)
+    done = course(motion)
+    return {
+        "missed": float(np.linalg.norm(done.tip[-1] - case.position)),
+        "turned_off": float(angle_between(done.tip_attitude, case.quaternion)),
+    }
+
+
+def encoding_figures(motion: JointMotion) -> dict[str, float]:
+    """A motion of the demonstrating controller in the ProMP's weights: largest error over the largest joint
+    displacement, and the numbers that the motion and its weights have."""
+    positions, velocities = motion.position[None], motion.velocity[None]
+    basis, duration = shipped_prior().basis, motion.dt * (len(motion.position) - 1)
+    fitted = ProMP.fit(positions, velocities, duration=duration, basis=basis)
+    error = fitted.position(np.linspace(0.0, 1.0, len(motion.position))) - motion.position
+    size = np.abs(motion.position - motion.position[0]).max()
+    return {
+        "error": float(np.abs(error).max() / size),
+        "numbers": 2 * motion.position.size,
+        "weights": fitted.mean.size,
+    }
+
+
+def locked_figures(case: GoalCase, starts: int = LOCKED_STARTS) -> dict[str, int]:
+    """With how many single joints locked where they start a search finds a minimum jerk to the goal.
+
+    The search is local, so that one start that leads nowhere says nothing: it is made from `starts` joint
+    goals, the first the start itself, the others drawn within the joint limits. What none of them finds may
+    exist all the same.
+    """
+    profile = minimum_jerk_profile(motion_times(context()))
+    found_with = 0
+    for joint in range(len(case.start)):
+        bounds = context().joint_limits.copy()
+        bounds[joint] = case.start[joint]
+        drawn = np.random.default_rng(joint).uniform(
+            bounds[:, 0], bounds[:, 1], (starts - 1, len(case.start))
+        )
+        begins = np.concatenate([case.start[None], drawn])
+
+        def motion(goal: Array, rows: NDArray[np.int64]) -> JointMotion:
+            begin = np.broadcast_to(case.start, goal.shape)
+            return profile.motion(begin, np.zeros_like(begin), goal)
+
+        for some in (begins[:1], begins[1:]):  # the first is mostly enough
+            found = floating_inverse_kinematics(
+                context().arm,
+                np.tile(case.position, (len(some), 1)),
+                np.tile(case.quaternion, (len(some), 1)),
+                motion,
+                np.zeros((len(some), 3)),
+                np.tile(IDENTITY, (len(some), 1)),
+                some,
+                bounds,
+            )
+            if found.converged.any():
+                found_with += 1
+                break
+    return {"still": found_with, "of": len(case.start), "starts": starts}
+
+
+def ball_on_the_way(mean: Course) -> Array | None:
+    """A ball (1, 4) on a link's way along the mean: of the places that the arm passes, the one farthest from
+    where it starts and ends. None where no place is far enough from both."""
+    robot = context().arm
+    ends = link_ends(robot, mean.joints, mean.base, mean.attitude)
+    passed = ends[:: len(ends) // PLACES].reshape(-1, 3)
+    balls = np.column_stack([passed, np.full(len(passed), BALL_RADIUS)])
+    gaps = sphere_gaps(ends[[0, -1]], balls[None], SINGLE_ARM.link_radius).min(axis=(0, 1))
+    best = int(gaps.argmax())
+    return balls[best : best + 1] if gaps[best] >= ROOM else None
+
+
+def ball_figures(case: GoalCase, drawn: DrawnSamples) -> Mapping[str, Any] | None:
+    """A ball on the mean's way: how many samples are clear of it, and whether the weight-space planner finds
+    a motion that is. None where there is no place for one."""
+    ball = ball_on_the_way(course(prior().motion(drawn.weights.mean(axis=0))))
+    if ball is None:
+        return None
+    ends = link_ends(context().arm, drawn.motion.position, drawn.base, drawn.attitude)
+    clear = sphere_gaps(ends, ball, SINGLE_ARM.link_radius).min(axis=(1, 2, 3)) > 0.0
+    usable = clear & drawn.within
+    found = planner(False).plan(case.reach(spheres=ball))
+    refined: dict[str, Any]
+    if isinstance(found, Failure):
+        refined = {"cause": str(found.cause), "reason": found.reason}
+    else:
+        done = course(found)
+        refined = {"cost": done.cost, "gap": float(_gaps(done, ball).min())}
+    return {
+        "clear": int(clear.sum()),
+        "usable": int(usable.sum()),
+        "cost": float(drawn.cost[usable].min()) if usable.any() else None,
+        "optimal": refined,
+    }
+
+
+def _gaps(done: Course, ball: Array) -> Array:
+    """Least gap (K,) m between any link and the ball."""
+    ends = link_ends(context().arm, done.joints, done.base, done.attitude)
+    return sphere_gaps(ends, ball, SINGLE_ARM.link_radius).min(axis=(1, 2))
