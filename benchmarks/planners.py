@@ -14,9 +14,9 @@ from agents.commands.evaluate import main as evaluate
 from agents.policies.registry import policies_for
 from benchmarks.arguments import env_id, split, whole
 from benchmarks.machine import machine_class, markdown_table
-from space_envs.evaluation.report.drawing import label_points
-from space_envs.evaluation.report.figures import BLUE, VERMILION
-from space_envs.evaluation.report.ticks import log_ticks
+from space_envs.evaluation.report.drawing.labels import label_points
+from space_envs.evaluation.report.drawing.look import BLUE, VERMILION
+from space_envs.evaluation.report.drawing.ticks import log_ticks
 from space_envs.system.command_line import Parser, exit_status
 from space_envs.system.files import atomic_write
 

@@ -12,9 +12,9 @@ from agents.policies.registry import POLICIES, control_mode, policies_for
 from docs.reading import attributes, comments, number, summary, table
 from docs.robots import links, planar_links, spatial_links
 from space_envs import control
+from space_envs.evaluation.leaderboard.columns import COLUMNS, NOTE, RULES
+from space_envs.evaluation.leaderboard.pareto import FRONT
 from space_envs.evaluation.records.schema import record_schema
-from space_envs.evaluation.statistics.columns import COLUMNS, NOTE, RULES
-from space_envs.evaluation.statistics.comparison import FRONT
 from space_envs.policy import Needs
 from space_envs.registration import ENTRIES
 from space_envs.tasks.base import CaptureTask, DriveLimits

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from space_envs.errors import ConfigurationError, unknown_name
+from space_envs.evaluation.leaderboard.build import build_rows
+from space_envs.evaluation.leaderboard.row import Row
 from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.report.folder import BOOTSTRAP_SEED
-from space_envs.evaluation.report.tables import by_task, counts_told, markdown_table, modes_told
-from space_envs.evaluation.statistics.leaderboard import build_rows
-from space_envs.evaluation.statistics.row import Row
+from space_envs.evaluation.report.tables.markdown import markdown_table
+from space_envs.evaluation.report.tables.wording import by_task, counts_summary, modes_summary
 
 MARKER = re.compile(r"(<!-- leaderboard: (\S+) -->\n).*?(<!-- /leaderboard -->)", re.DOTALL)
 
@@ -40,6 +41,7 @@ def _table(rows: Sequence[Row], records: Sequence[EpisodeRecord]) -> str:
     timed = {r.timing["processor"] for r in records if r.entry.task == task} - {None}
     on = f"Timed on {' and '.join(sorted(map(str, timed)))}. " if timed else ""
     return (
-        f"{task.difficulty.capitalize()} goals, {task.split} split, {counts_told(rows)}; the control mode is "
-        f"{modes_told(rows)}. {on}Brackets are 95 % intervals.\n\n{markdown_table(rows, brief=True)}"
+        f"{task.difficulty.capitalize()} goals, {task.split} split, {counts_summary(rows)}; "
+        f"the control mode is {modes_summary(rows)}. {on}Brackets are 95 % intervals.\n\n"
+        f"{markdown_table(rows, brief=True)}"
     )

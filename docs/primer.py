@@ -21,8 +21,8 @@ from docs.primer_motions import (
     swing,
 )
 from promp import ProMP, ViaPoint
-from space_envs.evaluation.report.drawing import INK, LONE, draw_panel
-from space_envs.evaluation.report.figures import BLUE, GREEN, VERMILION
+from space_envs.evaluation.report.drawing.look import BLUE, GREEN, VERMILION
+from space_envs.evaluation.report.drawing.panel import INK, LONE, draw_panel
 from space_envs.robots.parameters import DUAL_ARM_PLANAR
 from space_envs.system.command_line import Parser, exit_status, output_path
 from space_envs.system.files import atomic_write_text

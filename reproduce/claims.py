@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from reproduce.page.text import PageText
-from space_envs.evaluation.statistics.intervals import CONFIDENCE, wilson_interval
+from space_envs.evaluation.statistics.intervals import wilson_interval
+from space_envs.evaluation.statistics.resampling import CONFIDENCE
 
 CaseRecord = Mapping[str, Any]
 ClaimTest = Callable[[CaseRecord], bool | None]

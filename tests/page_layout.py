@@ -87,7 +87,7 @@ def until(page: Page, condition: str) -> None:
 
 
 def layout_faults(browser: Browser, address: str) -> list[str]:
-    """Everything that is wrong with the page at any width and in either colour scheme.
+    """Everything that is wrong with the page at any width and in either color scheme.
 
     The page must not be wider than the window; what is wider than its place must scroll there, with a label;
     nothing may lie over a heading or a cell of a table; a card breaks no word; the console stays empty.

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 from synthetic_results import make_record
 
+from space_envs.evaluation.leaderboard.build import build_rows
+from space_envs.evaluation.leaderboard.row import Row
 from space_envs.evaluation.records.episode import EpisodeRecord
-from space_envs.evaluation.statistics.leaderboard import build_rows
-from space_envs.evaluation.statistics.row import Row
 
 
 def played(

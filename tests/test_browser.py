@@ -12,12 +12,13 @@ from page_layout import CHROMIUM, until
 from playwright.sync_api import Browser, Dialog, Locator, Page, Playwright
 from synthetic_results import HOSTILE, make_played, make_record, make_result
 
+from space_envs.evaluation.leaderboard.build import build_rows
 from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.replay.replay import Replay, make_replays
-from space_envs.evaluation.report.page.html import make_plots, to_html
+from space_envs.evaluation.report.page.html import to_html
 from space_envs.evaluation.report.page.scores import all_scores
+from space_envs.evaluation.report.plots.all_plots import make_plots
 from space_envs.evaluation.results.result import EvaluationResult
-from space_envs.evaluation.statistics.leaderboard import build_rows
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium: apt-get install chromium")
 PHONE = {
@@ -297,8 +298,8 @@ def test_a_replay_without_webgl(engine: Playwright, address: str, complaints: li
 )
 def test_dark_and_light(page: Page, options: dict[str, str]) -> None:
     def brightness() -> float:
-        colour = page.evaluate("getComputedStyle(document.body).backgroundColor")
-        return sum(map(int, colour.removeprefix("rgb(").removesuffix(")").split(","))) / 3
+        color = page.evaluate("getComputedStyle(document.body).backgroundColor")
+        return sum(map(int, color.removeprefix("rgb(").removesuffix(")").split(","))) / 3
 
     light = options["color_scheme"] == "light"
     assert (brightness() > 128) == light

@@ -12,19 +12,16 @@ from scipy.stats import mannwhitneyu
 from synthetic_results import changed, entry, make_record, make_result
 
 from space_envs.errors import ConfigurationError
+from space_envs.evaluation.leaderboard.comparison import COSTS, improvements, profiles
+from space_envs.evaluation.leaderboard.normalised import normalised_scores
+from space_envs.evaluation.leaderboard.pareto import dominance, pareto_front
 from space_envs.evaluation.records.episode import EpisodeRecord
-from space_envs.evaluation.statistics.comparison import (
-    COSTS,
-    dominance,
-    improvements,
+from space_envs.evaluation.statistics.improvement import (
     paired_improvement,
-    pareto_front,
     performance_profile,
-    profiles,
     unpaired_improvement,
 )
 from space_envs.evaluation.statistics.intervals import Estimates
-from space_envs.evaluation.statistics.normalised import normalised_scores
 
 INF = math.inf
 

@@ -9,17 +9,19 @@ import pytest
 from played_episodes import played, rows_of
 from synthetic_results import HOSTILE, Character, make_result
 
+from space_envs.evaluation.leaderboard.comparison import COSTS
+from space_envs.evaluation.leaderboard.pareto import FRONT
 from space_envs.evaluation.records.episode import EpisodeRecord
-from space_envs.evaluation.report import figures
-from space_envs.evaluation.report.comparison_figures import comparison_plots
-from space_envs.evaluation.report.drawing import Panel
-from space_envs.evaluation.statistics.comparison import COSTS, FRONT
+from space_envs.evaluation.report.drawing.look import make_looks
+from space_envs.evaluation.report.drawing.panel import Panel
+from space_envs.evaluation.report.plots.comparison import comparison_plots
+from space_envs.evaluation.report.plots.plot import Plot
 
 
-def plots_of(records: Sequence[EpisodeRecord], seed: int = 0) -> dict[str, figures.Plot]:
+def plots_of(records: Sequence[EpisodeRecord], seed: int = 0) -> dict[str, Plot]:
     rows = rows_of(records)
-    shade = figures.looks(list(dict.fromkeys(row.policy for row in rows)))
-    plots = comparison_plots(rows, records, shade, np.random.default_rng(seed), resamples=200)
+    looks = make_looks(list(dict.fromkeys(row.policy for row in rows)))
+    plots = comparison_plots(rows, records, looks, np.random.default_rng(seed), resamples=200)
     return {plot.key: plot for plot in plots}
 
 

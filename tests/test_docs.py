@@ -28,7 +28,7 @@ from docs.leaderboard import with_leaderboards
 from docs.reading import attributes, comments, described, field_comments, number, section, split_unit
 from space_envs.envs import CaptureEnv
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.statistics.columns import COLUMNS, RULES
+from space_envs.evaluation.leaderboard.columns import COLUMNS, RULES
 from space_envs.rendering import missing_gl
 from space_envs.system.provenance import package_version
 from space_envs.tasks.base import CaptureTask

@@ -35,11 +35,12 @@ from reproduce.page.writing import write_page
 from reproduce.shah2013.claims import CLAIMS as SHAH2013
 from reproduce.shyam2020.page.claims import CLAIMS as SHYAM2020
 from reproduce.study import STUDIES
+from space_envs.evaluation.leaderboard.build import build_rows
 from space_envs.evaluation.replay.replay import make_replays
-from space_envs.evaluation.report.page.html import make_plots, to_html
+from space_envs.evaluation.report.page.html import to_html
 from space_envs.evaluation.report.page.scores import all_scores
+from space_envs.evaluation.report.plots.all_plots import make_plots
 from space_envs.evaluation.results.result import EvaluationResult
-from space_envs.evaluation.statistics.leaderboard import build_rows
 from space_envs.registration import ENTRIES
 
 TEMPLATES = {"report.html.j2", "page.html.j2"}

@@ -11,17 +11,20 @@ from rich.console import Console
 from synthetic_results import make_record, make_result, timed
 
 from space_envs.errors import ConfigurationError
+from space_envs.evaluation.leaderboard.build import build_rows
+from space_envs.evaluation.leaderboard.columns import COLUMNS, NOTE, RULES, column_named, leaders
+from space_envs.evaluation.leaderboard.figures import FIGURES, SHARES
+from space_envs.evaluation.leaderboard.rounding import interval, rounded
+from space_envs.evaluation.leaderboard.rounding import supported_decimals as decimals
+from space_envs.evaluation.leaderboard.row import Row
 from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.report.folder import write_report
-from space_envs.evaluation.report.tables import failures_told, to_latex, to_markdown, to_terminal
+from space_envs.evaluation.report.tables.latex import to_latex
+from space_envs.evaluation.report.tables.markdown import to_markdown
+from space_envs.evaluation.report.tables.terminal import to_terminal
+from space_envs.evaluation.report.tables.wording import failure_summaries
 from space_envs.evaluation.results.result import EvaluationResult
-from space_envs.evaluation.statistics.columns import COLUMNS, NOTE, RULES, column_named, leaders
-from space_envs.evaluation.statistics.figures import FIGURES, SHARES
 from space_envs.evaluation.statistics.intervals import Estimate
-from space_envs.evaluation.statistics.leaderboard import build_rows
-from space_envs.evaluation.statistics.rounding import interval, rounded
-from space_envs.evaluation.statistics.rounding import supported_decimals as decimals
-from space_envs.evaluation.statistics.row import Row
 
 
 def failed(**changes: object) -> EpisodeRecord:
@@ -194,7 +197,7 @@ def test_every_failed_episode_is_counted_under_its_cause(tmp_path) -> None:
     records += [failed(policy="gjm", outcome="policy_error", reason="late")]
     records += [make_record(policy="perfect")]
     rows = rows_of(records)
-    told = dict(failures_told(rows))
+    told = dict(failure_summaries(rows))
     assert told == {
         "reactionless": "18 of 20: 10 infeasible, 4 singular, 2 joint limit, 2 timeouts",
         "bc": "2 of 2: 1 diverged, 1 collision",

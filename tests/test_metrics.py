@@ -5,10 +5,10 @@ import pytest
 from rollouts import SINGLE, rollout_of
 
 from space_envs.dynamics.bodies import body_motion
+from space_envs.evaluation.leaderboard.figures import cost_times_duration
 from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
 from space_envs.evaluation.records.making import episode_records
 from space_envs.evaluation.records.metrics import episode_metrics
-from space_envs.evaluation.statistics.figures import cost_times_duration
 
 
 def test_attitude_cost_is_minus_the_attitude_reward():

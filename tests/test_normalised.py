@@ -10,9 +10,9 @@ from played_episodes import played
 from synthetic_results import entry, make_result
 
 from space_envs.errors import ConfigurationError
+from space_envs.evaluation.leaderboard.normalised import MAIN_SCORE, SCORES, normalised_scores
 from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.report.folder import write_report
-from space_envs.evaluation.statistics.normalised import MAIN_SCORE, SCORES, normalised_scores
 
 
 def test_normalised_success_by_hand() -> None:

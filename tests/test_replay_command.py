@@ -14,9 +14,9 @@ from agents.commands import replay as command
 from agents.commands.show import main as show
 from agents.commands.show import of_tasks, sorted_rows
 from space_envs.errors import ConfigurationError, RenderingError
+from space_envs.evaluation.leaderboard.build import build_rows
 from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.results.folders import read_folder
-from space_envs.evaluation.statistics.leaderboard import build_rows
 from space_envs.system import opengl
 from space_envs.system.opengl import missing_gl
 

@@ -28,10 +28,10 @@ from space_envs.evaluation.replay.replay import Replay, make_replays
 from space_envs.evaluation.replay.scenes import make_motion, make_scene
 from space_envs.evaluation.replay.solids import Solid, box, capsule, cylinder, ellipsoid, geom_solid
 from space_envs.evaluation.replay.videos import write_videos
-from space_envs.evaluation.report.figures import looks
-from space_envs.evaluation.report.page.replays import REPLAY_LETTERS, page_replays
+from space_envs.evaluation.report.drawing.look import make_looks
+from space_envs.evaluation.report.page.replays import REPLAY_CHARACTERS, page_replays
 from space_envs.registration import ENTRIES, make_task
-from space_envs.rendering import missing_gl
+from space_envs.system.opengl import missing_gl
 
 
 @pytest.fixture(scope="module")
@@ -251,15 +251,15 @@ def test_many_replays_lose_frames_and_fit(
 
     def shown() -> tuple[int, list[list[float]], int]:
         """Stride, times of the frames of each replay, and size of what the page holds of them."""
-        found = page_replays([(task, rows)], {entry: replays}, looks([entry.policy]))[task]
+        found = page_replays([(task, rows)], {entry: replays}, make_looks([entry.policy]))[task]
         assert found is not None
         episodes = json.loads(found["json"])["policies"][0]["episodes"]
         return found["stride"], [one["time"] for one in episodes], sum(map(size_of, episodes))
 
     stride, times, size = shown()
     assert stride == 1 and [len(each) for each in times] == [len(one.time) for one in replays]
-    assert size < REPLAY_LETTERS / 80
-    monkeypatch.setattr("space_envs.evaluation.report.page.replays.REPLAY_LETTERS", size // 2)
+    assert size < REPLAY_CHARACTERS / 80
+    monkeypatch.setattr("space_envs.evaluation.report.page.replays.REPLAY_CHARACTERS", size // 2)
     stride, fewer, smaller = shown()
     assert stride > 1 and smaller <= size // 2
     assert [each[-1] for each in fewer] == [each[-1] for each in times]

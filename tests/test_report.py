@@ -22,6 +22,10 @@ from rich.console import Console
 from synthetic_results import CHARACTERS, HOSTILE, Character, entry, make_record, make_result, timed
 
 from space_envs.errors import ConfigurationError
+from space_envs.evaluation.leaderboard.build import build_rows
+from space_envs.evaluation.leaderboard.columns import COLUMNS, RULES
+from space_envs.evaluation.leaderboard.figures import FIGURES
+from space_envs.evaluation.leaderboard.row import Row
 from space_envs.evaluation.play.causes import CAUSES
 from space_envs.evaluation.play.episode_file import load_episodes
 from space_envs.evaluation.play.episodes import EpisodeBatch
@@ -29,19 +33,25 @@ from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.records.names import csv_name, display_name, file_name, latex_name, markdown_name
 from space_envs.evaluation.records.storage import read_records, records_without_timing
 from space_envs.evaluation.replay.stills import Still
-from space_envs.evaluation.report import figures
-from space_envs.evaluation.report.drawing import Panel
+from space_envs.evaluation.report.drawing.look import PALETTE, make_looks
+from space_envs.evaluation.report.drawing.panel import Panel
 from space_envs.evaluation.report.folder import ReportPaths, write_report
-from space_envs.evaluation.report.page.html import SCRIPTS, highlights, make_plots, to_html
+from space_envs.evaluation.report.page.html import SCRIPTS, to_html
 from space_envs.evaluation.report.page.pictures import NO_PICTURES, NONE_HERE, NOTHING_CAPTURED, TOO_MANY
 from space_envs.evaluation.report.page.scores import all_scores
-from space_envs.evaluation.report.tables import to_csv, to_latex, to_markdown, to_terminal
+from space_envs.evaluation.report.page.section import highlights
+from space_envs.evaluation.report.plots.all_plots import make_plots
+from space_envs.evaluation.report.plots.disturbance import cost_plot
+from space_envs.evaluation.report.plots.intervals import intervals_plot, scores_plot
+from space_envs.evaluation.report.plots.motion import attitude_plot, motion_plot, representative_episode
+from space_envs.evaluation.report.plots.outcomes import outcomes_plot
+from space_envs.evaluation.report.plots.plot import Plot
+from space_envs.evaluation.report.tables.csv_file import to_csv
+from space_envs.evaluation.report.tables.latex import to_latex
+from space_envs.evaluation.report.tables.markdown import to_markdown
+from space_envs.evaluation.report.tables.terminal import to_terminal
 from space_envs.evaluation.report.templating import breakable
 from space_envs.evaluation.results.result import EvaluationResult, entry_stem
-from space_envs.evaluation.statistics.columns import COLUMNS, RULES
-from space_envs.evaluation.statistics.figures import FIGURES
-from space_envs.evaluation.statistics.leaderboard import build_rows
-from space_envs.evaluation.statistics.row import Row
 
 WICKED = "$x_$ | `a` *b* [c](http://d) & é\x1b[31m\n<script>alert(1)</script>"
 
@@ -77,7 +87,7 @@ def paths(result: EvaluationResult, tmp_path_factory: pytest.TempPathFactory) ->
 # Tables
 
 
-def test_terminal_table_in_a_pipe_has_all_columns_and_no_colours(rows: list[Row]) -> None:
+def test_terminal_table_in_a_pipe_has_all_columns_and_no_colors(rows: list[Row]) -> None:
     file = io.StringIO()
     to_terminal(rows, Console(file=file))
     text = file.getvalue()
@@ -203,13 +213,13 @@ def test_names_are_made_harmless() -> None:
 
 
 def test_figures_are_xml_with_names_as_text(result: EvaluationResult, rows: list[Row]) -> None:
-    shade = figures.looks([row.policy for row in rows])
+    looks = make_looks([row.policy for row in rows])
     plots = [
-        figures.intervals_plot(rows, shade),
-        figures.outcomes_plot(rows),
-        figures.cost_plot(rows, shade),
-        figures.attitude_plot(named(result), shade),
-        figures.motion_plot(named(result)),
+        intervals_plot(rows, looks),
+        outcomes_plot(rows),
+        cost_plot(rows, looks),
+        attitude_plot(named(result), looks),
+        motion_plot(named(result)),
     ]
     seen = set()
     for plot in plots:
@@ -230,9 +240,9 @@ def test_figures_are_xml_with_names_as_text(result: EvaluationResult, rows: list
 def test_normalised_scores_are_drawn_where_both_references_were_played() -> None:
     made = make_result()
     rows = rows_of(list(made.records))
-    shade = figures.looks([row.policy for row in rows])
+    looks = make_looks([row.policy for row in rows])
     scores = all_scores(made.records, ("mpc",), np.random.default_rng(0))
-    plot = figures.scores_plot(rows, scores, shade)
+    plot = scores_plot(rows, scores, looks)
     assert plot is not None
     assert {panel.key for panel in plot.panels} >= {"scores-success", "scores-final_attitude"}
     alt = {panel.key: panel.alt for panel in plot.panels}
@@ -241,48 +251,48 @@ def test_normalised_scores_are_drawn_where_both_references_were_played() -> None
     assert gjm is not None and f"gjm {gjm.value:.3g}" in alt["scores-success"]
     without = [record for record in made.records if record.policy != "random"]
     left = [row for row in rows if row.policy != "random"]
-    assert figures.scores_plot(left, all_scores(without, ("mpc",), np.random.default_rng(0)), shade) is None
+    assert scores_plot(left, all_scores(without, ("mpc",), np.random.default_rng(0)), looks) is None
 
 
 def test_figures_repeat_whatever_the_users_style(rows: list[Row]) -> None:
-    shade = figures.looks([row.policy for row in rows])
-    first = figures.cost_plot(rows, shade)
+    looks = make_looks([row.policy for row in rows])
+    first = cost_plot(rows, looks)
     before = dict(matplotlib.rcParams)
     with matplotlib.rc_context({"lines.linewidth": 9, "font.size": 30, "svg.fonttype": "path"}):
-        assert figures.cost_plot(rows, shade) == first
+        assert cost_plot(rows, looks) == first
         assert matplotlib.rcParams["font.size"] == 30
     assert dict(matplotlib.rcParams) == before
 
 
 def test_figures_without_data() -> None:
     rows = rows_of([failed(attitude_cost=0.0)])
-    look = figures.looks(["mpc", "hold"])
-    assert figures.cost_plot(rows, look) is None
-    assert figures.attitude_plot({}, {}) is None
-    assert figures.motion_plot({}) is None
+    look = make_looks(["mpc", "hold"])
+    assert cost_plot(rows, look) is None
+    assert attitude_plot({}, {}) is None
+    assert motion_plot({}) is None
     still = named(make_result(episodes=1))["hold"]
-    assert figures.motion_plot({"hold": still}) is None
-    assert figures.attitude_plot({"hold": still}, look)
+    assert motion_plot({"hold": still}) is None
+    assert attitude_plot({"hold": still}, look)
 
 
 def test_representative_episode_is_the_middle_one(result: EvaluationResult) -> None:
     attitude = np.array([3.0, 1.0, 2.0, 9.0, 8.0])[:, None] * np.ones(201)
     made = dataclasses.replace(named(result)["mpc"].take(range(5)), attitude=attitude)
-    assert figures.representative_episode({"a": made, "b": made}) == 0
+    assert representative_episode({"a": made, "b": made}) == 0
 
 
 def test_no_two_policies_look_the_same() -> None:
-    looks = figures.looks([f"policy_{number}" for number in range(36)])
-    assert len({(look.colour, look.marker) for look in looks.values()}) == 36
-    assert len({(look.colour, str(look.dash)) for look in looks.values()}) == 36
-    assert len({look.colour for look in list(looks.values())[:18]}) == 18
-    points = oklab(np.array([to_rgb(colour) for colour in figures.PALETTE]))
+    made = make_looks([f"policy_{number}" for number in range(36)])
+    assert len({(look.color, look.marker) for look in made.values()}) == 36
+    assert len({(look.color, str(look.dash)) for look in made.values()}) == 36
+    assert len({look.color for look in list(made.values())[:18]}) == 18
+    points = oklab(np.array([to_rgb(color) for color in PALETTE]))
     apart = np.linalg.norm(points[:, None] - points, axis=-1) + np.eye(len(points))
     assert apart.min() > 0.09
 
 
 def oklab(rgb: np.ndarray) -> np.ndarray:
-    """Colours (n, 3) of sRGB in a space in which distances are as they are seen (Ottosson 2020)."""
+    """Colors (n, 3) of sRGB in a space in which distances are as they are seen (Ottosson 2020)."""
     linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
     to_lms = [[0.4122, 0.5363, 0.0514], [0.2119, 0.6807, 0.1074], [0.0883, 0.2817, 0.6300]]
     to_lab = [[0.2105, 0.7936, -0.0041], [1.9780, -2.4286, 0.4506], [0.0259, 0.7828, -0.8087]]
@@ -301,7 +311,7 @@ def reactionless() -> EvaluationResult:
 
 
 @pytest.fixture(scope="module")
-def drawn(reactionless: EvaluationResult) -> dict[str, figures.Plot]:
+def drawn(reactionless: EvaluationResult) -> dict[str, Plot]:
     rows = rows_of(list(reactionless.records))
     generator = np.random.default_rng(0)
     scores = all_scores(reactionless.records, ("reactionless_free",), generator)
@@ -309,7 +319,7 @@ def drawn(reactionless: EvaluationResult) -> dict[str, figures.Plot]:
     return {plot.key: plot for plot in plots}
 
 
-def test_labels_of_axes_do_not_touch(drawn: dict[str, figures.Plot]) -> None:
+def test_labels_of_axes_do_not_touch(drawn: dict[str, Plot]) -> None:
     assert set(drawn) >= {"intervals", "scores", "profiles", "pareto", "cost", "attitude"}
     for plot in drawn.values():
         for panel in plot.panels:
@@ -328,7 +338,7 @@ def test_labels_of_axes_do_not_touch(drawn: dict[str, figures.Plot]) -> None:
                         assert not one.overlaps(other), (panel.key, axis.axis_name)
 
 
-def test_attitudes_that_are_almost_kept_do_not_lie_on_zero(drawn: dict[str, figures.Plot]) -> None:
+def test_attitudes_that_are_almost_kept_do_not_lie_on_zero(drawn: dict[str, Plot]) -> None:
     ends = {}
     for panel in drawn["attitude"].panels:
         assert panel.figure
@@ -342,7 +352,7 @@ def test_attitudes_that_are_almost_kept_do_not_lie_on_zero(drawn: dict[str, figu
 
 def test_attitudes_of_one_size_are_drawn_on_a_linear_scale(result: EvaluationResult) -> None:
     calm = {name: named(result)[name] for name in ("mpc", "gjm", "promp")}
-    plot = figures.attitude_plot(calm, figures.looks(list(calm)))
+    plot = attitude_plot(calm, make_looks(list(calm)))
     assert plot and "logarithmic" not in plot.caption
     assert all(panel.figure and panel.figure.axes[0].get_yscale() == "linear" for panel in plot.panels)
 
@@ -562,8 +572,8 @@ def test_room_for_plots_is_shared_among_tasks() -> None:
     records = [make_record(difficulty=difficulty) for difficulty in ("easy", "medium", "hard")]
     rows = rows_of(records)
 
-    def plot(key: str, letters: int) -> figures.Plot:
-        return figures.Plot(key, key.capitalize(), "", (Panel(f"<svg><!--{'x' * letters}--></svg>", key),))
+    def plot(key: str, letters: int) -> Plot:
+        return Plot(key, key.capitalize(), "", (Panel(f"<svg><!--{'x' * letters}--></svg>", key),))
 
     sizes = {"attitude": 900_000, "pareto": 1_100_000, "cost": 900_000}
     plots = {row.task: [plot(key, size) for key, size in sizes.items()] for row in rows}
@@ -572,7 +582,7 @@ def test_room_for_plots_is_shared_among_tasks() -> None:
     assert text.count("stand only in the folder plots/: attitude, cost.") == 3
 
 
-def test_eq_20_has_one_name_and_one_unit(paths: ReportPaths, drawn: dict[str, figures.Plot]) -> None:
+def test_eq_20_has_one_name_and_one_unit(paths: ReportPaths, drawn: dict[str, Plot]) -> None:
     """On everything that people look at; records and leaderboard.csv keep SI units and names of fields."""
     text = paths.html.read_text(encoding="utf-8") + paths.markdown.read_text(encoding="utf-8")
     text += paths.latex.read_text(encoding="utf-8")

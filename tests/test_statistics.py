@@ -9,20 +9,15 @@ from scipy.special import ndtri
 from scipy.stats import binomtest, trim_mean
 
 from space_envs.errors import ConfigurationError
+from space_envs.evaluation.statistics.averages import interquartile_mean, median
 from space_envs.evaluation.statistics.intervals import (
     Estimate,
-    capture_rate,
-    interquartile_mean,
-    kept_attitude,
-    kept_attitude_score,
-    median,
-    named_generator,
-    resampled_counts,
     share_bootstrap,
-    strata_groups,
     stratified_bootstrap,
     wilson_interval,
 )
+from space_envs.evaluation.statistics.resampling import named_generator, resampled_counts, strata_groups
+from space_envs.evaluation.statistics.scores import capture_rate, kept_attitude, kept_attitude_score
 
 
 def mean(values: np.ndarray) -> np.ndarray:
@@ -150,7 +145,7 @@ def test_resampled_counts_draw_inside_groups() -> None:
 
 
 def test_resampled_counts_come_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("space_envs.evaluation.statistics.intervals._CHUNK", 50)
+    monkeypatch.setattr("space_envs.evaluation.statistics.resampling.HELD_VALUES", 50)
     pieces = list(resampled_counts([np.arange(10)], np.random.default_rng(0), 23))
     assert [len(piece) for piece in pieces] == [5, 5, 5, 5, 3]
     assert np.all(np.concatenate(pieces).sum(axis=1) == 10)

@@ -22,7 +22,7 @@ from space_envs.evaluation.datasets.minari import ROOT_VARIABLE, require_minari
 from space_envs.evaluation.play.entry import EvaluatedTask
 from space_envs.evaluation.play.episodes import task_keywords
 from space_envs.evaluation.records.names import display_name
-from space_envs.evaluation.report.tables import print_at, width_of
+from space_envs.evaluation.report.tables.terminal import print_at, width_of
 from space_envs.registration import ENTRIES, make_task
 from space_envs.robots.parameters import VARIANTS
 from space_envs.system.command_line import AppendValues, Parser, exit_status, output_path

@@ -24,6 +24,7 @@ from space_envs.evaluation.harness.evaluation import Evaluated, Evaluation
 from space_envs.evaluation.harness.policy_times import policy_times
 from space_envs.evaluation.harness.rates import REPORT, Seconds, playing, recorded, remember, timing
 from space_envs.evaluation.harness.runner import EVALUATION, collect, finish, play_missing, prepare
+from space_envs.evaluation.leaderboard.build import build_rows
 from space_envs.evaluation.play.chunks import Chunk
 from space_envs.evaluation.play.entry import LeaderboardEntry
 from space_envs.evaluation.play.episodes import EpisodeBatch
@@ -33,10 +34,9 @@ from space_envs.evaluation.records.names import counted, display_name
 from space_envs.evaluation.replay.replay import Replay, make_replays
 from space_envs.evaluation.replay.stills import capture_pictures
 from space_envs.evaluation.report.folder import BOOTSTRAP_SEED, ReportPaths, write_report
-from space_envs.evaluation.report.tables import to_terminal
+from space_envs.evaluation.report.tables.terminal import to_terminal
 from space_envs.evaluation.results.folders import read_folder
 from space_envs.evaluation.results.result import EvaluationResult
-from space_envs.evaluation.statistics.leaderboard import build_rows
 from space_envs.registration import make_task
 from space_envs.system.output import held
 from space_envs.system.provenance import provenance

@@ -11,13 +11,14 @@ import numpy as np
 from rich.console import Console
 
 from space_envs.errors import unknown_name
+from space_envs.evaluation.leaderboard.build import build_rows
+from space_envs.evaluation.leaderboard.columns import COLUMNS, column_named, columns_of
+from space_envs.evaluation.leaderboard.row import Row
 from space_envs.evaluation.records.episode import RECORDS, REPORT, EpisodeRecord
 from space_envs.evaluation.report.folder import BOOTSTRAP_SEED
-from space_envs.evaluation.report.tables import by_task, to_terminal
+from space_envs.evaluation.report.tables.terminal import to_terminal
+from space_envs.evaluation.report.tables.wording import by_task
 from space_envs.evaluation.results.folders import read_folder
-from space_envs.evaluation.statistics.columns import COLUMNS, column_named, columns_of
-from space_envs.evaluation.statistics.leaderboard import build_rows
-from space_envs.evaluation.statistics.row import Row
 from space_envs.system.command_line import AppendValues, Parser, exit_status
 
 DESCRIPTION = "Print the table of a folder that evaluate.py, or evaluate.py compare, left."

@@ -7,7 +7,7 @@ from typing import Any
 
 from matplotlib.axes import Axes
 
-from space_envs.evaluation.report.drawing import LONE, WIDTH, Panel, draw_panel
+from space_envs.evaluation.report.drawing.panel import LONE, WIDTH, Panel, draw_panel
 
 GAP = 12.0  # points, around each panel of a file
 Draw = Callable[[Axes], None]

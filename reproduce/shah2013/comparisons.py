@@ -17,8 +17,8 @@ from reproduce.shah2013.methods import METHODS, DualArmMethod
 from reproduce.shah2013.runs import PlannedCase
 from reproduce.shah2013.text import TEXT
 from space_envs.dynamics.rotations import Array
-from space_envs.evaluation.report.drawing import INK
-from space_envs.evaluation.report.figures import GREEN, ORANGE, PURPLE, SKY, VERMILION
+from space_envs.evaluation.report.drawing.look import GREEN, ORANGE, PURPLE, SKY, VERMILION
+from space_envs.evaluation.report.drawing.panel import INK
 from space_envs.robots.parameters import DUAL_ARM_PLANAR
 
 FRAMES = 61  # of the animation

@@ -16,8 +16,8 @@ from reproduce.shah2013.methods import DualArmMethod
 from reproduce.shah2013.runs import PlannedCase
 from reproduce.shah2013.text import TEXT
 from space_envs.dynamics.rotations import Array
-from space_envs.evaluation.report.drawing import INK
-from space_envs.evaluation.report.figures import BLUE, VERMILION
+from space_envs.evaluation.report.drawing.look import BLUE, VERMILION
+from space_envs.evaluation.report.drawing.panel import INK
 
 POINTS = 161  # drawn of a curve
 FLOOR = 1e-18  # rad/s; smaller rates, zero included, are drawn there

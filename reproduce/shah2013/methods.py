@@ -9,7 +9,7 @@ from agents.planners.dual_arm.prescribed_paths.instantaneous import plan_local, 
 from agents.planners.dual_arm.prescribed_paths.ocp import plan_ocp
 from agents.planners.dual_arm.problem import CapturePlan
 from reproduce.shah2013.cases import JOINT_LIMITS, CaptureCase, planar_robot
-from space_envs.evaluation.report.figures import BLUE, GREEN, ORANGE, PURPLE, VERMILION
+from space_envs.evaluation.report.drawing.look import BLUE, GREEN, ORANGE, PURPLE, VERMILION
 from space_envs.robots.parameters import DUAL_ARM_PLANAR
 
 ACCELERATION = 0.1  # rad/s^2, of the methods that start from rest by an optimisation

@@ -15,7 +15,7 @@ from agents.policies.single_arm.minimum_jerk import MinimumJerk
 from agents.policies.single_arm.mpc import ModelPredictive
 from agents.policies.single_arm.promp import ConditionalMean, ProMPPolicy
 from reproduce.shyam2020.cases import GoalCase, context, limits
-from space_envs.evaluation.report.figures import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
+from space_envs.evaluation.report.drawing.look import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
 
 OLIVE, PLUM = "#7f8f1f", "#7a5ea8"
 

@@ -15,8 +15,8 @@ from reproduce.shyam2020.demonstrated import PAPER, DemonstratedWorkspace, bends
 from reproduce.shyam2020.page.text import TEXT
 from reproduce.shyam2020.sampling import draw_samples
 from space_envs.dynamics.rotations import Array
-from space_envs.evaluation.report.drawing import INK
-from space_envs.evaluation.report.figures import BLUE, GREEN, ORANGE, VERMILION
+from space_envs.evaluation.report.drawing.look import BLUE, GREEN, ORANGE, VERMILION
+from space_envs.evaluation.report.drawing.panel import INK
 from space_envs.robots.parameters import SINGLE_ARM
 
 SHOWN = 45  # paths drawn of each variation

@@ -8,8 +8,8 @@ from reproduce.page.blocks import Table
 from reproduce.page.figures import Draw, Figure, figure
 from reproduce.shyam2020.feedback import EPISODES, FeedbackResult, spread_ratio
 from reproduce.shyam2020.page.text import TEXT
-from space_envs.evaluation.report.drawing import INK
-from space_envs.evaluation.report.figures import BLUE, SKY, VERMILION
+from space_envs.evaluation.report.drawing.look import BLUE, SKY, VERMILION
+from space_envs.evaluation.report.drawing.panel import INK
 
 LINES = 12  # episodes that are drawn
 BAND = 2.0  # standard deviations on either side of the mean

@@ -14,8 +14,8 @@ from reproduce.shyam2020.page.text import TEXT
 from reproduce.shyam2020.runs import PlannedGoal
 from reproduce.shyam2020.sampling import SHOWN, DrawnSamples
 from space_envs.dynamics.rotations import Array
-from space_envs.evaluation.report.drawing import INK
-from space_envs.evaluation.report.figures import BLUE, GREEN, SKY, VERMILION
+from space_envs.evaluation.report.drawing.look import BLUE, GREEN, SKY, VERMILION
+from space_envs.evaluation.report.drawing.panel import INK
 
 COLOURS = (BLUE, VERMILION, GREEN)
 EVERY = 10  # samples of a course between those that are drawn

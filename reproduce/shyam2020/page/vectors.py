@@ -19,8 +19,8 @@ from reproduce.shyam2020.sampling import SHOWN, DrawnSamples
 from space_envs.dynamics.rotations import Array, rotate
 from space_envs.dynamics.spheres import link_ends
 from space_envs.errors import RenderingError
-from space_envs.evaluation.report.drawing import INK
-from space_envs.evaluation.report.figures import BLUE, GREEN, SKY, VERMILION
+from space_envs.evaluation.report.drawing.look import BLUE, GREEN, SKY, VERMILION
+from space_envs.evaluation.report.drawing.panel import INK
 from space_envs.robots.parameters import SINGLE_ARM
 from space_envs.tasks.single_arm import SingleArmTask
 

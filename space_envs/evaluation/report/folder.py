@@ -9,20 +9,23 @@ import numpy as np
 from tqdm import tqdm
 
 from space_envs.errors import ConfigurationError
+from space_envs.evaluation.leaderboard.build import build_rows
+from space_envs.evaluation.leaderboard.normalised import Scores
+from space_envs.evaluation.leaderboard.row import Row
 from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
 from space_envs.evaluation.play.episode_file import save_episodes
 from space_envs.evaluation.records.episode import RECORDS, REPORT, SCHEMA_VERSION, SUMMARY
 from space_envs.evaluation.records.names import file_name, joined_file_name
 from space_envs.evaluation.records.storage import write_records
 from space_envs.evaluation.replay.videos import write_videos
-from space_envs.evaluation.report.figures import Plot
-from space_envs.evaluation.report.page.html import make_plots, to_html
+from space_envs.evaluation.report.page.html import to_html
 from space_envs.evaluation.report.page.scores import all_scores, plain_scores
-from space_envs.evaluation.report.tables import to_csv, to_latex, to_markdown
+from space_envs.evaluation.report.plots.all_plots import make_plots
+from space_envs.evaluation.report.plots.plot import Plot
+from space_envs.evaluation.report.tables.csv_file import to_csv
+from space_envs.evaluation.report.tables.latex import to_latex
+from space_envs.evaluation.report.tables.markdown import to_markdown
 from space_envs.evaluation.results.result import EPISODES, EvaluationResult, entry_stem
-from space_envs.evaluation.statistics.leaderboard import build_rows
-from space_envs.evaluation.statistics.normalised import Scores
-from space_envs.evaluation.statistics.row import Row
 from space_envs.system.digests import file_digest
 from space_envs.system.files import atomic_write, atomic_write_text
 

@@ -14,7 +14,7 @@ def make_environment() -> jinja2.Environment:
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    environment.filters |= {"breakable": breakable, "unit": shown_unit}
+    environment.filters |= {"breakable": breakable, "unit": display_unit}
     return environment
 
 
@@ -23,7 +23,7 @@ def breakable(name: str) -> Markup:
     return Markup("<wbr>").join(re.split(r"(?<=[@_:/])(?=.)|(?<=\.)(?=\D)", name))
 
 
-def shown_unit(unit: str) -> str:
+def display_unit(unit: str) -> str:
     """A unit with its exponents raised."""
     return unit.replace("^2", "²")
 

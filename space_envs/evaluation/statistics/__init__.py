@@ -1,1 +1,1 @@
-"""Intervals, leaderboards and comparisons of policies from records."""
+"""Statistics of samples of episodes, whose strata are the seeds."""

@@ -8,13 +8,13 @@ import numpy as np
 from PIL import Image
 
 from space_envs.errors import ConfigurationError
+from space_envs.evaluation.leaderboard.row import Row
 from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
 from space_envs.evaluation.records.names import display_name
 from space_envs.evaluation.replay.stills import Still
-from space_envs.evaluation.report.tables import row_name
-from space_envs.evaluation.statistics.row import Row
+from space_envs.evaluation.report.tables.wording import row_name
 
-PICTURE_LETTERS = 1_000_000  # of a page of ten million
+PICTURE_CHARACTERS = 1_000_000  # of a page of ten million
 # How many policies of each task are shown in pictures, and how wide these are, in pixels: the first that fit.
 _PICTURED = ((3, 480), (2, 480), (2, 320), (1, 320), (1, 200), (1, 120))
 TOO_MANY = "There are no pictures: those of so many tasks would make this page too large."
@@ -50,7 +50,7 @@ def _films(
     width: int,
 ) -> dict[EvaluatedTask, list[Film]] | None:
     """Pictures of `count` policies of each task, `width` pixels wide; None where the page has no room."""
-    room = PICTURE_LETTERS
+    room = PICTURE_CHARACTERS
     films: dict[EvaluatedTask, list[Film]] = {task: [] for task, _ in tasks}
     for task, rows in tasks:
         pictured = [(row, stills) for row in rows if (stills := pictures.get(row.entry))]

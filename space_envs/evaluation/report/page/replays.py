@@ -4,23 +4,23 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from space_envs.evaluation.leaderboard.row import Row
 from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
 from space_envs.evaluation.records.names import display_name
 from space_envs.evaluation.replay.packing import json_text, replay_values, scene_values, size_of
 from space_envs.evaluation.replay.replay import Replay
 from space_envs.evaluation.replay.scenes import ReplayMotion, make_motion, make_scene
-from space_envs.evaluation.report.figures import Look
-from space_envs.evaluation.report.tables import row_name
-from space_envs.evaluation.statistics.row import Row
+from space_envs.evaluation.report.drawing.look import Look
+from space_envs.evaluation.report.tables.wording import row_name
 
-REPLAY_LETTERS = 3_000_000  # of a page of ten million
+REPLAY_CHARACTERS = 3_000_000  # of a page of ten million
 _LONGEST_STRIDE = 50  # steps between two frames; what does not fit then is left as it is
 
 
 def page_replays(
     tasks: Sequence[tuple[EvaluatedTask, list[Row]]],
     replays: Mapping[LeaderboardEntry, Sequence[Replay]],
-    shade: Mapping[str, Look],
+    looks: Mapping[str, Look],
 ) -> dict[EvaluatedTask, dict[str, Any] | None]:
     """What the page shows of each task's replays; None where a task has none.
 
@@ -50,7 +50,7 @@ def page_replays(
     stride, values = _fitting(motions)
     for found in filter(None, made.values()):
         policies = [
-            {"name": name, "colour": shade[entry.policy].colour, "episodes": values[entry]}
+            {"name": name, "color": looks[entry.policy].color, "episodes": values[entry]}
             for name, entry in zip(found["names"], found["entries"], strict=True)
         ]
         found["json"] = json_text({"policies": policies})
@@ -69,9 +69,9 @@ def _fitting(
             for entry, pairs in motions.items()
         }
         size = sum(size_of(each) for group in values.values() for each in group)
-        if size <= REPLAY_LETTERS or stride >= _LONGEST_STRIDE:
+        if size <= REPLAY_CHARACTERS or stride >= _LONGEST_STRIDE:
             return stride, values
-        stride = max(stride + 1, math.floor(stride * size / REPLAY_LETTERS))
+        stride = max(stride + 1, math.floor(stride * size / REPLAY_CHARACTERS))
 
 
 def _shown(values: dict[str, Any]) -> dict[str, Any]:

@@ -5,14 +5,14 @@ from typing import Any
 
 import numpy as np
 
+from space_envs.evaluation.leaderboard.columns import column_named
+from space_envs.evaluation.leaderboard.normalised import SCORES, NormalisedScore, Scores, normalised_scores
+from space_envs.evaluation.leaderboard.rounding import interval, rounded, supported_decimals
+from space_envs.evaluation.leaderboard.row import Row
 from space_envs.evaluation.play.entry import EvaluatedTask
 from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.records.names import display_name
-from space_envs.evaluation.report.tables import row_name
-from space_envs.evaluation.statistics.columns import column_named
-from space_envs.evaluation.statistics.normalised import SCORES, NormalisedScore, Scores, normalised_scores
-from space_envs.evaluation.statistics.rounding import interval, rounded, supported_decimals
-from space_envs.evaluation.statistics.row import Row
+from space_envs.evaluation.report.tables.wording import row_name
 
 
 def all_scores(

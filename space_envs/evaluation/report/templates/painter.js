@@ -21,8 +21,8 @@ class Painter {
     context.fillStyle = sky;
     context.fillRect(0, 0, canvas.width, canvas.height);
     this.place(view, poses);
-    for (const [, a, b, c, colour] of this.visible(view)) {
-      context.fillStyle = context.strokeStyle = colour; // the stroke closes the seams between triangles
+    for (const [, a, b, c, color] of this.visible(view)) {
+      context.fillStyle = context.strokeStyle = color; // the stroke closes the seams between triangles
       context.beginPath();
       for (const at of [a, b, c]) context.lineTo(this.screen[3 * at], this.screen[3 * at + 1]);
       context.closePath();
@@ -55,7 +55,7 @@ class Painter {
     ];
   }
 
-  /** Triangles that face the camera, with distance, corners and colour, from far to near. */
+  /** Triangles that face the camera, with distance, corners and color, from far to near. */
   visible(view) {
     const { scene, screen, world } = this;
     const found = [];
@@ -69,10 +69,10 @@ class Painter {
       const length = Math.hypot(...n) || 1;
       const along = (way) => Math.max(0, n.reduce((sum, each, i) => sum + each * way[i], 0) / length);
       const light = 0.28 + 0.25 * along(view.back) + 0.75 * along(scene.sun.map((each) => -each));
-      const rgb = [0, 1, 2].map((i) => Math.min(255, Math.round(scene.colours[4 * a + i] * light)));
+      const rgb = [0, 1, 2].map((i) => Math.min(255, Math.round(scene.colors[4 * a + i] * light)));
       // By the farthest corner: what is large comes before the small things that lie on it.
       const distance = Math.max(screen[3 * a + 2], screen[3 * b + 2], screen[3 * c + 2]);
-      found.push([distance, a, b, c, `rgba(${rgb.join(",")},${scene.colours[4 * a + 3] / 255})`]);
+      found.push([distance, a, b, c, `rgba(${rgb.join(",")},${scene.colors[4 * a + 3] / 255})`]);
     }
     return found.sort((left, right) => right[0] - left[0]);
   }

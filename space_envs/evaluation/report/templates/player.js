@@ -150,7 +150,7 @@ class Player {
     const { turn } = this;
     this.chosen = { policy, episode };
     this.find(".policy").value = policy;
-    const { episodes, colour } = this.data.policies[policy];
+    const { episodes, color } = this.data.policies[policy];
     this.buttons(episodes, episode);
     const motion = await Motion.read(episodes[episode], this.scene.bodies);
     if (turn !== this.turn || !this.renderer) return;
@@ -163,7 +163,7 @@ class Player {
     );
     const slider = this.find(".time");
     slider.max = motion.end;
-    this.chart(motion, colour);
+    this.chart(motion, color);
     const captured = motion.outcome === "captured";
     const told = this.find(".told");
     const outcome = motion.outcome[0].toUpperCase() + motion.outcome.slice(1).replace("_", " ");
@@ -193,14 +193,14 @@ class Player {
   }
 
   /** Draw the base's attitude against time, 600 by 90. */
-  chart(motion, colour) {
+  chart(motion, color) {
     this.top = Math.max(...motion.attitude) * 1.1 || 1;
     const x = (time) => (600 * time) / (motion.end || 1);
     const y = (angle) => 88 - (86 * angle) / this.top;
     const line = motion.time.map((time, k) => `${x(time).toFixed(1)},${y(motion.attitude[k]).toFixed(1)}`).join("L");
     this.find(".chart .line").setAttribute("d", `M${line}`);
     this.find(".chart .area").setAttribute("d", `M0,88L${line}L600,88Z`);
-    this.find(".chart").style.setProperty("--shade", colour);
+    this.find(".chart").style.setProperty("--looks", color);
     this.find(".scale").textContent = `base attitude, 0 to ${this.top.toPrecision(2)}\u00b0`;
   }
 

@@ -32,7 +32,7 @@ class Scene {
     this.indices = take(Uint32Array, 3 * values.triangles);
     this.places = take(Int16Array, 3 * values.vertices);
     this.normals = take(Int8Array, 4 * values.vertices);
-    this.colours = take(Uint8Array, 4 * values.vertices);
+    this.colors = take(Uint8Array, 4 * values.vertices);
     this.body = take(Uint8Array, values.vertices);
   }
 }

@@ -4,7 +4,7 @@
 const BODY_VERTEX = `
 layout(location = 0) in vec3 place;
 layout(location = 1) in vec4 normal;
-layout(location = 2) in vec4 colour;
+layout(location = 2) in vec4 color;
 layout(location = 3) in float body;
 uniform mat4 poses[BODIES];
 uniform mat4 screen;
@@ -18,7 +18,7 @@ void main() {
   vec4 world = pose * vec4(place * unit, 1.0);
   at = world.xyz;
   facing = mat3(pose) * normal.xyz;
-  paint = colour;
+  paint = color;
   gloss = normal.w;
   gl_Position = screen * world;
 }`;
@@ -91,7 +91,7 @@ void main() {
   float rarity = random(cell);
   float apart = 90.0 * length(cross(d, normalize(cell + 0.5)));
   float star = rarity > 0.985 ? smoothstep(0.05 + 8.0 * (rarity - 0.985), 0.0, apart) : 0.0;
-  vec3 colour = vec3(0.010, 0.014, 0.028) + star * mix(vec3(1.0, 0.85, 0.7), vec3(0.75, 0.85, 1.0), random(cell + 7.0));
+  vec3 color = vec3(0.010, 0.014, 0.028) + star * mix(vec3(1.0, 0.85, 0.7), vec3(0.75, 0.85, 1.0), random(cell + 7.0));
   if (planet.w > 0.0) {
     vec3 from = eye - planet.xyz;
     float along = dot(from, d);
@@ -102,13 +102,13 @@ void main() {
         float cover = 0.55 * noise(9.0 * n + 2.0 * noise(16.0 * n)) + 0.28 * noise(30.0 * n) + 0.17 * noise(75.0 * n);
         vec3 ground = mix(vec3(0.02, 0.10, 0.26), vec3(0.80, 0.86, 0.93), smoothstep(0.45, 0.75, cover));
         float day = 0.12 + 0.88 * smoothstep(-0.1, 0.9, dot(n, -sun));
-        colour = ground * day + vec3(0.25, 0.5, 0.9) * pow(height, 14.0) * 0.55 * day;
+        color = ground * day + vec3(0.25, 0.5, 0.9) * pow(height, 14.0) * 0.55 * day;
       } else {
-        colour += vec3(0.30, 0.58, 1.0) * exp(-(height - 1.0) * 95.0) * 0.9;
+        color += vec3(0.30, 0.58, 1.0) * exp(-(height - 1.0) * 95.0) * 0.9;
       }
     }
   }
-  seen = vec4(colour, 1.0);
+  seen = vec4(color, 1.0);
 }`;
 
 const TUBE_SIDES = 6;
@@ -161,7 +161,7 @@ class WebGLRenderer {
     gl.bindVertexArray(this.surfaces);
     this.attribute(0, scene.places, 3, gl.SHORT, false);
     this.attribute(1, scene.normals, 4, gl.BYTE, true);
-    this.attribute(2, scene.colours, 4, gl.UNSIGNED_BYTE, true);
+    this.attribute(2, scene.colors, 4, gl.UNSIGNED_BYTE, true);
     this.attribute(3, scene.body, 1, gl.UNSIGNED_BYTE, false);
     this.elements(scene.indices);
     this.trails = null;

@@ -19,10 +19,7 @@ from typing import Any
 import numpy as np
 
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.play.causes import CAUSES, OUTCOMES
-from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
-from space_envs.evaluation.records.episode import EpisodeRecord
-from space_envs.evaluation.statistics.figures import (
+from space_envs.evaluation.leaderboard.figures import (
     HEADLINE,
     TIMINGS,
     MetricFigure,
@@ -31,19 +28,14 @@ from space_envs.evaluation.statistics.figures import (
     kept_key,
     metric_values,
 )
-from space_envs.evaluation.statistics.intervals import (
-    ATTITUDE_LIMITS,
-    MISSING,
-    Estimate,
-    Statistic,
-    capture_rate,
-    interquartile_mean,
-    kept_attitude_score,
-    median,
-    named_generator,
-    stratified_bootstrap,
-)
-from space_envs.evaluation.statistics.row import FailureCount, Row
+from space_envs.evaluation.leaderboard.row import FailureCount, Row
+from space_envs.evaluation.play.causes import CAUSES, OUTCOMES
+from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
+from space_envs.evaluation.records.episode import EpisodeRecord
+from space_envs.evaluation.statistics.averages import Statistic, interquartile_mean, median
+from space_envs.evaluation.statistics.intervals import MISSING, Estimate, stratified_bootstrap
+from space_envs.evaluation.statistics.resampling import named_generator
+from space_envs.evaluation.statistics.scores import ATTITUDE_LIMITS, capture_rate, kept_attitude_score
 from space_envs.registration import ENTRIES
 from space_envs.tasks.common import DIFFICULTIES, SPLITS
 

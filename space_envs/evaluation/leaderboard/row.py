@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from space_envs.evaluation.leaderboard.figures import MetricFigure
 from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
-from space_envs.evaluation.statistics.figures import MetricFigure
 from space_envs.evaluation.statistics.intervals import Estimate
 
 BASELINES = ("hold", "random")  # what others are compared with; never the best

@@ -17,19 +17,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from space_envs.evaluation.leaderboard.comparison import COSTS, by_entry, episode_costs, seeds_of, words
+from space_envs.evaluation.leaderboard.figures import HEADLINE, capture_key, kept_key, metric_values
 from space_envs.evaluation.play.entry import LeaderboardEntry
 from space_envs.evaluation.records.episode import EpisodeRecord
-from space_envs.evaluation.statistics.comparison import COSTS, by_entry, episode_costs, seeds_of, words
-from space_envs.evaluation.statistics.figures import HEADLINE, capture_key, kept_key, metric_values
-from space_envs.evaluation.statistics.intervals import (
-    ATTITUDE_LIMITS,
-    Estimate,
-    interquartile_mean,
-    kept_attitude,
-    named_generator,
-    share_bootstrap,
-    stratified_bootstrap,
-)
+from space_envs.evaluation.statistics.averages import interquartile_mean
+from space_envs.evaluation.statistics.intervals import Estimate, share_bootstrap, stratified_bootstrap
+from space_envs.evaluation.statistics.resampling import named_generator
+from space_envs.evaluation.statistics.scores import ATTITUDE_LIMITS, kept_attitude
 
 # Name of a rate -> the record's field and the limit on it, deg.
 RATES: Mapping[str, tuple[str, float]] = {

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.records.metrics import metrics_of
-from space_envs.evaluation.statistics.intervals import ATTITUDE_LIMITS
+from space_envs.evaluation.statistics.scores import ATTITUDE_LIMITS
 from space_envs.metric import Display, Metric
 
 HEADLINE = "kept_attitude_score"  # what the leaderboard is ranked by

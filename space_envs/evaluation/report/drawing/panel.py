@@ -1,61 +1,28 @@
-"""SVG panels drawn with matplotlib, ready to stand inline in an HTML page.
+"""Panels: SVG drawn with matplotlib, ready to stand inline in an HTML page.
 
-Lines and text are drawn in the page's own colour (`currentColor`), so one panel serves light and dark pages.
-Same input, same bytes. matplotlib's object-oriented interface only; no global state is left changed.
+Lines and text are drawn in the page's own color (`currentColor`), so one panel serves light and dark pages.
+The same input gives the same bytes. Only matplotlib's object-oriented interface is used; no global state is
+left changed.
 """
 
 import io
-import math
 import re
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import Any, cast
+from typing import Any
 
 import matplotlib
-from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
-from matplotlib.text import Annotation
-from matplotlib.transforms import Bbox
 
 from space_envs.errors import ConfigurationError
 
-INK = "#010203"  # stands for the page's colour until the SVG is written
+INK = "#010203"  # stands for the page's color until the SVG is written
 WIDTH = 4.4  # inches of one panel: 317 CSS points, so that text keeps its size on a phone
 LONE = 5.0  # inches of a panel that stands alone, legible on a phone and not too large on a screen
-
 _EXCLUDED = {"backend", "backend_fallback", "interactive", "toolbar", "timezone", "webagg.port"}
-
-
-# Where a label may stand: offset to the right and up in points, horizontal and vertical alignment.
-_PLACES = (
-    (0, 10, "center", "bottom"),
-    (10, 0, "left", "center"),
-    (-10, 0, "right", "center"),
-    (0, -10, "center", "top"),
-    (8, 8, "left", "bottom"),
-    (-8, 8, "right", "bottom"),
-    (8, -8, "left", "top"),
-    (-8, -8, "right", "top"),
-    (0, 22, "center", "bottom"),
-    (0, -22, "center", "top"),
-    (14, 14, "left", "bottom"),
-    (14, -14, "left", "top"),
-    # Far from the point; a thin line leads there.
-    *(
-        (
-            reach * across,
-            reach * up,
-            ("right", "center", "left")[across + 1],
-            ("top", "center", "bottom")[up + 1],
-        )
-        for reach in (26, 42, 58)
-        for across, up in ((1, -1), (-1, -1), (0, -1), (1, 1), (-1, 1), (0, 1))
-    ),
-)
-_LED = 25  # points from which on a label needs the line
 
 
 @dataclass(frozen=True)
@@ -97,46 +64,6 @@ class Panel:
     def _inches(self) -> tuple[float, float]:
         box = re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', self.svg)
         return (float(box[1]) / 72, float(box[2]) / 72) if box else (WIDTH, 3.0)
-
-
-def label_points(axes: Axes, labels: Sequence[tuple[str, float, float]]) -> None:
-    """Write each (text, x, y) beside its point, where it covers the fewest other points and labels.
-
-    Call it last: it lays the figure out to know where things are.
-    """
-    figure = cast(Figure, axes.get_figure(root=True))
-    figure.draw_without_rendering()
-    centres = axes.transData.transform([(x, y) for _, x, y in labels])
-    reach = figure.dpi / 9  # half the size of a marker, in pixels
-    taken = [Bbox.from_extents(*(centre - reach), *(centre + reach)) for centre in centres]
-    frame = axes.get_window_extent()
-    for text, x, y in labels:
-        best: tuple[int, Annotation, Bbox] | None = None
-        for right, up, across, along in _PLACES:
-            note = axes.annotate(text, (x, y), (right, up), textcoords="offset points", ha=across, va=along)
-            box = note.get_window_extent()
-            outside = not (
-                frame.x0 <= box.x0 and box.x1 <= frame.x1 and frame.y0 <= box.y0 and box.y1 <= frame.y1
-            )
-            covered = box.count_overlaps(taken) + outside
-            if best is None or covered < best[0]:
-                if best:
-                    best[1].remove()
-                best = (covered, note, box)
-            else:
-                note.remove()
-            if not covered:
-                break
-        if best:
-            taken.append(best[2])
-            if math.hypot(*best[1].xyann) > _LED:
-                axes.annotate(
-                    "",
-                    (x, y),
-                    best[1].xyann,
-                    textcoords="offset points",
-                    arrowprops={"arrowstyle": "-", "color": INK, "lw": 0.6, "alpha": 0.5, "shrinkA": 0},
-                )
 
 
 def draw_panel(
@@ -205,7 +132,7 @@ def _style(key: str) -> dict[Any, Any]:
 
 
 def _inline(svg: str, key: str) -> str:
-    """The svg element alone, in the page's colour, its ids told apart by the key."""
+    """The svg element alone, in the page's color, its ids told apart by the key."""
     svg = svg[svg.index("<svg") :].replace(INK, "currentColor")
     # A hundredth of a point is finer than any screen, and a third of the size.
     svg = re.sub(r' d="[^"]*"', lambda path: re.sub(r"-?\d+\.\d{3,}", _hundredths, path[0]), svg)

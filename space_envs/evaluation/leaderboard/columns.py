@@ -5,10 +5,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from space_envs.errors import unknown_name
-from space_envs.evaluation.statistics.figures import BUILT_IN, HEADLINE, TIMINGS, MetricFigure
-from space_envs.evaluation.statistics.intervals import CONFIDENCE, Estimate
-from space_envs.evaluation.statistics.rounding import interval, rounded, supported_decimals
-from space_envs.evaluation.statistics.row import Row
+from space_envs.evaluation.leaderboard.figures import BUILT_IN, HEADLINE, TIMINGS, MetricFigure
+from space_envs.evaluation.leaderboard.rounding import interval, rounded, supported_decimals
+from space_envs.evaluation.leaderboard.row import Row
+from space_envs.evaluation.statistics.intervals import Estimate
+from space_envs.evaluation.statistics.resampling import CONFIDENCE
 from space_envs.metric import Better, Display
 
 ABLE = 0.9  # success from which a policy competes for the gentlest and the fastest capture

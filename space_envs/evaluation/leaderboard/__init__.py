@@ -1,0 +1,1 @@
+"""Leaderboards: figures, rows and columns of policies on tasks, and policies against each other."""

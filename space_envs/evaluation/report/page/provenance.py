@@ -1,0 +1,45 @@
+"""Where the results come from, as lists of the page."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from space_envs.evaluation.records.episode import EpisodeRecord
+from space_envs.evaluation.records.names import counted, display_name
+from space_envs.evaluation.results.result import EvaluationResult
+
+
+def provenance_lists(result: EvaluationResult) -> dict[str, list[tuple[str, str]]]:
+    """Rows of lists under their headings; the command stands by itself."""
+    plain = {
+        key: value for key, value in result.provenance.items() if key not in ("command", "configurations")
+    }
+    groups = {"Run": _flat({key: value for key, value in plain.items() if key != "versions"})}
+    groups["Run"] += _timing(result.records)
+    groups["Versions"] = _flat(plain.get("versions", {}))
+    groups["Configurations"] = _flat(result.provenance.get("configurations", {}))
+    return {title: rows for title, rows in groups.items() if rows}
+
+
+def _timing(records: Sequence[EpisodeRecord]) -> list[tuple[str, str]]:
+    """On what planning time and time per action were measured."""
+    timed = {(record.timing["processor"], record.timing["threads"]) for record in records}
+    told = [
+        f"{processor}, {counted(threads, 'thread')}"
+        for processor, threads in sorted(timed, key=str)
+        if processor is not None and threads is not None
+    ]
+    return [("planning and action timed on", display_name("; ".join(told), 1000))] if told else []
+
+
+def _flat(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
+    """Nested provenance as rows of a list: `machine: processor` -> an x86-64."""
+    flat: list[tuple[str, str]] = []
+    for key, value in values.items():
+        name = f"{prefix}{display_name(str(key)).replace('_', ' ')}"
+        if isinstance(value, Mapping):
+            flat += _flat(value, f"{name}: ")
+        elif isinstance(value, (list, tuple)):
+            flat.append((name, display_name(", ".join(map(str, value)), 1000)))
+        else:
+            flat.append((name, "-" if value is None else display_name(str(value), 1000)))
+    return flat

@@ -1,0 +1,1 @@
+"""The leaderboard as a terminal table, Markdown, CSV and LaTeX."""
