@@ -15,6 +15,7 @@ from rich.text import Text
 
 from agents.commands.choice import check_fit, choose_ids, choose_policies, distinct
 from agents.commands.dataset_making import Places, Request, complete, make
+from space_envs.codegen.libraries import warned_once
 from space_envs.control import CONTROL_MODES
 from space_envs.errors import ConfigurationError, unknown_name
 from space_envs.evaluation.datasets.card import read_card
@@ -111,6 +112,7 @@ def _run(options: argparse.Namespace) -> int:
     with ExitStack() as stack:
         for request in missing:
             stack.enter_context(held(places.folder(request), DATASET))
+        stack.enter_context(warned_once())
         return int(_show(requests, missing, make(missing, places, options.jobs), places))
 
 

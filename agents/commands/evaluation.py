@@ -20,6 +20,7 @@ from agents.commands.defects import defects
 from agents.commands.estimate import estimate
 from agents.commands.show import show
 from agents.policies.registry import POLICIES
+from space_envs.codegen.libraries import warned_once
 from space_envs.evaluation.harness.evaluation import Evaluated, Evaluation
 from space_envs.evaluation.harness.policy_times import policy_times
 from space_envs.evaluation.harness.rates import REPORT, Seconds, playing, recorded, remember, timing
@@ -78,8 +79,9 @@ def _held(evaluation: Evaluation, options: RunOptions) -> int:
         show(records, folder, notes=(f"{folder} is complete; nothing was played",))
         return _told(evaluation, records)
     chunks = evaluation.chunks()
-    play_missing(chunks, folder, options.jobs, options.backend, options.address)
-    times, spent = policy_times(chunks, folder)
+    with warned_once():
+        play_missing(chunks, folder, options.jobs, options.backend, options.address)
+        times, spent = policy_times(chunks, folder)
     evaluated = list(collect(chunks, times, folder))
     before = perf_counter()
     result = _result(evaluation, chunks, evaluated, options, started)

@@ -27,6 +27,7 @@ from space_envs.system.digests import file_digest
 # Without contraction into fused multiply-add a result is the same on every machine with IEEE arithmetic.
 FLAGS = ("-O2", "-ffp-contract=off", "-fPIC", "-shared")
 TIMEOUT = 120.0  # s
+_MODULE = "space_envs"  # that warnings are of
 
 
 class NoCompiledCodeWarning(RuntimeWarning):
@@ -41,7 +42,29 @@ def warn_uncompiled(reason: str) -> None:
         NoCompiledCodeWarning: with the reason.
     """
     message = f"functions run without compiled code, up to twenty times slower: {reason}"
-    warnings.warn_explicit(message, NoCompiledCodeWarning, "space_envs", 1)
+    warnings.warn_explicit(message, NoCompiledCodeWarning, _MODULE, 1)
+
+
+@contextlib.contextmanager
+def warned_once() -> Iterator[None]:
+    """Warn now if there is no compiler, and have the processes that are started inside not repeat it.
+
+    Warns:
+        NoCompiledCodeWarning: with the reason.
+    """
+    before = os.environ.get("PYTHONWARNINGS")
+    try:
+        _compiler()
+    except LibraryError as error:
+        warn_uncompiled(str(error))
+        quiet = f"ignore::{RuntimeWarning.__name__}:{_MODULE}"
+        os.environ["PYTHONWARNINGS"] = quiet if before is None else f"{before},{quiet}"
+    try:
+        yield
+    finally:
+        os.environ.pop("PYTHONWARNINGS", None)
+        if before is not None:
+            os.environ["PYTHONWARNINGS"] = before
 
 
 def load_library(source: str) -> ctypes.CDLL:
