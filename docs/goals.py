@@ -137,7 +137,7 @@ def _dual_arm(task: DualArmTask) -> str:
     ranges = [
         (f"`{name}`", *[number(v) for v in value], about[name].rstrip("."))
         for name, value in vars(draws).items()
-        if name not in ("centre", "half_width")
+        if name not in ("centre", "half_width", "along")
     ]
     measured = []
     for difficulty in DIFFICULTIES:
@@ -150,7 +150,7 @@ def _dual_arm(task: DualArmTask) -> str:
     constants = [
         (f"`{name}`", number(getattr(tumbling, name)), text)
         for name, text in comments(tumbling).items()
-        if name.isupper() and not name.startswith("_") and name != "DEFAULT_TIMESTEP"
+        if name.isupper() and not name.startswith("_")
     ]
     return "\n\n".join(
         [

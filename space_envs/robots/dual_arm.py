@@ -1,16 +1,17 @@
 """The free-floating dual-arm robots as MjSpecs and compiled MjModels: planar (shah2013) and spatial."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import pi
+from typing import Any
 
 import mujoco
 import numpy as np
 
 from space_envs.checks import flag, numbers
 from space_envs.errors import ConfigurationError, positive, shown, unknown_name
-from space_envs.robots.capsules import PLANAR_SHAPE, SPATIAL_SHAPE, add_point_sensors
+from space_envs.robots.capsules import PLANAR_SHAPE, SPATIAL_SHAPE, ArmShape, add_point_sensors
 from space_envs.robots.parameters import (
     DUAL_ARM_PLANAR,
     DUAL_ARM_SPATIAL,
@@ -22,92 +23,19 @@ from space_envs.robots.parameters import (
 )
 from space_envs.robots.single_arm import SATELLITE, TARGET, quaternion_x, rod_link_inertia
 from space_envs.scenery.dual_arm import draw_planar, draw_spatial
+from space_envs.scenery.shapes import Vector
 
-KINDS = ("planar", "spatial")
 ARMS = (1, 2)
 END_EFFECTORS = ("end_effector1", "end_effector2")
 GRAPPLES = ("grapple1", "grapple2")
-SHAPES = {"planar": PLANAR_SHAPE, "spatial": SPATIAL_SHAPE}
 PLANE = ("x", "y", "turn")  # joints of a body that moves in the plane: two slides and a hinge
 
 
-@dataclass(frozen=True)
-class DualArmOptions:
-    """What can be chosen about the simulated model.
-
-    Attributes:
-        kind: planar or spatial.
-        timestep: integration step of RK4, s. docs/momentum.md shows what follows from it.
-        visual: whether geometry, lights and cameras are drawn; they have no mass and do not collide.
-        mounts: of the planar arms, in the satellite's frame, m; None takes those of the parameters.
-    """
-
-    kind: str = "planar"
-    timestep: float = 0.02
-    visual: bool = False
-    mounts: tuple[tuple[float, float], ...] | None = None
-
-    def __post_init__(self) -> None:
-        if self.kind not in KINDS:
-            raise unknown_name("kind of dual-arm robot", self.kind, KINDS)
-        flag("visual", self.visual)
-        positive("timestep", self.timestep, 0.1)
-        if self.mounts is not None:
-            if self.kind != "planar":
-                raise ConfigurationError("mounts can be chosen for the planar robot only")
-            points = numbers(self.mounts)
-            if points is None or points.shape != (2, 2) or not (np.abs(points) <= 5.0).all():
-                raise ConfigurationError(
-                    f"mounts must be two points (x, y) within 5 m of the satellite, got {shown(self.mounts)}"
-                )
-            object.__setattr__(self, "mounts", tuple((float(x), float(y)) for x, y in points))
-
-
-def dual_arm_spec(options: DualArmOptions = DualArmOptions()) -> mujoco.MjSpec:
-    """Build the editable model.
-
-    Body `arm{a}_link{i}` carries joint `arm{a}_joint{i}`; sites `end_effector{a}` and `grapple{a}` belong
-    together. The satellite's frame is at its centre of mass. Masses and inertias are written explicitly.
-    """
-    spec = mujoco.MjSpec()
-    spec.modelname = f"dual_arm_{options.kind}"
-    spec.compiler.degree = False
-    spec.compiler.balanceinertia = False
-    spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
-    spec.option.gravity = [0.0, 0.0, 0.0]
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
-    spec.option.timestep = options.timestep
-    if options.kind == "planar":
-        mounts = options.mounts or DUAL_ARM_PLANAR.mounts
-        _build_planar(spec, DUAL_ARM_PLANAR, mounts)
-        if options.visual:
-            draw_planar(spec, *_look(DUAL_ARM_PLANAR))
-    else:
-        _build_spatial(spec, DUAL_ARM_SPATIAL)
-        if options.visual:
-            draw_spatial(spec, *_look(DUAL_ARM_SPATIAL))
-    _add_sensors(spec, options.kind)
-    shape = SHAPES[options.kind]
-    if shape.half is not None:
-        add_point_sensors(spec, shape, ARMS, SATELLITE)
-    add_point_sensors(spec, shape, ARMS, TARGET)
-    _add_half_width_sensor(spec)
-    return spec
-
-
-@lru_cache(maxsize=32)
-def dual_arm_model(options: DualArmOptions = DualArmOptions()) -> mujoco.MjModel:
-    """Compile the model. The result is shared: treat it as read-only, copy it to change it."""
-    return dual_arm_spec(options).compile()
-
-
-def _build_planar(
-    spec: mujoco.MjSpec, parameters: DualArmPlanarParameters, mounts: tuple[tuple[float, float], ...]
-) -> None:
+def _build_planar(spec: mujoco.MjSpec, parameters: DualArmPlanarParameters) -> None:
     moment = parameters.satellite_inertia
     satellite = _base(spec, parameters.satellite_mass, (moment, moment, moment))
     _move_in_plane(satellite, SATELLITE)
-    for arm, mount in zip(ARMS, mounts, strict=True):
+    for arm, mount in zip(ARMS, parameters.mounts, strict=True):
         parent, position = satellite, [*mount, 0.0]
         for number, link in enumerate(parameters.arm, start=1):
             body = parent.add_body(name=f"arm{arm}_link{number}", pos=position, explicitinertial=True)
@@ -168,12 +96,6 @@ def _build_spatial(spec: mujoco.MjSpec, parameters: DualArmSpatialParameters) ->
     spec.add_key(name="home", qpos=[0, 0, 0, 1, 0, 0, 0, *parameters.home, *at])
 
 
-def _look(
-    parameters: DualArmPlanarParameters | DualArmSpatialParameters,
-) -> tuple[float, float, tuple[float, ...]]:
-    return parameters.satellite_side, parameters.link_radius, parameters.target.body
-
-
 def _base(spec: mujoco.MjSpec, mass: float, inertia: tuple[float, float, float]) -> mujoco.MjsBody:
     satellite = spec.worldbody.add_body(name=SATELLITE, explicitinertial=True)
     satellite.mass, satellite.ipos, satellite.inertia = mass, [0.0, 0.0, 0.0], inertia
@@ -224,7 +146,96 @@ def _add_joint(
     ).set_to_motor()
 
 
-def _add_sensors(spec: mujoco.MjSpec, kind: str) -> None:
+@dataclass(frozen=True)
+class DualArmDescription:
+    """What a dual-arm robot's model and its tasks are built from.
+
+    Attributes:
+        parameters: of the robot. shape: of its arms, for contacts.
+        build: adds the bodies of robot and target to an empty model. draw: adds the geometry.
+    """
+
+    parameters: Any
+    shape: ArmShape
+    build: Callable[[mujoco.MjSpec, Any], None]
+    draw: Callable[[mujoco.MjSpec, float, float, Vector], None]
+
+
+DUAL_ARMS = {
+    "planar": DualArmDescription(DUAL_ARM_PLANAR, PLANAR_SHAPE, _build_planar, draw_planar),
+    "spatial": DualArmDescription(DUAL_ARM_SPATIAL, SPATIAL_SHAPE, _build_spatial, draw_spatial),
+}
+KINDS = tuple(DUAL_ARMS)
+
+
+@dataclass(frozen=True)
+class DualArmOptions:
+    """What can be chosen about the simulated model.
+
+    Attributes:
+        kind: planar or spatial.
+        timestep: integration step of RK4, s. docs/momentum.md shows what follows from it.
+        visual: whether geometry, lights and cameras are drawn; they have no mass and do not collide.
+        mounts: of the planar arms, in the satellite's frame, m; None takes those of the parameters.
+    """
+
+    kind: str = "planar"
+    timestep: float = 0.02
+    visual: bool = False
+    mounts: tuple[tuple[float, float], ...] | None = None
+
+    def __post_init__(self) -> None:
+        if self.kind not in DUAL_ARMS:
+            raise unknown_name("kind of dual-arm robot", self.kind, DUAL_ARMS)
+        flag("visual", self.visual)
+        positive("timestep", self.timestep, 0.1)
+        if self.mounts is not None:
+            if not hasattr(DUAL_ARMS[self.kind].parameters, "mounts"):
+                raise ConfigurationError("mounts can be chosen for the planar robot only")
+            points = numbers(self.mounts)
+            if points is None or points.shape != (2, 2) or not (np.abs(points) <= 5.0).all():
+                raise ConfigurationError(
+                    f"mounts must be two points (x, y) within 5 m of the satellite, got {shown(self.mounts)}"
+                )
+            object.__setattr__(self, "mounts", tuple((float(x), float(y)) for x, y in points))
+
+
+def dual_arm_spec(options: DualArmOptions = DualArmOptions()) -> mujoco.MjSpec:
+    """Build the editable model.
+
+    Body `arm{a}_link{i}` carries joint `arm{a}_joint{i}`; sites `end_effector{a}` and `grapple{a}` belong
+    together. The satellite's frame is at its centre of mass. Masses and inertias are written explicitly.
+    """
+    spec = mujoco.MjSpec()
+    spec.modelname = f"dual_arm_{options.kind}"
+    spec.compiler.degree = False
+    spec.compiler.balanceinertia = False
+    spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
+    spec.option.gravity = [0.0, 0.0, 0.0]
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    spec.option.timestep = options.timestep
+    robot = DUAL_ARMS[options.kind]
+    parameters = robot.parameters
+    if options.mounts is not None:
+        parameters = replace(parameters, mounts=options.mounts)
+    robot.build(spec, parameters)
+    if options.visual:
+        robot.draw(spec, parameters.satellite_side, parameters.link_radius, parameters.target.body)
+    _add_sensors(spec)
+    if robot.shape.half is not None:
+        add_point_sensors(spec, robot.shape, ARMS, SATELLITE)
+    add_point_sensors(spec, robot.shape, ARMS, TARGET)
+    _add_half_width_sensor(spec)
+    return spec
+
+
+@lru_cache(maxsize=32)
+def dual_arm_model(options: DualArmOptions = DualArmOptions()) -> mujoco.MjModel:
+    """Compile the model. The result is shared: treat it as read-only, copy it to change it."""
+    return dual_arm_spec(options).compile()
+
+
+def _add_sensors(spec: mujoco.MjSpec) -> None:
     """Sensors by name; the task picks those that it observes."""
     sensor, obj = mujoco.mjtSensor, mujoco.mjtObj
 
@@ -239,7 +250,7 @@ def _add_sensors(spec: mujoco.MjSpec, kind: str) -> None:
     for site in (SATELLITE, TARGET, *END_EFFECTORS, *GRAPPLES):
         add(f"{site}_position", sensor.mjSENS_FRAMEPOS, obj.mjOBJ_SITE, site)
         if site in (SATELLITE, TARGET):
-            if kind == "planar":
+            if len(spec.body(site).joints) > 1:  # two slides and a hinge in the plane
                 add(f"{site}_angle", sensor.mjSENS_JOINTPOS, obj.mjOBJ_JOINT, f"{site}_turn")
             else:
                 add(f"{site}_quaternion", sensor.mjSENS_FRAMEQUAT, obj.mjOBJ_SITE, site)

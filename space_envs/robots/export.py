@@ -14,8 +14,8 @@ import mujoco
 import numpy as np
 
 from space_envs.errors import ConfigurationError, unknown_name
-from space_envs.robots.dual_arm import END_EFFECTORS, DualArmOptions, dual_arm_spec
-from space_envs.robots.parameters import DUAL_ARM_PLANAR, DUAL_ARM_SPATIAL, SINGLE_ARM, VARIANTS
+from space_envs.robots.dual_arm import DUAL_ARMS, END_EFFECTORS, DualArmOptions, dual_arm_spec
+from space_envs.robots.parameters import SINGLE_ARM, VARIANTS
 from space_envs.robots.single_arm import END_EFFECTOR, SATELLITE, ModelOptions, single_arm_spec
 from space_envs.scenery.planet import make_plain
 from space_envs.system.command_line import Parser, check_replaceable, exit_status, output_path
@@ -84,8 +84,7 @@ def urdf(options: Options = ModelOptions()) -> str:
     model = spec.compile()
     rate_limit, end_effectors = SINGLE_ARM.rate_limit, (END_EFFECTOR,)
     if isinstance(options, DualArmOptions):
-        parameters = DUAL_ARM_PLANAR if options.kind == "planar" else DUAL_ARM_SPATIAL
-        rate_limit, end_effectors = parameters.rate_limit, END_EFFECTORS
+        rate_limit, end_effectors = DUAL_ARMS[options.kind].parameters.rate_limit, END_EFFECTORS
     robot = ET.Element("robot", name=spec.modelname)
     root = model.body(SATELLITE).id
     for number in range(model.nbody):  # MuJoCo numbers parents before their children

@@ -7,15 +7,30 @@ i - 1, and frame 0 is the satellite's centre of mass.
 
 from dataclasses import dataclass
 from math import pi
+from typing import NamedTuple
 
 VARIANTS = ("paper", "physical")
+
+
+class StepLimits(NamedTuple):
+    """Steps in time of a robot's simulation: the default, one of docs/momentum.md whose drift stays well
+    inside the bound, the largest, and the largest control period, s."""
+
+    default_timestep: float
+    largest_timestep: float
+    largest_control_period: float
+
 
 # What was shown to work under full strokes in every control mode, by python -m benchmarks.limits: momentum
 # drifts by at most a quarter of the promised 1e-6, no joint comes near the end of its range, and rates stay
 # within 1.2 times their limit. At 0.3 s the servo of `physical` reaches 1.6 times, at 0.5 s 27 times. A
 # search for the worst fast start broke the promise in `physical` at 0.15 s, in the spatial robot at 0.2 s.
-LARGEST_CONTROL_PERIOD = {"paper": 0.2, "physical": 0.1, "planar": 0.2, "spatial": 0.1}  # s
-LARGEST_TIMESTEP = {"paper": 0.025, "physical": 0.0125, "planar": 0.025, "spatial": 0.0125}  # s
+STEP_LIMITS = {
+    "paper": StepLimits(0.02, 0.025, 0.2),
+    "physical": StepLimits(0.01, 0.0125, 0.1),
+    "planar": StepLimits(0.02, 0.025, 0.2),
+    "spatial": StepLimits(0.01, 0.0125, 0.1),
+}
 LEAST_TIMESTEP = 1e-4  # s; finer steps change nothing, and a control period of them takes minutes
 
 

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array, canonical, conjugate, rotate
 from space_envs.errors import GoalError
-from space_envs.robots.dual_arm import END_EFFECTORS, GRAPPLES, SHAPES, DualArmOptions, dual_arm_model
-from space_envs.robots.parameters import LARGEST_CONTROL_PERIOD, LARGEST_TIMESTEP, TargetParameters
+from space_envs.robots.dual_arm import DUAL_ARMS, END_EFFECTORS, GRAPPLES, DualArmOptions, dual_arm_model
+from space_envs.robots.parameters import STEP_LIMITS, TargetParameters
 from space_envs.scenery.dual_arm import scale_target
 from space_envs.simulation import Simulation
 from space_envs.tasks.base import CaptureTask
@@ -26,8 +26,6 @@ from space_envs.tasks.common import CaptureErrors
 from space_envs.tasks.contacts import Contacts
 from space_envs.tasks.goals.targets import Draws, TargetGoals
 
-# Largest steps of docs/momentum.md whose drift stays well inside the bound, s.
-DEFAULT_TIMESTEP = {"planar": 0.02, "spatial": 0.01}
 SPLIT_SIZE = {"train": 1024, "validation": 256, "test": 512, "ood": 512}
 FASTEST_SPIN = 1.0  # rad/s about each axis, of a user's target; what is observed of it stays in its bounds
 
@@ -50,17 +48,17 @@ class DualArmTask(CaptureTask):
     @property
     def default_timestep(self) -> float:
         """By robot, s."""
-        return DEFAULT_TIMESTEP[self.kind]
+        return STEP_LIMITS[self.kind].default_timestep
 
     @property
     def largest_timestep(self) -> float:
         """By robot, s."""
-        return LARGEST_TIMESTEP[self.kind]
+        return STEP_LIMITS[self.kind].largest_timestep
 
     @property
     def largest_control_period(self) -> float:
         """By robot, s."""
-        return LARGEST_CONTROL_PERIOD[self.kind]
+        return STEP_LIMITS[self.kind].largest_control_period
 
     @property
     def options(self) -> DualArmOptions:
@@ -86,7 +84,7 @@ class DualArmTask(CaptureTask):
     @cached_property
     def contacts(self) -> Contacts:
         """Which links may not touch the satellite, the target and each other."""
-        return Contacts.of(self.model, SHAPES[self.kind], arms=2)
+        return Contacts.of(self.model, DUAL_ARMS[self.kind].shape, arms=2)
 
     @property
     def contact_names(self) -> tuple[str, ...]:

@@ -89,6 +89,7 @@ class DualArmPlanarTask(TumblingTargetTask):
         spin=tuple(np.deg2rad([1.0, 2.0, 4.0]).tolist()),
         start=(0.1, 0.2, 0.35),
         half_width=(0.2, 0.4),
+        along=(1.0, 1.0, 0.0),
     )
     approach_axes = None
     measured = _MEASURED

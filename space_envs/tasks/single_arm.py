@@ -17,12 +17,7 @@ from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array, multiply, rotation_angle
 from space_envs.errors import GoalError, unknown_name
 from space_envs.robots.capsules import SINGLE_ARM_SHAPE
-from space_envs.robots.parameters import (
-    LARGEST_CONTROL_PERIOD,
-    LARGEST_TIMESTEP,
-    SINGLE_ARM,
-    VARIANTS,
-)
+from space_envs.robots.parameters import SINGLE_ARM, STEP_LIMITS, VARIANTS
 from space_envs.robots.single_arm import ModelOptions, single_arm_model
 from space_envs.simulation import Simulation
 from space_envs.tasks.base import CaptureTask
@@ -73,9 +68,6 @@ _GOAL, _GOAL_TURN, _TIP, _TIP_TURN, _POSITION_ERROR, _ROTATION_ERROR, _TIME = (
 _TINY = 1e-300  # keeps 0 / 0 from being NaN
 MEASURED = 47  # leading components that are leading sensors of the model, in its order
 
-# Largest steps of docs/momentum.md whose drift stays well inside the bound, s.
-DEFAULT_TIMESTEP = {"paper": 0.02, "physical": 0.01}
-
 
 @dataclass(frozen=True)
 class PoseEnvelope(CaptureEnvelope):
@@ -116,17 +108,17 @@ class SingleArmTask(CaptureTask):
     @property
     def default_timestep(self) -> float:
         """By variant, s."""
-        return DEFAULT_TIMESTEP[self.variant]
+        return STEP_LIMITS[self.variant].default_timestep
 
     @property
     def largest_timestep(self) -> float:
         """By variant, s."""
-        return LARGEST_TIMESTEP[self.variant]
+        return STEP_LIMITS[self.variant].largest_timestep
 
     @property
     def largest_control_period(self) -> float:
         """By variant, s."""
-        return LARGEST_CONTROL_PERIOD[self.variant]
+        return STEP_LIMITS[self.variant].largest_control_period
 
     @property
     def model(self) -> mujoco.MjModel:

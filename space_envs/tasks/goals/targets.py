@@ -29,7 +29,7 @@ class Draws:
         centre: (3,) m, about which the target's centre lies. displacement: m, largest, along each axis.
         turn: rad, largest turn of the target away from its nominal attitude, at the rendezvous.
         spin: rad/s, largest. start: rad, largest displacement of a joint from home.
-        half_width: m, least and largest.
+        half_width: m, least and largest. along: 1 for the axes that the centre is displaced along, else 0.
     """
 
     centre: tuple[float, float, float]
@@ -38,3 +38,4 @@ class Draws:
     spin: tuple[float, float, float]
     start: tuple[float, float, float]
     half_width: tuple[float, float]
+    along: tuple[float, float, float] = (1.0, 1.0, 1.0)

@@ -129,9 +129,7 @@ def _draw(
     draws = task.draws
     scale = rng.uniform(*OOD_MASS) if ood else 1.0
     start = robot.home + draws.start[level] * rng.uniform(-1.0, 1.0, robot.n_joints)
-    way = rng.uniform(-1.0, 1.0, 3)
-    if task.kind == "planar":
-        way[2] = 0.0
+    way = rng.uniform(-1.0, 1.0, 3) * draws.along
     least = 0.0
     if ood:
         way *= rng.uniform(*OOD_FACTOR) / np.abs(way).max()
