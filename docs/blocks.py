@@ -11,7 +11,7 @@ from agents.planners.dual_arm.tracking import FINE, Tracking
 from agents.policies.registry import POLICIES, control_mode, policies_for
 from docs.reading import attributes, comments, number, summary, table
 from docs.robots import links, planar_links, spatial_links
-from space_envs import control
+from space_envs import control, drives
 from space_envs.evaluation.leaderboard.columns import COLUMNS, NOTE, RULES
 from space_envs.evaluation.leaderboard.pareto import FRONT
 from space_envs.evaluation.records.schema import record_schema
@@ -43,11 +43,12 @@ def policies() -> str:
 def drive() -> str:
     """Constants of the drives and control modes."""
     rows = [
-        (f"`{name}`", number(getattr(control, name)), text)
-        for name, text in comments(control).items()
-        if name.isupper()
+        (f"`{module.__name__}.{name}`", number(getattr(module, name)), text)
+        for module in (drives, control)
+        for name, text in comments(module).items()
+        if name.isupper() and not name.startswith("_")
     ]
-    return table(("constant of `space_envs.control`", "value", "meaning"), rows)
+    return table(("constant", "value", "meaning"), rows)
 
 
 def causes() -> str:

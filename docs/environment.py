@@ -19,7 +19,8 @@ from docs.reading import (
     table,
 )
 from docs.robots import parameters
-from space_envs.control import CONTROL_MODES, MODES, STOP_MARGIN
+from space_envs.control import CONTROL_MODES, MODES
+from space_envs.drives import STOP_MARGIN
 from space_envs.dynamics.rotations import Array
 from space_envs.envs import CaptureVectorEnv
 from space_envs.envs.keywords import EnvOptions

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from space_envs.control import STOP_MARGIN
+from space_envs.drives import STOP_MARGIN
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import PolicyError, unknown_name

@@ -31,7 +31,13 @@ FORBIDDEN = {
 ROOMS = (
     *("space_envs.errors", "space_envs.checks", "space_envs.system", "space_envs.codegen"),
     *("space_envs.dynamics", "space_envs.scenery", "space_envs.robots"),
-    *("space_envs.simulation", "space_envs.control", "space_envs.metric", "space_envs.tasks"),
+    *(
+        "space_envs.simulation",
+        "space_envs.drives",
+        "space_envs.control",
+        "space_envs.metric",
+        "space_envs.tasks",
+    ),
     *("space_envs.strangers", "space_envs.registration", "space_envs.rendering"),
     *("space_envs.envs", "space_envs.wrappers", "space_envs.policy"),
     *(f"space_envs.evaluation.{room}" for room in ("play", "records", "statistics", "leaderboard", "replay")),

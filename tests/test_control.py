@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from space_envs.control import BRAKING, BRAKING_SHARE, CONTROL_MODES, STOP_MARGIN
+from space_envs.control import CONTROL_MODES
+from space_envs.drives import BRAKING, BRAKING_SHARE, STOP_MARGIN
 from space_envs.dynamics import minimum_jerk, roll_out_base
 from space_envs.dynamics.bodies import body_motion, momentum_drift
 from space_envs.dynamics.rotations import angle_between

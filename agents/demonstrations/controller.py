@@ -25,7 +25,7 @@ from agents.planners.common.inverse_kinematics import JointMotion, floating_inve
 from agents.planners.common.linear_quadratic import closed_loop, receding_gains
 from agents.policies.single_arm.mpc import CONTROL_WEIGHT, POSITION_WEIGHT
 from agents.policies.single_arm.reaching import DURATION
-from space_envs.control import STOP_MARGIN
+from space_envs.drives import STOP_MARGIN
 from space_envs.dynamics import FloatingRobot, trajectory_cost
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import PlanningError

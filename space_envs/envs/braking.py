@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from space_envs.control import BRAKING_SHARE, STOP_MARGIN, Stops
+from space_envs.drives import BRAKING_SHARE, STOP_MARGIN, JointStops
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError
 from space_envs.simulation import Simulation
@@ -21,7 +21,7 @@ def braking_load(task: CaptureTask, goals: Goals, velocity: Array) -> Array:
     simulation.joint_position[:], simulation.joint_velocity[:] = goals.joint_position, velocity
     simulation.set_base_velocity(rows)
     simulation.refresh()
-    room = Stops(task.robot.range, task.parameters.rate_limit).room(goals.joint_position)
+    room = JointStops(task.robot.range, task.parameters.rate_limit).room(goals.joint_position)
     ahead = np.where(velocity > 0.0, room[:, 1], room[:, 0])
     deceleration = -0.5 * velocity * np.abs(velocity) / np.maximum(ahead, 1e-9)
     mass, bias, b = simulation.mass_matrix(), simulation.bias(), simulation.n_base
@@ -53,7 +53,7 @@ def check_brakes(task: CaptureTask, goals: Goals, velocity: Array | None) -> Non
         )
     if velocity is None:
         return
-    low, high = Stops(limits, task.parameters.rate_limit).rates(position)
+    low, high = JointStops(limits, task.parameters.rate_limit).rates(position)
     late = (velocity < low) | (velocity > high)
     if late.any():
         row, joint = np.argwhere(late)[0]

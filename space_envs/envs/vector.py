@@ -9,7 +9,8 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from space_envs.control import MODES, Drive
+from space_envs.control import MODES
+from space_envs.drives import Drive
 from space_envs.dynamics.rotations import Array
 from space_envs.envs.actions import checked_actions
 from space_envs.envs.episodes import EpisodeTracker

@@ -8,7 +8,7 @@ from agents.policies.base import BasePolicy
 from agents.policies.dual_arm.keep_clear import clear_rates
 from agents.policies.dual_arm.observed import Reader
 from agents.policies.needs import RENDEZVOUS
-from space_envs.control import BRAKING
+from space_envs.drives import braking_rates
 from space_envs.dynamics.reactionless import (
     axis_turn,
     end_effectors,
@@ -77,7 +77,7 @@ def within_drives(reader: Reader, observation: Array, rate: Array) -> Array:
     context = reader.context
     now, q = reader.field(observation, "joint_velocity"), reader.field(observation, "joint_position")
     room = np.where(rate > 0.0, context.joint_limits[:, 1] - q, q - context.joint_limits[:, 0])
-    fastest = np.minimum(np.sqrt(2.0 * BRAKING * np.maximum(room, 0.0)), context.rate_limit)
+    fastest = braking_rates(np.maximum(room, 0.0), context.rate_limit)
     rate = rate / np.maximum((np.abs(rate) / np.maximum(fastest, 1e-9)).max(axis=1, keepdims=True), 1.0)
     # The present rates are reactionless where the joints are; here they are made so where these will be.
     rotating = context.arm.base_map(q + context.control_period * now)[:, 3:]

@@ -11,7 +11,7 @@ from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.policies.clearance import SPHERE_MARGIN, KeepOut, spheres_seen
 from agents.policies.following import FollowedPlans, sampled_plans
 from agents.policies.single_arm.reaching import DURATION, ReachingPolicy, motion_times
-from space_envs.control import CORIOLIS_SHARE
+from space_envs.drives import CORIOLIS_SHARE
 from space_envs.dynamics.rotations import Array, conjugate, multiply, rotate
 from space_envs.policy import PolicyContext
 

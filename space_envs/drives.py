@@ -1,0 +1,174 @@
+"""Joint drives: from rate commands to torques that keep torque, rate and position limits, batched."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from space_envs.dynamics.rotations import Array
+from space_envs.simulation import Simulation
+
+BRAKING = 0.04  # rad/s^2 with which a joint may approach its limit; 60 N m give a resting arm 0.05 at least
+CORIOLIS_SHARE = 0.4  # of a drive's torque; where Coriolis forces take more, the arm is slowed
+CORIOLIS_LOST = 0.8  # of a drive's torque; where they take more, they are no longer held against
+OVERSPEED = 1.05  # times the rate limit, likewise
+BRAKING_SHARE = 0.2  # of a drive's torque; starts that take more to brake all joints together are refused
+STOP_MARGIN = 0.1  # rad; the drives stop this far inside the joint range, so that nothing hits its end
+
+
+def braking_rates(room: Array, rate_limit: float) -> Array:
+    """Braking law: the largest rates (...) from which joints stop within angles (...).
+
+    Args:
+        room: rad, at least 0. rate_limit: rad/s, which they do not exceed.
+    """
+    return np.minimum(np.sqrt(2.0 * BRAKING * room), rate_limit)
+
+
+class JointStops:
+    """Ends of the joint ranges, and the rates from which joints brake before them.
+
+    Args:
+        joint_range: (n, 2) rad. rate_limit: rad/s.
+    """
+
+    def __init__(self, joint_range: Array, rate_limit: float) -> None:
+        # Distance to the lower and the upper stop is offset + sign * angle, (2, n).
+        self._sign = np.array([[1.0], [-1.0]])
+        self._offset = -self._sign * joint_range.T - STOP_MARGIN
+        self._rate_limit = rate_limit
+
+    def room(self, position: Array) -> Array:
+        """Angle (N, 2, n), rad, left to the lower and the upper stop at joint angles (N, n), rad."""
+        return np.maximum(self._offset + self._sign * position[:, None, :], 0.0)
+
+    def rates(self, position: Array) -> tuple[Array, Array]:
+        """Least and largest rate (N, n), rad/s, at joint angles (N, n), rad."""
+        fastest = braking_rates(self.room(position), self._rate_limit)
+        return -fastest[:, 0], fastest[:, 1]
+
+
+class Drive:
+    """Joint drives: rate commands to torques, within torque, rate and position limits.
+
+    The servo is a computed torque held over the control period Tc: with the base eliminated through
+    momentum, tau = M* (commanded rate - rate) / Tc + h*, so the commanded rate is reached at the end of the
+    period. M and the bias forces are extrapolated to the middle of the period from their last two values,
+    which makes the servo second order where the motion is smooth. Where a torque limit binds, the change of
+    rate is scaled as a whole and keeps its direction.
+    """
+
+    def __init__(
+        self, simulation: Simulation, control_period: float, rate_limit: float, acceleration_limit: float
+    ) -> None:
+        model = simulation.model
+        self.simulation = simulation
+        self.control_period = control_period
+        self.rate_limit = rate_limit
+        self.acceleration_limit = acceleration_limit
+        self.torque_limit = model.actuator_forcerange[:, 1].copy()
+        joints = model.actuator_trnid[:, 0]
+        self._stops = JointStops(model.jnt_range[joints], rate_limit)
+        self.extrapolate = True
+        self._b = simulation.n_base
+        n = simulation.n_joints + self._b
+        self._last_mass, self._last_bias = np.zeros((simulation.n, n, n)), np.zeros((simulation.n, n))
+        self._mass, self._bias = self._last_mass, self._last_bias
+
+    low: Array  # (N, n) least and largest rate, rad/s, from which each joint can still brake before its limit
+    high: Array
+
+    def reset(self, rows: NDArray[np.int64]) -> None:
+        """Forget the past of rows (k,) whose state was written."""
+        self._last_mass[rows] = self.simulation.mass_matrix()[rows]
+        self._last_bias[rows] = self.simulation.bias()[rows]
+
+    def begin(self) -> None:
+        """Take in the state at the start of a control period; call once before torques are asked for."""
+        self.low, self.high = self._stops.rates(self.simulation.joint_position)
+        mass, bias = self.simulation.mass_matrix(), self.simulation.bias().copy()
+        self._mass, self._bias = mass, bias
+        if self.extrapolate:
+            # To the middle of the period.
+            self._mass, self._bias = 1.5 * mass - 0.5 * self._last_mass, 1.5 * bias - 0.5 * self._last_bias
+        self._last_mass, self._last_bias = mass, bias
+
+    def snapshot(self) -> tuple[Array, Array]:
+        """What is remembered of the period before."""
+        return self._last_mass.copy(), self._last_bias.copy()
+
+    def restore(self, snapshot: tuple[Array, Array]) -> None:
+        """Take over a snapshot."""
+        self._last_mass, self._last_bias = snapshot[0].copy(), snapshot[1].copy()
+
+    def track(self, rate: Array) -> Array:
+        """Torques (N, n), N m, that reach joint rates (N, n), rad/s, at the end of the control period.
+
+        Each joint's acceleration is limited on its own.
+        """
+        acceleration = np.minimum(np.maximum(rate, self.low), self.high) - self.simulation.joint_velocity
+        acceleration /= self.control_period
+        limit = self.acceleration_limit
+        return self.accelerate(np.minimum(np.maximum(acceleration, -limit), limit))
+
+    def accelerate(self, acceleration: Array) -> Array:
+        """Torques (N, n) for joint accelerations (N, n) that respect every limit but the torque's: M* a + h*.
+
+        The acceleration is scaled so that every torque is within its limit. Joints that are too fast to
+        stop before their limit brake first, and the others change with the torque that this leaves.
+        """
+        now = self.simulation.joint_velocity
+        late = np.asarray((now < self.low) | (now > self.high))
+        need, held, braking, stopping = self._inverse_dynamics(acceleration, late)
+        torque = held + need
+        load = (np.abs(held) / self.torque_limit).max(axis=1, keepdims=True)
+        overspeed = np.abs(now).max(axis=1, keepdims=True) > OVERSPEED * self.rate_limit
+        fast = (load > CORIOLIS_SHARE) | overspeed
+        if not (late.any() or fast.any()) and (np.abs(torque) <= self.torque_limit).all():
+            return torque
+        after = held + braking * self._room(held, braking)
+        rest = need - braking
+        torque = after + rest * self._room(after, rest)
+        # Where Coriolis forces take much of a drive, the arm as a whole slows down while there is torque to
+        # hold its direction with. Where there is hardly any, nothing is held: Coriolis forces do no work, so
+        # torques against M* times the rates brake for certain.
+        kept = np.where(load > CORIOLIS_LOST, 0.0, held)
+        slower = kept + stopping * self._room(kept, stopping)
+        return self._within(np.where(fast, slower, torque))
+
+    def _inverse_dynamics(
+        self, acceleration: Array, late: NDArray[np.bool_]
+    ) -> tuple[Array, Array, Array, Array]:
+        """Torques (N, n): for joint accelerations (N, n), for Coriolis and centrifugal forces, for the
+        accelerations of the late joints (N, n) alone, and for stopping all joints within the period."""
+        mass, bias, b = self._mass, self._bias, self._b
+        wanted = np.empty((*acceleration.shape, 3))
+        wanted[..., 0] = acceleration
+        wanted[..., 1] = acceleration * late
+        wanted[..., 2] = self.simulation.joint_velocity * (-1.0 / self.control_period)
+        force = np.empty((*bias.shape, 4))
+        force[..., :3] = mass[:, :, b:] @ wanted
+        force[..., 3] = bias
+        base = np.linalg.solve(mass[:, :b, :b], force[:, :b])
+        torque = force[:, b:] - mass[:, b:, :b] @ base
+        return torque[..., 0], torque[..., 3], torque[..., 1], torque[..., 2]
+
+    def _room(self, held: Array, need: Array) -> Array:
+        """Largest factor (N, 1) up to 1 with which `need` can be added to `held` within the torque limits."""
+        room = np.maximum(self.torque_limit - held * np.sign(need), 0.0)
+        return np.minimum((room / np.maximum(np.abs(need), 1e-9)).min(axis=1, keepdims=True), 1.0)
+
+    def _within(self, torque: Array) -> Array:
+        return np.minimum(np.maximum(torque, -self.torque_limit), self.torque_limit)
+
+    def protect(self, torque: Array) -> Array:
+        """Commanded torques (N, n), replaced in rows where they would break a rate or position limit."""
+        torque = self._within(torque)
+        force = -self._bias
+        force[:, self._b :] += torque
+        acceleration = np.linalg.solve(self._mass, force[..., None])[:, self._b :, 0]
+        rate = self.simulation.joint_velocity + self.control_period * acceleration
+        # Half the rate limit in one period is more than a torque held that long can steer.
+        harsh = np.abs(acceleration) > 0.5 * self.rate_limit / self.control_period
+        broken = np.any((rate < self.low) | (rate > self.high) | harsh, axis=1)
+        if not broken.any():
+            return torque
+        return np.where(broken[:, None], self.track(rate), torque)
