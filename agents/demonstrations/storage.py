@@ -16,7 +16,7 @@ from agents.demonstrations.controller import Demonstrations, demonstrate
 from agents.demonstrations.variations import DemonstratorConfig
 from promp.storage import checksum
 from space_envs.errors import ConfigurationError
-from space_envs.system.files import atomic_write
+from space_envs.system.files import write_arrays
 from space_envs.system.parallel import here
 from space_envs.system.reading import parse_json, read_arrays
 
@@ -33,8 +33,7 @@ def save(path: Path, demonstrations: Demonstrations, provenance: dict[str, Any])
     }
     content["provenance"] = np.array(json.dumps(provenance, sort_keys=True))
     header = {"format": np.array(FORMAT), "version": np.array(VERSION), "sha256": np.array(checksum(content))}
-    with atomic_write(path) as temporary, temporary.open("wb") as file:
-        np.savez(file, **header, **content)
+    write_arrays(path, {**header, **content})
 
 
 def load(path: str | Path) -> tuple[Demonstrations, dict[str, Any]]:

@@ -1,6 +1,5 @@
 """A library of optimal motions, made in parallel and resumable: each goal is improved from its neighbours."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,7 +17,7 @@ from space_envs.checks import count, flag
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError
 from space_envs.robots.parameters import SINGLE_ARM
-from space_envs.system.files import atomic_write_text
+from space_envs.system.files import write_json
 from space_envs.system.provenance import commit, machine, versions
 from space_envs.system.threads import on_one_thread
 from space_envs.tasks.single_arm import SingleArmTask
@@ -105,7 +104,7 @@ def generate(
         "versions": versions(),
         "machine": machine(),
     }
-    atomic_write_text(path.with_suffix(".json"), json.dumps(origin, indent=2) + "\n")
+    write_json(path.with_suffix(".json"), origin)
     return solved
 
 
