@@ -184,14 +184,9 @@ class Dataset:
     def save(self, path: str | Path) -> None:
         """Write an npz file, whole or not at all; equal datasets give equal bytes."""
         arrays: dict[str, Any] = {name: getattr(self, name) for name in _ARRAYS}
-<<<<<<< HEAD
         about = np.array(json.dumps(dict(self.about), sort_keys=True))
         header = {"schema": np.int64(SCHEMA_VERSION), "about": about}
         write_arrays(path, header | arrays, compressed=True)
-=======
-        told = np.array(json.dumps(dict(self.about), sort_keys=True))
-        write_arrays(path, {"schema": np.int64(SCHEMA_VERSION), "about": told, **arrays}, compressed=True)
->>>>>>> e85e23c (JSON and arrays are written whole by one function each)
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
