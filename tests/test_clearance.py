@@ -6,8 +6,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from agents.planners.dual_arm.clearance import Links, Surroundings, gaps, turning_target
+from agents.planners.dual_arm.clearance import Links, gaps
 from agents.planners.dual_arm.free_paths.nearness import POSE, Nearness, parameters
+from agents.planners.dual_arm.surroundings import Surroundings, tumbling_target
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.capsules import box_distance, point_segment, segment_distance
 from space_envs.dynamics.rigid_body import tumble
@@ -30,7 +31,7 @@ def robot_of(kind: str) -> FloatingRobot:
 def surroundings(kind: str, **changes: Any) -> Surroundings:
     """A target that turns slowly, and in space the satellite."""
     spin, inertia = np.array([0.0, 0.0, 0.02]), np.array([1.0, 2.0, 3.0])
-    motion = turning_target(CENTRE[kind], exponential(TURN[kind]), spin, inertia)
+    motion = tumbling_target(CENTRE[kind], exponential(TURN[kind]), spin, inertia)
     settings: dict[str, Any] = {"radius": RADIUS, "target": HALF, "motion": motion, "contact": 0.0}
     settings |= {"bus": BUS if kind == "spatial" else None}
     return Surroundings(**(settings | changes))
@@ -190,7 +191,7 @@ def test_a_turning_target_turns_freely_forwards_and_backwards() -> None:
     inertia, spin = np.array([1.0, 2.0, 3.0]), np.array([0.05, -0.03, 0.06])
     quaternion, centre = exponential(np.array([0.4, 0.1, -0.3])), np.array([1.0, 2.0, 3.0])
     times = np.array([3.0, 0.0, 8.0, 20.0, 13.7])
-    position, attitude = turning_target(centre, quaternion, spin, inertia, at=8.0)(times)
+    position, attitude = tumbling_target(centre, quaternion, spin, inertia, at=8.0)(times)
     assert (position == centre).all()
     for time, found in zip(times, attitude, strict=True):
         expected = tumble(quaternion, spin, inertia, np.array([time - 8.0]))[0][0]

@@ -12,15 +12,16 @@ from dual_arm_goals import IDS, at_meeting, task_of
 
 from agents.planners.common.plans import Cause, Failure, Limits
 from agents.planners.common.smooth import Smooth
-from agents.planners.dual_arm.clearance import Surroundings, gaps, turning_target
+from agents.planners.dual_arm.clearance import gaps
 from agents.planners.dual_arm.free_paths.check import held_dynamics
 from agents.planners.dual_arm.free_paths.goals import EndGoals, end_configurations, spread
 from agents.planners.dual_arm.free_paths.model import HeldAttitude
 from agents.planners.dual_arm.free_paths.planner import plan_free
-from agents.planners.dual_arm.free_paths.solver import FreePathPrograms, FreePathSolver, FreePathUnsolved
+from agents.planners.dual_arm.free_paths.solver import FreePathSolver, clear_program, free_program
 from agents.planners.dual_arm.prescribed_paths.instantaneous import plan_local, plan_zeta_zero
 from agents.planners.dual_arm.prescribed_paths.ocp import plan_ocp
 from agents.planners.dual_arm.problem import Capture, CapturePlan
+from agents.planners.dual_arm.surroundings import Surroundings, tumbling_target
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
 from space_envs.dynamics.symbolic import SymbolicRobot
@@ -61,7 +62,7 @@ def cases(kind: str, difficulty: str, count: int) -> list[tuple[Capture, Surroun
     for k in range(count):
         axis = None if axes is None else axes[k]
         capture = Capture(goals.joint_position[k], RENDEZVOUS_TIME, points[k], velocity[k], axis)
-        motion = turning_target(
+        motion = tumbling_target(
             goals.position[k],
             goals.quaternion[k],
             goals.angular_velocity[k],
@@ -305,7 +306,7 @@ def test_a_malformed_capture_is_refused() -> None:
 def test_held_attitude_is_the_floating_robot_on_reactionless_motion(kind: str) -> None:
     robot, model = robot_of(kind), HeldAttitude.of(robot_of(kind))
     q, u, udot = np.random.default_rng(3).normal(size=(3, robot.n_joints))
-    rate, acceleration = (out.full()[:, 0] for out in model.still(q, u, udot))
+    rate, acceleration = (out.full()[:, 0] for out in model.accelerated(q, u, udot))
     np.testing.assert_array_equal(model.projected(q, u).full()[:, 0], rate)
     assert np.abs(robot.base_map(q)[3:] @ rate).max() < 1e-12
     symbolic = SymbolicRobot(robot)
@@ -352,9 +353,9 @@ def test_derivatives_of_the_functions_agree_with_differences(kind: str) -> None:
 
 
 def test_derivatives_of_the_program_agree_with_differences() -> None:
-    programs = FreePathPrograms.of(robot_of("planar"))
+    free, clear = free_program(robot_of("planar")), clear_program(robot_of("planar"))
     random = np.random.default_rng(5)
-    for program in (programs.free, programs.clear):
+    for program in (free, clear):
         sizes = program.solver.size1_in("x0"), program.solver.size1_in("p"), program.solver.size1_out("g")
         x, way = random.normal(size=(2, sizes[0]))
         p, multiplier = 0.3 * random.normal(size=sizes[1]), random.normal(size=sizes[2])
@@ -368,7 +369,7 @@ def test_derivatives_of_the_program_agree_with_differences() -> None:
         rise = float((high[0] - low[0]).item()) / 2e-6
         assert rise == pytest.approx(float((here[1].T @ way).item()), rel=1e-5, abs=1e-6 * scale)
         np.testing.assert_allclose(here[3] @ way, (high[2] - low[2])[:, 0] / 2e-6, rtol=1e-5, atol=1e-3)
-        if program is programs.free:  # the cost of nearness has Gauss and Newton's approximation only
+        if program is free:  # the cost of nearness has Gauss and Newton's approximation only
             bend = ca.triu2symm(parts[2](x, p, 1.7, multiplier)).full()
             slopes = [1.7 * side[1][:, 0] + side[3].T @ multiplier for side in (high, low)]
             np.testing.assert_allclose(
@@ -458,7 +459,9 @@ def test_where_no_search_ends_the_best_given_motion_is_the_plan(
     capture, _ = cases(kind, "medium", 1)[0]
     capture = replace(capture, axis=None)
     monkeypatch.setattr(
-        FreePathSolver, "solve", lambda *_, **__: FreePathUnsolved("Maximum_Iterations_Exceeded", 1.0)
+        FreePathSolver,
+        "solve",
+        lambda *_, **__: Failure("test", Cause.SOLVER, "Maximum_Iterations_Exceeded", 1.0),
     )
     plan = plan_free(robot_of(kind), capture, Limits())
     known = [method(robot_of(kind), capture, Limits()) for method in PATH_METHODS[:2]]

@@ -17,11 +17,11 @@ from offenders import assert_none
 from agents.demonstrations.optimal.library import LibraryRecipe
 from agents.demonstrations.variations import DemonstratorConfig
 from agents.planners.common.plans import Limits
-from agents.planners.dual_arm.clearance import Surroundings
 from agents.planners.dual_arm.free_paths.planner import plan_free
 from agents.planners.dual_arm.prescribed_paths import instantaneous
 from agents.planners.dual_arm.prescribed_paths import ocp as reactionless_ocp
 from agents.planners.dual_arm.problem import Capture
+from agents.planners.dual_arm.surroundings import Surroundings
 from agents.planners.dual_arm.tracking import Tracking
 from agents.planners.single_arm.collocation.ocp import plan_ocp
 from agents.planners.single_arm.nmpc.controller import Controller

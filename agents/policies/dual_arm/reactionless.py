@@ -8,11 +8,12 @@ from joblib import Parallel, delayed
 from numpy.typing import NDArray
 
 from agents.planners.common.plans import Cause, Failure, Limits
-from agents.planners.dual_arm.clearance import Surroundings, gaps, turning_target
+from agents.planners.dual_arm.clearance import gaps
 from agents.planners.dual_arm.free_paths.planner import plan_free
 from agents.planners.dual_arm.prescribed_paths.instantaneous import plan_local, plan_zeta_zero
 from agents.planners.dual_arm.prescribed_paths.ocp import plan_ocp
 from agents.planners.dual_arm.problem import Capture, CapturePlan
+from agents.planners.dual_arm.surroundings import Surroundings, tumbling_target
 from agents.policies.clearance import MARGIN
 from agents.policies.dual_arm.observed import Reader
 from agents.policies.dual_arm.reactionless_rate import track_rates, within_drives
@@ -58,7 +59,7 @@ class PlannerInput:
             radius=parameters.link_radius,
             bus=None if planar else np.full(3, side),
             target=np.array(target.body) * self.half_width / target.half_width,
-            motion=turning_target(self.centre, self.attitude, self.spin, np.array(target.inertia)),
+            motion=tumbling_target(self.centre, self.attitude, self.spin, np.array(target.inertia)),
         )
 
     def checked(self, plan: CapturePlan | Failure) -> CapturePlan | Failure:

@@ -1,8 +1,8 @@
-"""A cost on motions that come too near to something, for the planner with free paths.
+"""Cost on clearances below the wanted ones, for the planner with free paths.
 
-The nearest points of each pair of bodies are found first and then taken as fixed to their links: the
-distance between them has the same first derivative as the least distance. The planner has the squares of what
-is missing to the wanted distances as a cost; what it leaves is measured by `clearance.py`.
+The nearest points of each pair of bodies are found first and then held fixed on their links: the distance
+between them has the same first derivative as the least distance. The cost is the sum of squared deficits from
+the wanted distances; remaining deficits are measured by `clearance.py`.
 """
 
 from dataclasses import dataclass
@@ -11,19 +11,25 @@ import casadi as ca
 import numpy as np
 
 from agents.planners.common.smooth import Smooth
-from agents.planners.dual_arm.clearance import Links, Surroundings
+from agents.planners.dual_arm.clearance import Links
+from agents.planners.dual_arm.free_paths.nearest_points import (
+    FAR,
+    SOFT,
+    box_distance,
+    crossing,
+    nearest,
+    nearest_to_box,
+)
+from agents.planners.dual_arm.surroundings import Surroundings
 from space_envs.codegen.functions import compiled
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array, rotate
 from space_envs.dynamics.symbolic import SymbolicRobot
 
-_BISECTIONS = 12  # of a link's length, for its point nearest to a box
-_SOFT = 1e-6  # m, keeps distances differentiable where they vanish
-_FAR = 1e3  # m, where bodies are that do not count
-POSE = 3 + 9 + 1  # numbers at each time: centre from the system's centre of mass, rotation, counted share
+POSE = 3 + 9 + 1  # numbers at each time: centre from the system's centre of mass, rotation, counted fraction
 # Half sides: target, satellite; wanted distances: arms, satellite, target; standing; wanted of open grippers.
 SHARED = 3 + 3 + 3 + 1 + 1
-EACH = POSE + SHARED + 1  # with the weight of what is missing
+PARAMETERS = POSE + SHARED + 1  # at each time, with the weight of deficits
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +37,7 @@ class Nearness:
     """Functions of q (n), pose (13) and shared (11), compiled.
 
     Attributes:
-        missing: -> (P,) m, what is missing to the wanted distance of each pair, 0 where nothing is.
+        missing: -> (P,) m, deficit of each pair from its wanted distance, 0 where there is none.
         slope: -> that and its derivative by q (P, n).
     """
 
@@ -40,47 +46,14 @@ class Nearness:
 
     @classmethod
     def of(cls, robot: FloatingRobot, planar: bool) -> "Nearness":
-        """Of all pairs of links of different arms, links and target and, in space, links and satellite."""
-        symbolic, links, n = SymbolicRobot(robot), Links.of(robot), robot.n_joints
+        """Build the functions of links of different arms, links and target, and satellite in space."""
+        n = robot.n_joints
         q, pose, shared = ca.SX.sym("q", n), ca.SX.sym("pose", POSE), ca.SX.sym("shared", SHARED)
-        rotation, position, _, places = symbolic.kinematics(q)
-        centre = places @ ca.DM(robot.mass[1:]) / float(robot.mass.sum())
-        begin = [position[:, int(link) - 1] for link in links.link]
-        end = [
-            begin[s] + rotation[:, 3 * (int(link) - 1) : 3 * int(link)] @ ca.DM(links.end[s])
-            for s, link in enumerate(links.link)
-        ]
-        turn = ca.reshape(pose[3:12], 3, 3)
-        away = pose[:3] + centre  # of the target in the base frame
-        distances, wanted, found, symbols = [], [], [], []
-        for one in np.flatnonzero(links.arm == 0):
-            for other in np.flatnonzero(links.arm == 1):
-                ways = begin[one], end[one], begin[other], end[other]
-                for points in _crossing(*ways) if planar else [_nearest(*ways)]:
-                    at = ca.SX.sym("at", 4)
-                    gap = begin[one] + at[0] * (end[one] - begin[one])
-                    gap -= begin[other] + at[1] * (end[other] - begin[other])
-                    distances.append(at[2] * ca.sqrt(ca.dot(gap, gap) + _SOFT**2) + at[3])
-                    wanted.append(shared[6])
-                    found.append(points)
-                    symbols.append(at)
-        for s in range(len(links.link)):
-            a, b = (turn.T @ (point - away) for point in (begin[s], end[s]))
-            boxes = [(a, a + (pose[12] if links.last[s] else 1.0) * (b - a), shared[:3], shared[8])]
-            if links.last[s]:  # what is open counts by its centre line
-                boxes.append((a + pose[12] * (b - a), b, shared[:3], shared[10]))
-            if not planar:
-                counts = shared[9] <= float(links.order[s])
-                boxes.append((begin[s], end[s], shared[3:6], ca.if_else(counts, shared[7], -_FAR)))
-            for a, b, half, distance in boxes:
-                at = ca.SX.sym("at")
-                distances.append(_depth(a + at * (b - a), half))
-                wanted.append(distance)
-                found.append(_deepest(a, b, half))
-                symbols.append(at)
-        missing = ca.fmax(ca.vertcat(*wanted) - ca.vertcat(*distances), 0.0)
-        at, inputs = ca.vertcat(*symbols), [q, pose, shared]
-        find = ca.Function("nearest_points", inputs, list(ca.cse([ca.vertcat(*found)])))
+        pairs = _Pairs(robot, planar, q, pose, shared)
+        missing = ca.fmax(ca.vertcat(*pairs.wanted) - ca.vertcat(*pairs.distances), 0.0)
+        at = ca.vertcat(*pairs.phases)
+        inputs = [q, pose, shared]
+        find = ca.Function("nearest_points", inputs, list(ca.cse([ca.vertcat(*pairs.nearest)])))
         slope = ca.densify(ca.jacobian(missing, q))
         held = ca.Function("missing_held", [q, at, pose, shared], list(ca.cse([missing])))
         slope_held = ca.Function("slope_held", [q, at, pose, shared], list(ca.cse([missing, slope])))
@@ -93,20 +66,79 @@ class Nearness:
         return cls(**compiled(functions))
 
     def added_to(self, energy: Smooth, n: int) -> Smooth:
-        """energy + weight |missing|^2, a function of q, qdot and [pose; shared; weight], with the
+        """Sum energy + weight |missing|^2, a function of q, qdot and [pose; shared; weight], with the
         Gauss-Newton approximation of the second derivative."""
         y = [ca.MX.sym("q", n), ca.MX.sym("qdot", n)]
-        p, factor = ca.MX.sym("p", EACH), ca.MX.sym("factor")
+        p, factor = ca.MX.sym("p", PARAMETERS), ca.MX.sym("factor")
         pose, shared, weight = p[:POSE], p[POSE:-1], p[-1]
         missing = self.missing(y[0], pose, shared)
-        left, slope = self.slope(y[0], pose, shared)
-        gradient = ca.horzcat(2.0 * weight * (left.T @ slope), ca.MX.zeros(1, n))
+        deficit, slope = self.slope(y[0], pose, shared)
+        gradient = ca.horzcat(2.0 * weight * (deficit.T @ slope), ca.MX.zeros(1, n))
         bend = ca.diagcat(2.0 * weight * factor * (slope.T @ slope), ca.MX.zeros(n, n))
         return Smooth(
             ca.Function("clear_value", [*y, p], [energy.value(*y) + weight * ca.dot(missing, missing)]),
             ca.Function("clear_slope", [*y, p], [energy.slope(*y) + gradient]),
             ca.Function("clear_bend", [*y, p, factor], [energy.bend(*y, factor) + ca.densify(bend)]),
         )
+
+
+class _Pairs:
+    """Pairs of bodies: their distances at given points, wanted distances, and their nearest points.
+
+    Attributes:
+        distances, wanted: m. phases: symbols that give the points. nearest: values of the phases.
+    """
+
+    def __init__(self, robot: FloatingRobot, planar: bool, q: ca.SX, pose: ca.SX, shared: ca.SX) -> None:
+        self._links, self._planar = Links.of(robot), planar
+        self._pose, self._shared = pose, shared
+        rotation, position, _, coms = SymbolicRobot(robot).kinematics(q)
+        centre = coms @ ca.DM(robot.mass[1:]) / float(robot.mass.sum())
+        self._begin = [position[:, int(link) - 1] for link in self._links.link]
+        self._end = [
+            begin + rotation[:, 3 * (int(link) - 1) : 3 * int(link)] @ ca.DM(end)
+            for begin, link, end in zip(self._begin, self._links.link, self._links.end, strict=True)
+        ]
+        self._target = ca.reshape(pose[3:12], 3, 3), pose[:3] + centre  # in the base frame
+        self.distances, self.wanted = list[ca.SX](), list[ca.SX]()
+        self.nearest, self.phases = list[ca.SX](), list[ca.SX]()
+        self._add_arms()
+        for link in range(len(self._links.link)):
+            self._add_boxes(link)
+
+    def _add(self, distance: ca.SX, wanted: ca.SX, nearest: ca.SX, phase: ca.SX) -> None:
+        self.distances.append(distance)
+        self.wanted.append(wanted)
+        self.nearest.append(nearest)
+        self.phases.append(phase)
+
+    def _add_arms(self) -> None:
+        """Pairs of links of different arms."""
+        for one in np.flatnonzero(self._links.arm == 0):
+            for other in np.flatnonzero(self._links.arm == 1):
+                segments = self._begin[one], self._end[one], self._begin[other], self._end[other]
+                for points in crossing(*segments) if self._planar else [nearest(*segments)]:
+                    at = ca.SX.sym("at", 4)
+                    gap = segments[0] + at[0] * (segments[1] - segments[0])
+                    gap -= segments[2] + at[1] * (segments[3] - segments[2])
+                    distance = at[2] * ca.sqrt(ca.dot(gap, gap) + SOFT**2) + at[3]
+                    self._add(distance, self._shared[6], points, at)
+
+    def _add_boxes(self, link: int) -> None:
+        """A link and the target and, in space, the satellite."""
+        shared, last, counted = self._shared, self._links.last[link], self._pose[12]
+        axes, centre = self._target
+        begin, end = self._begin[link], self._end[link]
+        a, b = (axes.T @ (point - centre) for point in (begin, end))
+        boxes = [(a, a + (counted if last else 1.0) * (b - a), shared[:3], shared[8])]
+        if last:  # an open gripper counts by its centre line
+            boxes.append((a + counted * (b - a), b, shared[:3], shared[10]))
+        if not self._planar:
+            counts = shared[9] <= float(self._links.order[link])
+            boxes.append((begin, end, shared[3:6], ca.if_else(counts, shared[7], -FAR)))
+        for a, b, half, wanted in boxes:
+            at = ca.SX.sym("at")
+            self._add(box_distance(a + at * (b - a), half), wanted, nearest_to_box(a, b, half), at)
 
 
 def parameters(
@@ -119,16 +151,17 @@ def parameters(
     extra: float,
     weight: Array | float,
 ) -> Array:
-    """[pose; shared; weight] (K, 25) of `Nearness.added_to` at times (K,) s of a plan.
+    """Parameters [pose; shared; weight] (K, 25) of `Nearness.added_to` at times (K,) s of a plan.
 
     Args:
-        poses: centre (K, 3) m and quaternion (K, 4) of the target then. extra: m, of gap beyond the margin.
+        poses: centre (K, 3) m and quaternion (K, 4) of the target at these times. extra: m, of clearance
+            beyond the margin.
         weight: (K,) or one for all.
     """
     wanted = around.margin + extra + around.radius
-    p = np.zeros((len(times), EACH))
-    p[:, :3], p[:, 3:12:4], p[:, 12] = _FAR, 1.0, 1.0
-    target, bus = np.ones(3), np.full(3, -_FAR)
+    p = np.zeros((len(times), PARAMETERS))
+    p[:, :3], p[:, 3:12:4], p[:, 12] = FAR, 1.0, 1.0
+    target, bus = np.ones(3), np.full(3, -FAR)
     if around.target is not None and poses is not None:
         target = around.target
         centre, quaternion = poses
@@ -139,74 +172,8 @@ def parameters(
         p[:, 12] = around.counted(length, times, duration)[:, 0]
     if around.bus is not None:
         bus = around.bus
-    arms = wanted + around.radius if around.arms else -_FAR
+    arms = wanted + around.radius if around.arms else -FAR
     line = wanted - around.radius
     p[:, POSE:-1] = [*target, *bus, arms, wanted, wanted, around.standing, line]
     p[:, -1] = weight
     return p
-
-
-def _clamp(value: ca.SX) -> ca.SX:
-    return ca.fmin(ca.fmax(value, 0.0), 1.0)
-
-
-def _nearest(a: ca.SX, b: ca.SX, c: ca.SX, d: ca.SX) -> ca.SX:
-    """Shares of the ways from a to b and from c to d where the segments are nearest, 1 and 0."""
-    u, v, w = b - a, d - c, a - c
-    uu, uv, vv, uw, vw = (ca.dot(x, y) for x, y in ((u, u), (u, v), (v, v), (u, w), (v, w)))
-    s = _clamp((uv * vw - uw * vv) / ca.fmax(uu * vv - uv * uv, 1e-12))
-    t = _clamp((uv * s + vw) / vv)
-    return ca.vertcat(_clamp((uv * t - uw) / uu), t, 1.0, 0.0)
-
-
-def _crossing(a: ca.SX, b: ca.SX, c: ca.SX, d: ca.SX) -> list[ca.SX]:
-    """The same for each end of two segments in the plane and the nearest point of the other segment, with
-    factor and summand of the distance.
-
-    Of segments that cross, the pair that is parted with the least movement counts, its distance negative; the
-    others are put far away.
-    """
-    u, v, w = b - a, d - c, a - c
-    uu, uv, vv, uw, vw = (ca.dot(x, y) for x, y in ((u, u), (u, v), (v, v), (u, w), (v, w)))
-
-    def side(x: ca.SX, y: ca.SX, z: ca.SX) -> ca.SX:
-        return (y[0] - x[0]) * (z[1] - x[1]) - (y[1] - x[1]) * (z[0] - x[0])
-
-    crossed = ca.logic_and(side(a, b, c) * side(a, b, d) < 0.0, side(c, d, a) * side(c, d, b) < 0.0)
-    shares = [(ca.SX(end), _clamp((uv * end + vw) / vv)) for end in (0.0, 1.0)]
-    shares += [(_clamp((uv * end - uw) / uu), ca.SX(end)) for end in (0.0, 1.0)]
-    squares = [ca.sumsqr(w + one * u - other * v) for one, other in shares]
-    least = ca.mmin(ca.vertcat(*squares))
-    return [
-        ca.vertcat(
-            one,
-            other,
-            ca.if_else(crossed, -1.0, 1.0),
-            ca.if_else(ca.logic_and(crossed, square > least), _FAR, 0.0),
-        )
-        for (one, other), square in zip(shares, squares, strict=True)
-    ]
-
-
-def _depth(point: ca.SX, half: ca.SX) -> ca.SX:
-    """Signed distance of a point from a box, m."""
-    beyond = ca.fabs(point) - half
-    outside = ca.fmax(beyond, 0.0)
-    within = ca.fmin(ca.fmax(ca.fmax(beyond[0], beyond[1]), beyond[2]), 0.0)
-    return ca.sqrt(ca.dot(outside, outside) + _SOFT**2) + within
-
-
-def _deepest(a: ca.SX, b: ca.SX, half: ca.SX) -> ca.SX:
-    """Share of the way from a to b where the segment is nearest to a box or deepest in it."""
-    way = b - a
-    low, high = ca.SX(0.0), ca.SX(1.0)
-    for _ in range(_BISECTIONS):
-        share = 0.5 * (low + high)
-        point = a + share * way
-        beyond = ca.fabs(point) - half
-        outside = ca.fmax(beyond, 0.0)
-        most = ca.fmax(ca.fmax(beyond[0], beyond[1]), beyond[2])
-        weight = ca.if_else(most > 0.0, outside, beyond >= most)
-        rising = ca.dot(weight * ca.sign(point), way) > 0.0
-        low, high = ca.if_else(rising, low, share), ca.if_else(rising, share, high)
-    return 0.5 * (low + high)

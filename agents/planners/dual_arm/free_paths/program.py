@@ -2,7 +2,7 @@
 
 Time is scaled to s = t / T, so that one program serves all durations: rates are multiplied by T,
 accelerations by T squared. The reactionless constraint is collocated at the middle of every interval and at
-the end; what it leaves in between (1e-5 rad of drift) the roll-out takes away.
+the end; the remaining drift in between (1e-5 rad) is removed by the roll-out.
 """
 
 from dataclasses import dataclass
@@ -19,24 +19,24 @@ from agents.planners.common.splines import Mesh, Terms
 from agents.planners.dual_arm.free_paths.model import HeldAttitude
 from space_envs.dynamics.rotations import Array
 
-FIXED = 3  # leading coefficients that put the start at rest, without acceleration
+FIXED = 3  # leading coefficients, which put the start at rest without acceleration
 
 
 @dataclass(frozen=True, eq=False)
 class FreePathProgram:
-    """The nonlinear program of one robot and mesh.
+    """Nonlinear program of one robot and mesh.
 
     Its variables are the free coefficients (size - 3) x n, a coefficient's joints side by side; its
-    parameters [start (n), tips (2 d) m, tips' velocities times T (2 d), across (12, columns), those of the
-    cost, node by node]; its constraints, in this order: `turning` at the middles, `ending`, then linear ones
-    on rates and accelerations.
+    parameters [start (n), positions (2 d) m and velocities times T (2 d) of the end-effectors, across (12, by
+    columns), those of the cost, node by node]; its constraints, in this order: `turning` at the middles,
+    `ending`, then linear ones on rates and accelerations.
     """
 
     mesh: Mesh
     solver: ca.Function
     slope: ca.Function  # (variables, parameters) -> constraints, their Jacobian
     joints: int
-    shown: int  # number of parameters between start and across: 4 d
+    goals: int  # number of parameters between start and across: 4 d
     collocated: int  # number of constraints on `turning`
     ending: int  # number of those on `ending`
 
@@ -44,18 +44,18 @@ class FreePathProgram:
 def build(
     model: HeldAttitude, cost: Smooth, n: int, mesh: Mesh, options: dict[str, Any], each: int = 0
 ) -> FreePathProgram:
-    """The program of a robot with n joints.
+    """Build the program of a robot with n joints.
 
     Args:
-        cost: function of q, qdot and `each` parameters, whose integral is least.
+        cost: function of q, qdot and `each` parameters, whose integral is minimised.
         options: of CasADi's `nlpsol` for Ipopt.
     """
     free = mesh.size - FIXED
     x = ca.MX.sym("x", n * free)
-    shown = 4 * model.dimensions
-    bare = n + shown + 12
+    goals = 4 * model.dimensions
+    bare = n + goals + 12
     p = ca.MX.sym("p", bare + each * len(mesh.nodes))
-    start, goal, across = p[:n], p[n : n + shown], ca.reshape(p[n + shown : bare], 3, 4)
+    start, goal, across = p[:n], p[n : n + goals], ca.reshape(p[n + goals : bare], 3, 4)
     coefficients = ca.horzcat(ca.repmat(start, 1, FIXED), ca.reshape(x, n, free))
 
     def along(at: Array, derivative: int) -> ca.MX:
@@ -73,7 +73,7 @@ def build(
     turning = ca.vec(model.turning.value.map(between)(*middles))
     aim = ca.vertcat(goal, ca.MX(model.turns + model.tilts, 1))
     ending = model.ending.value(*last, across) - aim
-    # Linear rows, on free coefficients and on the start: rates and, at the knots, accelerations.
+    # Linear rows on free coefficients and on the start: rates and, at the knots, accelerations.
     linear = np.concatenate([mesh.rate_rows()[FIXED - 1 :], mesh.basis(mesh.breaks[1:], 2)])
     rows = ca.DM(csc_matrix(np.kron(linear[:, FIXED:], np.eye(n))))
     offset = ca.mtimes(ca.DM(csc_matrix(np.kron(linear[:, :FIXED].sum(axis=1)[:, None], np.eye(n)))), start)
@@ -87,11 +87,11 @@ def build(
     bend = _bend(model, mesh, n, bends, (middles, last), across, bend_weight[1])
     slopes = ca.Function("nlp_jac_g", [x, p], [g, slope], ["x", "p"], ["g", "jac_g_x"])
     solver = NonlinearProgram(x, p, f, g, gradient, slope, bend_weight, bend).solver(options)
-    return FreePathProgram(mesh, solver, slopes, n, shown, turning.numel(), ending.numel())
+    return FreePathProgram(mesh, solver, slopes, n, goals, turning.numel(), ending.numel())
 
 
 def _gradient(mesh: Mesh, n: int, slope: ca.MX) -> ca.MX:
-    """Derivative by the coefficients of a sum over nodes whose derivatives by [q; qdot] are the columns."""
+    """Gradient by the coefficients, from derivatives by [q; qdot] (2 n, nodes) of the summands."""
     values, rates = (ca.DM(csc_matrix(mesh.basis(mesh.nodes, k)[:, FIXED:])) for k in (0, 1))
     return ca.vec(ca.mtimes(slope[:n, :], values) + ca.mtimes(slope[n:, :], rates))
 
@@ -105,6 +105,7 @@ def _slope(
     across: ca.MX,
     linear: Array,
 ) -> ca.MX:
+    """Jacobian of the constraints by the coefficients."""
     terms, free, r = Terms(), mesh.size - FIXED, model.turns
     turning = ca.vec(model.turning.slope.map(len(mesh.middles))(*middles))  # column by column
     ending = ca.vec(model.ending.slope(*last, across))
@@ -135,6 +136,7 @@ def _bend(
     across: ca.MX,
     weight: ca.MX,
 ) -> ca.MX:
+    """Upper triangle of the Lagrangian's Hessian."""
     middles, last = points
     between, r = len(mesh.middles), model.turns
     multiplier = ca.reshape(weight[: between * r], r, between)
@@ -161,7 +163,7 @@ def _bend(
 
 
 def _active(mesh: Mesh, at: Array) -> list[tuple[int, int, tuple[float, float]]]:
-    """(place in `at`, free coefficient, its function's value and derivative) where not both are zero."""
+    """(Number in `at`, free coefficient, its spline's value and derivative) where not both are zero."""
     value, rate = mesh.basis(at)[:, FIXED:], mesh.basis(at, 1)[:, FIXED:]
     return [
         (int(k), int(c), (float(value[k, c]), float(rate[k, c])))

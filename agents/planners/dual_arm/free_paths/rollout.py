@@ -1,8 +1,8 @@
-"""From splines that are nearly reactionless to a motion that is, exactly, and that ends where it has to.
+"""From splines that are nearly reactionless to an exactly reactionless motion with an exact end.
 
-The motion is thetadot = P(theta) u(t): u is the derivative of the splines, P removes what would turn the
-base. It is integrated in steps much shorter than the splines' intervals, and what it misses at the end is put
-right by changing the splines.
+The motion is thetadot = P(theta) u(t): u is the derivative of the splines, and P projects onto the reaction
+null space. It is integrated in steps much shorter than the splines' intervals, and its terminal error is
+removed by corrections of the splines.
 """
 
 from dataclasses import dataclass, replace
@@ -16,7 +16,7 @@ from space_envs.dynamics.rotations import Array
 
 _SUBSTEPS = 20  # of the integration, in an interval of the splines
 _ROUNDS = 8
-_CLOSE = 1e-10  # m and m/s (rates times the duration), of what is left at the end
+_TOLERANCE = 1e-10  # m and m/s (rates times the duration), of the terminal error
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +25,7 @@ class ReactionlessMotion:
 
     Attributes:
         s: (K,). position, rate, acceleration: (K, n). coefficients: (size, n) of the splines it came from.
-        miss: largest component of what it misses at the end, m and m per s.
+        goal_error: largest component of the terminal error, m and m per s.
     """
 
     s: Array
@@ -33,7 +33,7 @@ class ReactionlessMotion:
     rate: Array
     acceleration: Array
     coefficients: Array
-    miss: float
+    goal_error: float
 
 
 class ReactionlessRollout:
@@ -48,28 +48,28 @@ class ReactionlessRollout:
         self._rates = np.stack([mesh.basis(at, 1) for at in (self.s[:-1], middle, self.s[1:])], axis=1)
         self._change = mesh.basis(self.s, 2)
         self._steps = _steps(model, n, np.diff(self.s))
-        self._still = model.still.map(len(self.s))
-        # Corrections that change the accelerations least.
+        self._accelerated = model.accelerated.map(len(self.s))
+        # Weights of corrections that change the accelerations least.
         bending = mesh.basis(mesh.breaks, 2)[:, FIXED:]
         square = bending.T @ bending
         self._soft = np.kron(np.linalg.inv(square), np.eye(n))
 
     def run(self, coefficients: Array) -> ReactionlessMotion:
-        """The motion that the splines with coefficients (size, n) ask for."""
-        wanted = (self._rates @ coefficients).reshape(len(self.s) - 1, -1)
-        path = self._steps(coefficients[0], wanted.T).full().T
+        """Integrate the motion of splines with coefficients (size, n)."""
+        rates = (self._rates @ coefficients).reshape(len(self.s) - 1, -1)
+        path = self._steps(coefficients[0], rates.T).full().T
         position = np.concatenate([coefficients[:1], path])
         at_nodes = np.concatenate([self._rates[:, 0], self._rates[-1:, 2]]) @ coefficients
-        rate, acceleration = self._still(position.T, at_nodes.T, (self._change @ coefficients).T)
+        rate, acceleration = self._accelerated(position.T, at_nodes.T, (self._change @ coefficients).T)
         return ReactionlessMotion(
             self.s, position, rate.full().T, acceleration.full().T, coefficients, np.inf
         )
 
     def closed(self, coefficients: Array, parameters: Array) -> ReactionlessMotion:
-        """The motion after corrections that make it end where the program's parameters say.
+        """Integrate and correct a motion until it ends at the goal in the program's parameters.
 
-        A correction fulfils the linearised constraints of the program; as the splines are all but
-        reactionless the roll-out follows it to a per cent: each round takes two digits of the miss away.
+        A correction satisfies the linearised constraints of the program; as the splines are nearly
+        reactionless the roll-out follows it to a per cent: each round removes two digits of the error.
         """
         program = self._program
         n, ends = program.joints, slice(program.collocated, program.collocated + program.ending)
@@ -77,31 +77,31 @@ class ReactionlessRollout:
         rows = slope[: ends.stop, :].full()
         spread = self._soft @ rows.T
         inverse = spread @ np.linalg.pinv(rows @ spread, hermitian=True)
-        goal = parameters[n : n + program.shown]
-        across = parameters[n + program.shown :].reshape(4, 3).T
+        goal = parameters[n : n + program.goals]
+        across = parameters[n + program.goals :].reshape(4, 3).T
         wanted = np.concatenate([goal, np.zeros(program.ending - len(goal))])
 
         def measured(splines: Array) -> tuple[ReactionlessMotion, Array]:
             motion = self.run(splines)
             reached = self._model.ending.value(motion.position[-1], motion.rate[-1], across).full()[:, 0]
-            left = reached - wanted
-            return replace(motion, miss=float(np.abs(left).max())), left
+            error = reached - wanted
+            return replace(motion, goal_error=float(np.abs(error).max())), error
 
-        best, left = measured(coefficients)
+        best, error = measured(coefficients)
         for _ in range(_ROUNDS):
-            if best.miss < _CLOSE:
+            if best.goal_error < _TOLERANCE:
                 break
             corrected = best.coefficients.copy()
-            corrected[FIXED:] -= (inverse[:, ends] @ left).reshape(-1, n)
-            now, left = measured(corrected)
-            if not now.miss < best.miss:
+            corrected[FIXED:] -= (inverse[:, ends] @ error).reshape(-1, n)
+            trial, error = measured(corrected)
+            if not trial.goal_error < best.goal_error:
                 break
-            best = now
+            best = trial
         return best
 
 
 def _steps(model: HeldAttitude, n: int, lengths: Array) -> ca.Function:
-    """(start (n), u at begin, middle and end of each step (3 n, steps)) -> angles after each (n, steps)."""
+    """(Start (n), u at begin, middle and end of each step (3 n, steps)) -> angles after each (n, steps)."""
     q, u, h = ca.MX.sym("q", n), ca.MX.sym("u", 3 * n), ca.MX.sym("h")
     begin, middle, end = ca.vertsplit(u, n)
 

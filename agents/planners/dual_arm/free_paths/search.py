@@ -1,0 +1,272 @@
+"""Search for the reactionless motion of least energy to one capture, among the optima of several programs."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from agents.planners.common.plans import Cause, Failure, Limits
+from agents.planners.dual_arm.clearance import Gaps
+from agents.planners.dual_arm.free_paths.check import check
+from agents.planners.dual_arm.free_paths.goals import end_configurations, spread
+from agents.planners.dual_arm.free_paths.model import HeldAttitude
+from agents.planners.dual_arm.free_paths.obstacles import Obstacles
+from agents.planners.dual_arm.free_paths.solver import METHOD, FreePathSolver, SplineSolution
+from agents.planners.dual_arm.prescribed_paths.instantaneous import plan_local, plan_zeta_zero
+from agents.planners.dual_arm.prescribed_paths.ocp import plan_ocp
+from agents.planners.dual_arm.problem import Capture, CapturePlan
+from agents.planners.dual_arm.surroundings import Surroundings
+from space_envs.dynamics import FloatingRobot
+from space_envs.dynamics.rotations import Array
+
+ENDS, MORE_ENDS = 48, 200  # searches for final configurations; the latter where none was clear
+LIMIT_FRACTION = 0.995  # of the limits on rates and accelerations that the splines use
+ATTEMPTS = 4  # with tighter limits each
+WEIGHTS = (3e4, 1e5, 3e5, 1e6)  # of squared deficits of clearance, in turn
+HOPELESS = 0.03  # m, deficit of clearance beyond which larger weights are not tried
+SUFFICIENT_COST_RATIO = (
+    1.05  # to the least cost without obstacles, below which a clear motion is not improved
+)
+RETRY_COST_RATIO = 3.0  # to the same, above which motions to clear final configurations are searched
+COST_RESOLUTION = 1e-4  # relative difference of energies below which two solutions count as one
+TOLERANCES = {
+    "base_rate": 1e-9,  # rad/s
+    "start": 1e-9,  # rad and rad/s
+    "end_position": 1e-6,  # m
+    "end_velocity": 1e-6,  # m/s
+    "end_axis": 1e-6,  # rad
+    **dict.fromkeys(("position", "rate", "acceleration", "torque"), 1e-9),
+}
+
+
+@dataclass
+class _Clear:
+    """Progress of the search for a clear motion: the best one with its cost, and clearances of the others."""
+
+    cost: float = np.inf
+    plan: CapturePlan | None = None
+
+
+class FreePathSearch:
+    """Search for the best motion of one checked capture.
+
+    Args:
+        around: obstacles; None for none. starts: number of final configurations that are started from.
+    """
+
+    def __init__(
+        self,
+        robot: FloatingRobot,
+        capture: Capture,
+        limits: Limits,
+        around: Surroundings | None,
+        starts: int,
+    ) -> None:
+        self._robot, self._capture, self._limits, self._starts = robot, capture, limits, starts
+        self._solver = FreePathSolver(robot, capture, limits)
+        self._rate, self._acceleration = (
+            None if limit is None else LIMIT_FRACTION * limit for limit in (limits.rate, limits.acceleration)
+        )
+        self._obstacles = None if around is None else Obstacles(robot, capture, around, self._solver)
+        self._prescribed: list[CapturePlan] = []  # motions along polynomial paths
+
+    def plan(self) -> CapturePlan | Failure:
+        """Plan the best motion of the searches and of those along prescribed paths."""
+        failure = self._infeasible_start()
+        if failure is not None:
+            return failure
+        self._prescribed = prescribed_plans(self._robot, self._capture, self._limits)
+        found = self._searched()
+        known = [plan for plan in map(self._as_found, self._prescribed) if plan is not None]
+        plans = [found, *known] if isinstance(found, CapturePlan) else known
+        return min(plans, key=lambda plan: plan.energy, default=found)
+
+    def _infeasible_start(self) -> Failure | None:
+        start, limits = self._capture.start, self._limits
+        if limits.position is not None:
+            beyond = np.maximum(limits.position[:, 0] - start, start - limits.position[:, 1])
+            if beyond.max() > 0.0:
+                joint = int(beyond.argmax()) + 1
+                reason = f"joint {joint} starts {beyond.max():.3f} rad beyond its limit"
+                return Failure(METHOD, Cause.JOINT_LIMIT, reason)
+        if self._obstacles is not None:
+            at = self._solver.dense[:1]
+            first = self._obstacles.gaps(start[None], at)
+            if first.least < 0.0:
+                return self._obstacles.collision("the start is in a collision", first, at)
+            self._obstacles.require_margin(first.least)
+        return None
+
+    def _as_found(self, plan: CapturePlan) -> CapturePlan | None:
+        """A motion along polynomial paths as a plan of this method, if it satisfies all requirements."""
+        measured = check(self._robot, self._capture, self._limits, plan)
+        if any(value > TOLERANCES[name] for name, value in measured.violation.items()):
+            return None
+        if self._obstacles is not None:
+            q, _, _ = plan.sample(self._solver.times[self._solver.dense])
+            if self._obstacles.gaps(q, self._solver.dense).least < self._obstacles.required:
+                return None
+        note = f"the motion of {plan.method}, which no search improved"
+        return replace(plan, method=METHOD, violation=measured.violation, notes=note)
+
+    def _searched(self) -> CapturePlan | Failure:
+        """The best motion of the searches."""
+        ends = self._ends(ENDS)
+        if isinstance(ends, Failure):
+            return ends
+        excess: dict[str, float] = {}
+        for _ in range(ATTEMPTS):
+            found = self._best(ends)
+            if isinstance(found, Failure):
+                return found
+            excess = {name: v for name, v in found.violation.items() if v > TOLERANCES[name]}
+            if not excess:
+                return found
+            if not excess.keys() <= {"rate", "acceleration", "torque"}:
+                break
+            self._tighten(found, excess)
+        name = max(excess, key=lambda key: excess[key] / TOLERANCES[key])
+        cause = Cause.INFEASIBLE if name == "torque" else Cause.INACCURATE
+        return Failure(METHOD, cause, f"the motion passes what is allowed in {name} by {excess[name]:.2e}")
+
+    def _tighten(self, plan: CapturePlan, excess: dict[str, float]) -> None:
+        """Tighten the splines' limits, which the roll-out exceeds slightly; torques follow accelerations."""
+        limits = self._limits
+        if "rate" in excess and self._rate is not None and limits.rate is not None:
+            self._rate -= 2.0 * excess["rate"]
+        if "acceleration" in excess and self._acceleration is not None:
+            self._acceleration -= 2.0 * excess["acceleration"]
+        if "torque" in excess and limits.torque is not None:
+            fraction = 0.95 * limits.torque / (limits.torque + excess["torque"])
+            self._acceleration = fraction * float(np.abs(plan.acceleration).max())
+
+    def _best(self, ends: Array) -> CapturePlan | Failure:
+        """The motion of least energy that is clear; limits may be exceeded slightly."""
+        begins = [self._solver.straight(end) for end in spread(ends, self._starts)]
+        begins += [self._solver.fitted(plan) for plan in self._prescribed]
+        solved = [self._solve(begin) for begin in begins]
+        found: list[SplineSolution] = []
+        for solution in sorted((s for s in solved if isinstance(s, SplineSolution)), key=lambda s: s.cost):
+            if not found or solution.cost > (1.0 + COST_RESOLUTION) * found[-1].cost:
+                found.append(solution)
+        if not found:
+            return self._unsolved(ends, [s for s in solved if isinstance(s, Failure)])
+        note = f"{len(found)} local optima from {len(solved)} starts"
+        if self._obstacles is None:
+            return replace(self._solver.motion(found[0]), notes=note)
+        return self._clear(self._obstacles, ends, found, note)
+
+    def _clear(
+        self, obstacles: Obstacles, ends: Array, found: list[SplineSolution], note: str
+    ) -> CapturePlan | Failure:
+        """The best optimum that is clear, or the best motion led around obstacles, from the others before it
+        and from clear final configurations."""
+        best, tried = _Clear(), list[Gaps]()
+        begins: list[tuple[float, Array]] = []
+        for solution in found:
+            plan, gap = self._measured(obstacles, solution)
+            if gap.least >= obstacles.required:
+                best = _Clear(solution.cost, replace(plan, notes=note))
+                break
+            tried.append(gap)
+            begins.append((solution.cost, solution.coefficients))
+        least = found[0].cost
+        if best.plan is None:
+            clear = self._clear_ends(obstacles, ends)
+            if isinstance(clear, Failure):
+                return clear
+            straight = [self._solver.straight(end) for end in spread(clear, self._starts)]
+            begins += [(RETRY_COST_RATIO * least, begin) for begin in straight]
+        seen: list[float] = []
+        for bound, begin in begins:
+            if best.plan is not None and best.cost <= max(bound, SUFFICIENT_COST_RATIO * least):
+                break
+            self._lead_around(obstacles, begin, best, tried, seen, note)
+        if best.plan is not None:
+            return best.plan
+        nearest = max(tried, key=lambda gap: gap.least)
+        when = "no motion was found that is clear; in the best"
+        return obstacles.collision(when, nearest, self._solver.dense)
+
+    def _lead_around(
+        self,
+        obstacles: Obstacles,
+        begin: Array,
+        best: _Clear,
+        tried: list[Gaps],
+        seen: list[float],
+        note: str,
+    ) -> None:
+        """Solve from coefficients with increasing weights of nearness, until the motion is clear.
+
+        Args:
+            best: replaced by a better motion. tried: clearances of motions that are not clear, extended.
+            seen: costs of solutions, extended; a cost that was seen before ends the attempt.
+        """
+        for weight in WEIGHTS:
+            solution = self._solve(begin, obstacles.nearness(weight))
+            if isinstance(solution, Failure) or (best.plan is not None and solution.cost >= best.cost):
+                return
+            if any(abs(solution.cost - other) < COST_RESOLUTION * other for other in seen):
+                return
+            seen.append(solution.cost)
+            begin = solution.coefficients
+            plan, gap = self._measured(obstacles, solution)
+            if gap.least >= obstacles.required:
+                best.cost, best.plan = solution.cost, replace(plan, notes=f"{note}, led around obstacles")
+                return
+            tried.append(gap)
+            if gap.least < obstacles.required - HOPELESS:
+                return
+
+    def _clear_ends(self, obstacles: Obstacles, ends: Array) -> Array | Failure:
+        """Final configurations (E, n) that are clear; less clearance is required from now on where grappling
+        allows no more."""
+        at = np.full(len(ends), self._solver.end)
+        last = obstacles.gaps(ends, at)
+        if not (last.each >= obstacles.required).any():
+            more = self._ends(MORE_ENDS)
+            if not isinstance(more, Failure):
+                ends, at = more, np.full(len(more), self._solver.end)
+                last = obstacles.gaps(ends, at)
+        best = last.row(int(last.each.argmax()))
+        if best.least < 0.0:
+            when = f"none of {len(ends)} configurations at the end is clear; in the best"
+            return obstacles.collision(when, best, at)
+        obstacles.limit(best.least)
+        return ends[last.each >= obstacles.required]
+
+    def _ends(self, searches: int) -> Array | Failure:
+        model = HeldAttitude.of(self._robot)
+        return end_configurations(self._robot, model, self._capture, self._limits, METHOD, searches)
+
+    def _measured(self, obstacles: Obstacles, solution: SplineSolution) -> tuple[CapturePlan, Gaps]:
+        plan = self._solver.motion(solution)
+        return plan, obstacles.gaps(plan.position, self._solver.dense)
+
+    def _solve(self, begin: Array, nearness: Array | None = None) -> SplineSolution | Failure:
+        return self._solver.solve(begin, self._rate, self._acceleration, nearness)
+
+    def _unsolved(self, ends: Array, failures: list[Failure]) -> Failure:
+        """Failure with its cause: limits that are too low, or the solver."""
+        unlimited = self._solver.solve(self._solver.straight(ends[0]), None, None)
+        if isinstance(unlimited, SplineSolution):
+            fastest = float(np.abs(self._solver.motion(unlimited).rate).max())
+            limits = self._limits
+            reason = (
+                f"no motion was found within {limits.rate} rad/s, {limits.acceleration} rad/s^2 and "
+                f"{limits.torque} N m; without limits the joints would turn at up to {fastest:.3g} rad/s in "
+                f"{self._capture.duration:.2f} s"
+            )
+            return Failure(METHOD, Cause.INFEASIBLE, reason)
+        least = min(failures, key=lambda failure: failure.residual)
+        reason = f"Ipopt ended with {least.reason} from {len(failures)} starts and left {least.residual:.2e}"
+        return Failure(METHOD, Cause.SOLVER, reason)
+
+
+def prescribed_plans(robot: FloatingRobot, capture: Capture, limits: Limits) -> list[CapturePlan]:
+    """Plans of methods (a), (b) and, in the plane, (c) for a checked capture, within joint limits only."""
+    angles = Limits(position=limits.position)
+    plans = [plan_zeta_zero(robot, capture, angles), plan_local(robot, capture, angles)]
+    if HeldAttitude.of(robot).dimensions == 2:
+        plans.append(plan_ocp(robot, capture, angles))
+    return [plan for plan in plans if isinstance(plan, CapturePlan)]
