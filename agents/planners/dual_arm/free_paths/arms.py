@@ -14,7 +14,9 @@ def chains(robot: FloatingRobot) -> list[list[int]]:
     Raises:
         ConfigurationError: if the robot is not made of arms on the base.
     """
-    joints = [[j for j in range(robot.n_joints) if robot.carries[j, link - 1]] for link in robot.end_effector_link]
+    joints = [
+        [j for j in range(robot.n_joints) if robot.carries[j, link - 1]] for link in robot.end_effector_link
+    ]
     if [joint for chain in joints for joint in chain] != list(range(robot.n_joints)):
         raise ConfigurationError("the robot must be made of arms on the base, numbered one after the other")
     return joints
