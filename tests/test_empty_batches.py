@@ -22,7 +22,7 @@ from agents.planners.common.inverse_kinematics import (
 )
 from agents.planners.common.linear_quadratic import closed_loop, receding_gains, riccati_step, terminal_weight
 from agents.planners.common.plans import JointPath
-from agents.planners.dual_arm.free_paths.check import held_dynamics
+from agents.planners.dual_arm.check import held_dynamics
 from agents.planners.dual_arm.prescribed_paths.check import null_velocities
 from agents.planners.dual_arm.prescribed_paths.polynomial import PolynomialPath
 from agents.planners.single_arm.promp.optimal import predicted_costs

@@ -12,8 +12,8 @@ from dual_arm_goals import IDS, at_meeting, task_of
 
 from agents.planners.common.plans import Cause, Failure, Limits
 from agents.planners.common.smooth import Smooth
+from agents.planners.dual_arm.check import held_dynamics
 from agents.planners.dual_arm.clearance import gaps
-from agents.planners.dual_arm.free_paths.check import held_dynamics
 from agents.planners.dual_arm.free_paths.goals import EndGoals, end_configurations, spread
 from agents.planners.dual_arm.free_paths.model import HeldAttitude
 from agents.planners.dual_arm.free_paths.planner import plan_free

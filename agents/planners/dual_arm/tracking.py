@@ -1,8 +1,7 @@
-"""A plan at torque level: computed torque with feed-forward and feedback, simulated in MuJoCo.
+"""Simulation of plans at torque level in MuJoCo, by computed torque with feed-forward and feedback.
 
-This is the check that a plan's base rate means something: the plan's own is zero by construction, while here
-torques are held over a control period, the base floats freely, and momentum is what the simulation makes of
-it.
+It measures the base rate independently: that of a plan is zero by construction, while here torques are held
+over a control period, the base floats freely, and momentum is simulated.
 """
 
 from dataclasses import dataclass, replace
@@ -21,12 +20,12 @@ from space_envs.simulation import Simulation
 
 @dataclass(frozen=True)
 class Tracking:
-    """How a plan is tracked.
+    """Settings of the tracking controller.
 
     Attributes:
-        timestep: of the simulation (RK4), s. control_period: between two torques, s; a multiple of timestep.
-        joint_gain: 1/s^2, of the joint angles' error. attitude_gain: 1/s, of the satellite's attitude, fed
-            back as joint rates that turn it back.
+        timestep: of the simulation (RK4), s. control_period: s, a multiple of timestep.
+        joint_gain: 1/s^2, on the joint angles' error. attitude_gain: 1/s, on the satellite's attitude error,
+            which is fed back as joint rates.
     """
 
     timestep: float = 0.02
@@ -52,17 +51,17 @@ class Tracking:
         return round(self.control_period / self.timestep)
 
 
-# docs/physics.md: the setting that reaches the order of the paper's 1e-9 rad/s.
+# docs/physics.md: settings that reach the order of the paper's 1e-9 rad/s.
 FINE = Tracking(timestep=0.002, control_period=0.002, attitude_gain=0.1)
 
 
 @dataclass(frozen=True, eq=False)
 class Tracked:
-    """What happened, at every step of the simulation.
+    """Trajectories at every step of the simulation.
 
     Attributes:
         time: (S,) s. base_rate: (S, 3) rad/s, base axes. attitude: (S,) rad, angle from the start.
-        momentum: (S,) largest component of the total momentum that came about, N s or N m s.
+        momentum: (S,) largest component of the total momentum, N s or N m s.
         torque: (S, n) N m. position, rate: (S, n) rad and rad/s of the joints.
         joint_error: (S,) rad, largest difference from the plan.
     """
@@ -89,7 +88,7 @@ def track(
     *,
     progress: bool = False,
 ) -> Tracked:
-    """Simulate a plan from its first configuration, at rest.
+    """Simulate a plan from its first configuration at rest.
 
     The torque tau = M* a + h* reaches, at the end of the control period, the plan's rate there, corrected by
     the feedback; M* and h*, which are the mass matrix and the bias with the base eliminated, are those at
@@ -115,7 +114,7 @@ def track(
         middle, force = 1.5 * mass - 0.5 * last[0], 1.5 * bias - 0.5 * last[1]
         last = mass, bias
         now = simulation.joint_velocity[0]
-        wanted = rate[period_number] + _turn_back(simulation, mass, how.attitude_gain)
+        wanted = rate[period_number] + _attitude_feedback(simulation, mass, how.attitude_gain)
         acceleration = (wanted - now) / period + how.joint_gain * (
             position[period_number] - simulation.joint_position[0]
         )
@@ -150,8 +149,8 @@ def _started(model: mujoco.MjModel, joints: Array) -> Simulation:
     return simulation
 
 
-def _turn_back(simulation: Simulation, mass: Array, gain: float) -> Array:
-    """Joint rates (n,) of least size that turn the satellite back to where it began."""
+def _attitude_feedback(simulation: Simulation, mass: Array, gain: float) -> Array:
+    """Smallest joint rates (n,) that rotate the satellite back to its initial attitude."""
     if gain == 0.0:
         return np.zeros(simulation.n_joints)
     b = simulation.n_base
@@ -163,7 +162,7 @@ def _turn_back(simulation: Simulation, mass: Array, gain: float) -> Array:
 
 
 def _momentum(simulation: Simulation) -> float:
-    """Largest component of the momentum [p; L about the satellite's centre of mass], truly 0."""
+    """Largest component of the momentum [p; L about the satellite's centre of mass], which should be 0."""
     b = simulation.n_base
     velocity = simulation.qvel[0, : b + simulation.n_joints]
     return float(np.abs(simulation.mass_matrix()[0, :b] @ velocity).max())

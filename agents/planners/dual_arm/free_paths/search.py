@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from agents.planners.common.plans import Cause, Failure, Limits
+from agents.planners.dual_arm.check import check
 from agents.planners.dual_arm.clearance import Gaps
-from agents.planners.dual_arm.free_paths.check import check
 from agents.planners.dual_arm.free_paths.goals import end_configurations, spread
 from agents.planners.dual_arm.free_paths.model import HeldAttitude
 from agents.planners.dual_arm.free_paths.obstacles import Obstacles

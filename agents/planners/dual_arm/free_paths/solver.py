@@ -6,7 +6,7 @@ import numpy as np
 
 from agents.planners.common.plans import Cause, Failure, JointPath, Limits
 from agents.planners.common.splines import Mesh
-from agents.planners.dual_arm.free_paths.check import check
+from agents.planners.dual_arm.check import check
 from agents.planners.dual_arm.free_paths.goals import EndGoals
 from agents.planners.dual_arm.free_paths.model import HeldAttitude
 from agents.planners.dual_arm.free_paths.nearness import PARAMETERS, Nearness

@@ -1,17 +1,17 @@
-"""What a plan along given paths really does, measured between its nodes by code that no planner uses."""
+"""Independent check of plans along prescribed paths, also between their nodes."""
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from agents.planners.common.plans import Cause, Failure, Limits
-from agents.planners.dual_arm.free_paths.check import check
+from agents.planners.dual_arm.check import check
 from agents.planners.dual_arm.prescribed_paths.polynomial import PolynomialPath
 from agents.planners.dual_arm.problem import Capture, CapturePlan
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.reactionless import end_effectors
 from space_envs.dynamics.rotations import Array
 
-DENSER = 4  # times as many points as the plan has nodes
+REFINEMENT = 4  # points for each node of the plan
 TOLERANCES = {  # beyond which a plan counts as inaccurate
     "end_position": 1e-6,  # m
     "end_velocity": 1e-6,  # m/s
@@ -33,19 +33,19 @@ def checked_plan(
     energy: float,
     notes: str = "",
 ) -> CapturePlan | Failure:
-    """The plan with what was measured, or why it is none.
+    """Return the plan with its measured errors, or a failure if they are too large.
 
     Args:
-        path: that the end-effectors shall follow, with respect to the system's centre of mass.
-        time (K,), position (K, n), rate (K, n): of the plan. energy: C as the planner has it, J s.
+        path: of the end-effectors, with respect to the system's centre of mass.
+        time: (K,) s. position: (K, n) rad. rate: (K, n) rad/s. energy: C by the planner, J s.
     """
     acceleration = make_interp_spline(time, rate, k=5, axis=0).derivative()(time)
     zeta = null_velocities(robot, position, rate) if robot.n_joints == 6 else None
-    bare = CapturePlan(method, time, position, rate, acceleration, energy, zeta, notes=notes)
-    inner = np.arange(DENSER) / DENSER
+    unchecked = CapturePlan(method, time, position, rate, acceleration, energy, zeta, notes=notes)
+    inner = np.arange(REFINEMENT) / REFINEMENT
     dense = np.append((time[:-1, None] + np.diff(time)[:, None] * inner).ravel(), time[-1])
-    q, qdot, qddot = bare.sample(dense)
-    measured = check(robot, capture, limits, bare)
+    q, qdot, qddot = unchecked.sample(dense)
+    measured = check(robot, capture, limits, unchecked)
     violation = measured.violation | {
         "path": path_error(robot, path, dense, q),
         "energy": abs(measured.energy - energy) / max(energy, 1e-12),
@@ -69,25 +69,24 @@ def checked_plan(
 
 
 def path_error(robot: FloatingRobot, path: PolynomialPath, time: Array, q: Array) -> float:
-    """Largest deviation of the end-effectors from their path at q (T, n), m."""
+    """Largest deviation of the end-effectors from their path at angles (T, n), m."""
     kinematics = robot.kinematics(q)
-    places = end_effectors(robot, q, kinematics).position - robot.centre_of_mass(kinematics)[:, None]
-    flat = places[..., : path.start.size // 2].reshape(len(time), path.start.size)
+    positions = end_effectors(robot, q, kinematics).position - robot.centre_of_mass(kinematics)[:, None]
+    flat = positions[..., : path.start.size // 2].reshape(len(time), path.start.size)
     return float(np.abs(flat - path.position(time)).max())
 
 
 def null_velocities(robot: FloatingRobot, q: Array, qdot: Array) -> Array:
-    """Share (K, 2) of the dependent angular velocities that lies in the null space of eq. 9, rad/s: the
-    projector times zeta, which is all of zeta that moves anything. Of the planar robot."""
-    hands = end_effectors(robot, q)
-    rows = np.concatenate(
-        [hands.linear[..., :2, :].reshape(len(q), 4, q.shape[1]), hands.turning[:, 2:]], axis=1
-    )
+    """Part (K, 2) of the planar robot's dependent angular velocities in the null space of eq. 9, rad/s: the
+    projector times zeta, which is the part of zeta that has an effect."""
+    now = end_effectors(robot, q)
+    rows = np.concatenate([now.linear[..., :2, :].reshape(len(q), 4, q.shape[1]), now.turning[:, 2:]], axis=1)
     null = np.linalg.svd(rows)[2][:, -1]  # of five rows on six joints
-    way = (hands.angular[..., 2, :] @ null[..., None])[..., 0]
-    way = way / np.maximum(np.sqrt((way * way).sum(axis=1, keepdims=True)), 1e-12)
-    spins = (hands.angular[..., 2, :] @ qdot[..., None])[..., 0]
-    return way * (way * spins).sum(axis=1, keepdims=True)
+    direction = (now.angular[..., 2, :] @ null[..., None])[..., 0]
+    length = np.sqrt((direction * direction).sum(axis=1, keepdims=True))
+    direction = direction / np.maximum(length, 1e-12)
+    spins = (now.angular[..., 2, :] @ qdot[..., None])[..., 0]
+    return direction * (direction * spins).sum(axis=1, keepdims=True)
 
 
 def _beyond_limits(

@@ -1,7 +1,7 @@
-"""The matrices of reactionless manipulation along given end-effector paths, compiled.
+"""Compiled matrices of reactionless manipulation along prescribed end-effector paths.
 
-With the attitude held the base only translates. Everything is in the axes of the base, places with respect to
-the system's centre of mass, which stays where it is.
+With constant attitude the base only translates. Everything is in the axes of the base; positions are with
+respect to the system's centre of mass, which is at rest.
 """
 
 import threading
@@ -19,15 +19,15 @@ from space_envs.dynamics.symbolic import SymbolicRobot
 
 @dataclass(frozen=True, eq=False)
 class Matrices:
-    """What holds at one configuration.
+    """Matrices at one configuration.
 
     Attributes:
         tips: (2 d,) m, end-effectors from the system's centre of mass; d is 2 in the plane, else 3.
-        task: (2 d + r, n): end-effector velocities per joint rate with the attitude held (the linear rows of
-            J_g on reactionless motion), and Ibm~ of eq. 4 of shah2013 in its last r rows (1 or 3), divided by
-            `scale` so that its rows compare with those of a velocity.
+        task: (2 d + r, n): end-effector velocities per joint rate with constant attitude (the linear rows of
+            J_g in reactionless motion), and Ibm~ of eq. 4 of shah2013 in its last r rows (1 or 3), divided by
+            `scale` so that its rows have the unit of a velocity.
         angular: (k, n) angular velocities of the end-effectors, one row each in the plane, else three.
-        mass: (n, n) I_m of eq. 12 on reactionless motion, kg m^2.
+        mass: (n, n) I_m of eq. 12 in reactionless motion, kg m^2.
     """
 
     tips: Array
@@ -38,7 +38,7 @@ class Matrices:
 
 @dataclass(frozen=True, eq=False)
 class PathModel:
-    """One robot.
+    """Matrices of one robot as a function of the joint angles.
 
     Attributes:
         dimensions: d. turns: r. scale: kg m, of Ibm~'s rows.
@@ -54,10 +54,10 @@ class PathModel:
 
     @classmethod
     def of(cls, robot: FloatingRobot) -> "PathModel":
-        """The model of a robot, made at first use and kept.
+        """Return the model of a robot, built at the first use and kept.
 
         Warns:
-            NoCompiledCodeWarning: if it has to run in CasADi's virtual machine, several times slower.
+            NoCompiledCodeWarning: if it is interpreted, several times slower.
         """
         return _build(robot)
 

@@ -1,7 +1,7 @@
-"""What a plan really does, by numpy alone: nothing here is shared with the planner's compiled functions.
+"""Independent check of plans, by numpy alone: no planner's compiled functions are used.
 
-All is for a base that keeps its attitude, which is checked on the way: the base rate that the joints cause is
-among the results.
+Everything is for a base that keeps its attitude, which is checked as well: the base rate caused by the joints
+is among the results.
 """
 
 from dataclasses import dataclass
@@ -10,14 +10,14 @@ import numpy as np
 
 from agents.planners.common.plans import Limits
 from agents.planners.dual_arm.problem import Capture, CapturePlan
-from space_envs.dynamics import FloatingRobot
+from space_envs.dynamics import FloatingRobot, Kinematics
 from space_envs.dynamics.reactionless import end_effectors
 from space_envs.dynamics.rotations import Array, cross
 
 
 @dataclass(frozen=True, eq=False)
 class Checked:
-    """Violations by name, the energy C of eq. 15 of shah2013 in J s, and what is nearest to its limit."""
+    """Errors and violations by name, and the energy C of eq. 15 of shah2013 in J s."""
 
     violation: dict[str, float]
     energy: float
@@ -26,9 +26,9 @@ class Checked:
 def check(robot: FloatingRobot, capture: Capture, limits: Limits, plan: CapturePlan) -> Checked:
     """Measure a plan at its nodes and at two points between each pair of them.
 
-    Violations: `base_rate` rad/s, `end_position` m, `end_velocity` m/s, `end_axis` rad (0 where any will do),
-    `start` rad and rad/s, `position` rad, `rate` rad/s, `acceleration` rad/s^2 and `torque` N m beyond the
-    limits (negative: room left; absent where there is no limit).
+    Violations: `base_rate` rad/s, `end_position` m, `end_velocity` m/s, `end_axis` rad (0 if any axis is
+    allowed), `start` rad and rad/s, `position` rad, `rate` rad/s, `acceleration` rad/s^2 and `torque` N m
+    beyond the limits (negative inside, absent without a limit).
     """
     time = plan.time
     half, middle = 0.5 * np.diff(time), 0.5 * (time[:-1] + time[1:])
@@ -67,42 +67,45 @@ def check(robot: FloatingRobot, capture: Capture, limits: Limits, plan: CaptureP
 def held_dynamics(robot: FloatingRobot, q: Array, qdot: Array, qddot: Array) -> tuple[Array, Array]:
     """Twice the kinetic energy (K,), J, and the joint torques (K, n), N m, of a base that only translates.
 
-    The base moves so that the common centre of mass rests. On reactionless motion these are
+    The common centre of mass is at rest. In reactionless motion these are
     thetadot' M* thetadot and the torques of the free-floating robot.
     """
     k = robot.kinematics(q)
-    carries = robot.carries  # joints by links
-    total = robot.mass.sum()
-    turn = (carries.T[..., None] * (k.axis * qdot[..., None])[:, None]).sum(axis=2)  # of each link
-    before = turn - k.axis * qdot[..., None]
-    spin_up = k.axis * qddot[..., None] + cross(before, k.axis * qdot[..., None])
-    spin = (carries.T[..., None] * spin_up[:, None]).sum(axis=2)
+    carries, total, mass = robot.carries, robot.mass.sum(), robot.mass[1:, None]  # carries: joints by links
+    hinge_rate = k.axis * qdot[..., None]
+    rotation = (carries.T[..., None] * hinge_rate[:, None]).sum(axis=2)  # angular velocity of each link
+    change = k.axis * qddot[..., None] + cross(rotation - hinge_rate, hinge_rate)
+    spin = (carries.T[..., None] * change[:, None]).sum(axis=2)  # angular acceleration of each link
     # Velocity and acceleration of each link's centre of mass, with respect to the base.
     arm = k.com[:, :, None] - k.position[:, None]  # links by joints
-    share = carries.T[..., None]
-    velocity = (share * cross((k.axis * qdot[..., None])[:, None], arm)).sum(axis=2)
-    acceleration = np.zeros_like(velocity)
-    for link in range(robot.n_joints):
-        chain = [joint for joint in range(robot.n_joints) if carries[joint, link]]
-        points = [k.position[:, joint] for joint in chain] + [k.com[:, link]]
-        for joint, here, there in zip(chain, points[:-1], points[1:], strict=True):
-            way = there - here
-            acceleration[:, link] += cross(spin[:, joint], way) + cross(
-                turn[:, joint], cross(turn[:, joint], way)
-            )
-    mass = robot.mass[1:, None]
+    velocity = (carries.T[..., None] * cross(hinge_rate[:, None], arm)).sum(axis=2)
     velocity = velocity - (mass * velocity).sum(axis=1, keepdims=True) / total
-    base_velocity = -(mass * (velocity)).sum(axis=1) / robot.mass[0]
+    base_velocity = -(mass * velocity).sum(axis=1) / robot.mass[0]
+    acceleration = _com_accelerations(robot, k, rotation, spin)
     acceleration = acceleration - (mass * acceleration).sum(axis=1, keepdims=True) / total
     inertia = k.rotation @ robot.inertia[1:] @ k.rotation.swapaxes(-1, -2)
-    momentum = (inertia @ turn[..., None])[..., 0]
-    energy = (mass * velocity**2).sum(axis=(1, 2)) + (turn * momentum).sum(axis=(1, 2))
+    momentum = (inertia @ rotation[..., None])[..., 0]
+    energy = (mass * velocity**2).sum(axis=(1, 2)) + (rotation * momentum).sum(axis=(1, 2))
     energy += robot.mass[0] * (base_velocity**2).sum(axis=1) + (robot.rotor_inertia * qdot**2).sum(axis=1)
-    moment = (inertia @ spin[..., None])[..., 0] + cross(turn, momentum)
+    moment = (inertia @ spin[..., None])[..., 0] + cross(rotation, momentum)
     force = mass * acceleration
     about = moment[:, None] + cross(-arm.swapaxes(1, 2), -force[:, None])  # joints by links
     torque = (k.axis * (carries[..., None] * about).sum(axis=2)).sum(axis=-1)
     return energy, torque + robot.rotor_inertia * qddot
+
+
+def _com_accelerations(robot: FloatingRobot, k: Kinematics, rotation: Array, spin: Array) -> Array:
+    """Accelerations (K, n, 3) of the links' centres of mass with respect to the base, m/s^2."""
+    found = np.zeros_like(rotation)
+    for link in range(robot.n_joints):
+        chain = [joint for joint in range(robot.n_joints) if robot.carries[joint, link]]
+        points = [k.position[:, joint] for joint in chain] + [k.com[:, link]]
+        for joint, here, there in zip(chain, points[:-1], points[1:], strict=True):
+            arm = there - here
+            found[:, link] += cross(spin[:, joint], arm) + cross(
+                rotation[:, joint], cross(rotation[:, joint], arm)
+            )
+    return found
 
 
 def _longest(vectors: Array) -> float:
