@@ -53,19 +53,19 @@ def drive() -> str:
 
 def causes() -> str:
     """Causes of a planner's failures."""
-    said = comments(Cause)
-    return table(("cause", "meaning"), [(f"`{cause}`", said[cause.name]) for cause in Cause])
+    meanings = comments(Cause)
+    return table(("cause", "meaning"), [(f"`{cause}`", meanings[cause.name]) for cause in Cause])
 
 
 def tracking() -> str:
     """Settings of tracking at torque level."""
-    said, usual = attributes(Tracking), Tracking()
+    meanings, usual = attributes(Tracking), Tracking()
     rows = [
         (
             f"`{f.name}`",
             number(getattr(usual, f.name)),
             number(getattr(FINE, f.name)),
-            said[f.name].rstrip("."),
+            meanings[f.name].rstrip("."),
         )
         for f in fields(Tracking)
     ]
@@ -73,15 +73,15 @@ def tracking() -> str:
 
 
 def needs() -> str:
-    """What a policy can say that it needs."""
-    said = attributes(Needs)
-    rows = [(f"`{f.name}`", said[f.name].rstrip(".")) for f in fields(Needs)]
+    """Capabilities that a policy can need."""
+    meanings = attributes(Needs)
+    rows = [(f"`{f.name}`", meanings[f.name].rstrip(".")) for f in fields(Needs)]
     return table(("field of `Needs`", "what it is"), rows)
 
 
 def task_states() -> str:
     """Class variables that a task defines."""
-    said = comments(CaptureTask)
+    meanings = comments(CaptureTask)
     stated = {
         "layout": summary(ObservationLayout),
         "parameters": summary(DriveLimits),
@@ -90,7 +90,7 @@ def task_states() -> str:
     rows = []
     for name, kind in inspect.get_annotations(CaptureTask).items():
         if get_origin(kind) is ClassVar:
-            text = stated[name] if name in stated else f"{said[name][:1].upper()}{said[name][1:]}."
+            text = stated[name] if name in stated else f"{meanings[name][:1].upper()}{meanings[name][1:]}."
             rows.append((f"`{name}`", text))
     return table(("class variable", "meaning"), rows)
 
@@ -137,11 +137,11 @@ def record_fields() -> str:
     """Fields of a record, from its JSON schema; those of the object `timing` behind it."""
     rows = []
     for name, about in record_schema()["properties"].items():
-        inner = [(f"{name}.{each}", said) for each, said in about.get("properties", {}).items()]
-        for field, said in ((name, about), *inner):
-            kind = said.get("type", "string")
+        inner = [(f"{name}.{each}", entry) for each, entry in about.get("properties", {}).items()]
+        for field, entry in ((name, about), *inner):
+            kind = entry.get("type", "string")
             rows.append(
-                (f"`{field}`", " or ".join(kind) if isinstance(kind, list) else kind, said["description"])
+                (f"`{field}`", " or ".join(kind) if isinstance(kind, list) else kind, entry["description"])
             )
     return table(("field", "type", "meaning"), rows)
 

@@ -258,11 +258,11 @@ def _rewards(env: CaptureVectorEnv) -> str:
 
 def _capture(env: CaptureVectorEnv) -> str:
     envelope = env.task.envelope
-    said = field_comments(type(envelope))
+    units = field_comments(type(envelope))
     limits = [
-        (name.replace("_", " "), number(getattr(envelope, name)), said[name], f"`{keyword}`")
+        (name.replace("_", " "), number(getattr(envelope, name)), units[name], f"`{keyword}`")
         for keyword, name in ENVELOPE_KEYWORDS.items()
-        if name in said
+        if name in units
     ]
     both = "Each end-effector has to be at its own grapple point, both at once; the tolerances apply to "
     ends = [
@@ -293,27 +293,27 @@ def _contacts(env: CaptureVectorEnv) -> str:
         bodies.append(f"the target, a box of {sides} m at half width {number(target.half_width)} m")
     bodies += ["the other arm"] if env.task.contacts.arms == 2 else []
     bodies += ["the keep-out spheres"] if "obstacle_radius" in env.task.layout.slices else []
-    said = [
+    sentences = [
         f"Links are capsules of radius {number(shape.radius)} m from joint to joint. There are no contact "
         f"forces; a link that touches {', or '.join(bodies)}, ends the episode as a collision, by distance. "
         "Distances are evaluated nine times per control period, with linear interpolation. An arm may pass "
         "through itself."
     ]
     if shape.half is None:
-        said.append("The arms move in a plane above the satellite's deck, so that they cannot touch it.")
+        sentences.append("The arms move in a plane above the satellite's deck, so that they cannot touch it.")
     elif shape.satellite[0] == 0.0:
-        said.append(
+        sentences.append(
             f"Link {shape.link[0]}, which rotates on the satellite's deck, is checked against it by its "
             "centre line only, from where it leaves the deck."
         )
     if target is not None:
-        said.append(
+        sentences.append(
             f"The outer {number(target.gripper)} m of an arm are the gripper, of which only the centre "
             "line is checked against the target."
         )
     else:
-        said.append("The goal is a pose and not a body: the object drawn there has no collisions.")
-    return " ".join(said)
+        sentences.append("The goal is a pose and not a body: the object drawn there has no collisions.")
+    return " ".join(sentences)
 
 
 def _keywords(env: CaptureVectorEnv) -> str:

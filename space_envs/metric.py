@@ -48,7 +48,7 @@ class Display:
 
     def __post_init__(self) -> None:
         for kind, value, valid in (
-            ("better", self.better, ("higher", "lower", None)),
+            ("better", self.better or "higher", ("higher", "lower")),
             ("statistic", self.statistic, STATISTICS),
             ("over", self.over, ("captures", "all")),
             ("room", self.room, ROOMS),
@@ -65,7 +65,8 @@ class Metric:
         name: key in the records: small letters, digits and underscores.
         unit: in the records, empty for a number without one.
         meaning: in a clause, for the schema, the tables and the docs.
-        of: function of recorded episodes and their task; returns (K,) numbers, NaN where an episode has none.
+        of: function of K recorded episodes (`space_envs.evaluation.play.rollout.Rollout`) and their task;
+            returns (K,) numbers, NaN where an episode has none.
         display: its figure in tables; None for a metric of the records alone.
         whole: whether it is a whole number, which every episode has.
         signed: whether it may be negative. optional: whether a capture may have none.

@@ -140,7 +140,7 @@ def test_opens_from_disk_and_asks_for_nothing(page: Page, complaints: list[str])
     assert page.locator("h2:visible").inner_text() == "SpaceCapture/SingleArm-v0"
     assert page.evaluate("performance.getEntriesByType('resource').length") == 0
     assert page.evaluate("fetch('https://example.org').then(() => 'came', () => 'refused')") == "refused"
-    assert any("Content Security Policy" in told for told in complaints)
+    assert any("Content Security Policy" in text for text in complaints)
     complaints.clear()
 
 
@@ -232,7 +232,7 @@ def rested(page: Page) -> bytes:
 
 def test_a_replay_plays_turns_and_is_steered_by_keys(page: Page) -> None:
     page.get_by_role("link", name="Watch minimum_jerk").click()
-    until(page, "document.querySelector('.player .told').textContent.startsWith('Captured')")
+    until(page, "document.querySelector('.player .message').textContent.startsWith('Captured')")
     still = rested(page)
     assert len(still) > 20_000  # a picture
     player, slider = page.locator(".player:visible"), page.locator(".player:visible .time")
@@ -283,7 +283,7 @@ def test_a_replay_without_webgl(engine: Playwright, address: str, complaints: li
     watch(page, complaints)
     page.goto(f"{address}#page-0")
     page.get_by_role("link", name="Watch minimum_jerk").click()
-    until(page, "document.querySelector('.player .told').textContent.startsWith('Captured')")
+    until(page, "document.querySelector('.player .message').textContent.startsWith('Captured')")
     until(page, "document.querySelector('.player .readout').textContent")
     still = pixels(page)
     page.locator(".player .time").fill("5")
@@ -320,9 +320,9 @@ def test_fits_a_phone(page: Page, options: dict[str, object]) -> None:
 
 def test_hostile_names_do_nothing(page: Page, complaints: list[str]) -> None:
     page.get_by_role("link", name=f"Watch {HOSTILE}").click()
-    until(page, "document.querySelector('.player .told').textContent.includes('onerror')")
-    told = page.locator(".player .told").inner_text()
-    assert told.startswith("Policy error after") and told.endswith(f"</script>{HOSTILE}")
+    until(page, "document.querySelector('.player .message').textContent.includes('onerror')")
+    message = page.locator(".player .message").inner_text()
+    assert message.startswith("Policy error after") and message.endswith(f"</script>{HOSTILE}")
     assert page.locator("img").count() == 0 and HOSTILE in names(page)
     assert page.locator(".player select.policy option:checked").inner_text() == HOSTILE
     assert complaints == []
@@ -332,5 +332,5 @@ def test_hostile_names_do_nothing(page: Page, complaints: list[str]) -> None:
     )
     page.evaluate("document.getElementById('bad').click()")
     assert page.evaluate("window.ran") is None
-    assert any("Content Security Policy" in told for told in complaints)
+    assert any("Content Security Policy" in text for text in complaints)
     complaints.clear()

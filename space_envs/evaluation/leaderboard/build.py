@@ -64,8 +64,8 @@ def build_rows(
         versions.setdefault(record.entry.task, set()).add(record.task_version)
     for task, found in versions.items():
         if len(found) > 1:
-            told = " and ".join(map(str, sorted(found)))
-            raise ConfigurationError(f"records of {task} mix the versions {told} of the task")
+            numbers = " and ".join(map(str, sorted(found)))
+            raise ConfigurationError(f"records of {task} mix the versions {numbers} of the task")
     entropy = int(generator.integers(2**63))
     rows = sorted((_row(key, group, entropy, resamples) for key, group in groups.items()), key=_order)
     return [row for _, group in groupby(rows, key=lambda row: row.task) for row in _ranked(list(group))]
@@ -157,8 +157,8 @@ def _failures(records: list[EpisodeRecord]) -> tuple[FailureCount, ...]:
             reasons.setdefault(record.cause, Counter()).update([record.reason] if record.reason else [])
     found = []
     for cause in sorted(counts, key=lambda cause: (-counts[cause], CAUSES.index(cause))):
-        told = sorted(reasons[cause].items(), key=lambda item: (-item[1], item[0]))
-        found.append(FailureCount(cause, counts[cause], told[0][0] if told else None))
+        texts = sorted(reasons[cause].items(), key=lambda item: (-item[1], item[0]))
+        found.append(FailureCount(cause, counts[cause], texts[0][0] if texts else None))
     return tuple(found)
 
 

@@ -44,7 +44,7 @@ class Column:
 
     @property
     def unit(self) -> str:
-        """Of the numbers shown."""
+        """Unit of the numbers shown."""
         return self.display.unit
 
     @property

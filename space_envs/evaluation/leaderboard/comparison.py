@@ -33,12 +33,12 @@ COMPARED = (HEADLINE, *COSTS)
 
 @dataclass(frozen=True)
 class Improvement:
-    """How likely one policy is better than another, for each pair of p policies.
+    """Probability that one policy is better than another, for each pair of p policies.
 
     Attributes:
         entries: the p policies, in order. probability: (p, p), entry [i, j] that i beats j, ties counted
             half; the diagonal is 1/2, NaN where there is nothing to compare.
-        paired: (p, p) bool, whether both played the same goals, so that the comparison is goal by goal.
+        paired: (p, p) bool, whether both had the same goals, so that the comparison is goal by goal.
         count: (p, p) int, goals that are compared: for a cost those that both captured. Where the goals are
             not the same, episodes of i that are compared with those of j.
     """
@@ -113,7 +113,7 @@ def _improvement(
     generator: np.random.Generator,
     resamples: int,
 ) -> Estimate:
-    """Of values and strata against values and strata."""
+    """Probability that values are better than other values, each with their strata."""
     if not paired:
         return unpaired_improvement(first[0], second[0], first[1], second[1], generator, resamples)
     found = paired_improvement(np.stack([first[0], second[0]]), first[1], generator, resamples)
@@ -140,7 +140,7 @@ def episode_costs(records: Sequence[EpisodeRecord], metric: str) -> np.ndarray:
 
 
 def _compared(records: Sequence[EpisodeRecord], metric: str) -> np.ndarray:
-    """What of each episode is compared (n,), lower for better, +infinity where there is nothing."""
+    """Value of each episode (n,) in a comparison, lower for better, +infinity where there is none."""
     if metric != HEADLINE:
         return episode_costs(records, metric)
     captured = np.array([record.captured for record in records])

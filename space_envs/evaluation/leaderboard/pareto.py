@@ -21,7 +21,7 @@ FRONT = (
 
 @dataclass(frozen=True)
 class Standing:
-    """Where a policy stands in the kept-attitude score and waiting time, and who keeps it off the front."""
+    """Kept-attitude score and waiting time of a policy, and the policies that dominate it."""
 
     entry: LeaderboardEntry
     score: float  # 0..1
@@ -37,7 +37,7 @@ class Standing:
 
 
 def dominance(costs: np.ndarray) -> np.ndarray:
-    """Who dominates whom among n points of k costs (n, k), which may be +infinity: bool (n, n).
+    """Dominance bool (n, n) among n points of k costs (n, k), which may be +infinity.
 
     [i, j] is True where i is nowhere worse than j and somewhere better; equal points do not dominate each
     other.

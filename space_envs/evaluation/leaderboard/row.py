@@ -14,7 +14,7 @@ BASELINES = ("hold", "random")  # what others are compared with; never the best
 
 @dataclass(frozen=True)
 class FailureCount:
-    """How many episodes of a row failed for a cause, and the sentence about it that stands most often."""
+    """Number of episodes of a row that failed for a cause, and the most frequent sentence about it."""
 
     cause: str  # one of CAUSES
     count: int
@@ -52,7 +52,7 @@ class Row:
 
     @property
     def entry(self) -> LeaderboardEntry:
-        """What the row is about."""
+        """Policy and task of the row."""
         return LeaderboardEntry(self.task, self.policy, self.control_mode)
 
     def to_dict(self) -> dict[str, Any]:

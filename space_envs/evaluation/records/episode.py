@@ -75,7 +75,7 @@ class EpisodeRecord:
 
     @property
     def explanation(self) -> str | None:
-        """Why it failed, beyond its outcome: the cause of a missing plan and the sentence, if there are."""
+        """Reason of a failure beyond its outcome: the cause of a missing plan and the sentence, if any."""
         cause = None if self.cause in (None, self.outcome) else self.cause.replace("_", " ")
         return ": ".join(part for part in (cause, self.reason) if part) or None
 

@@ -1,10 +1,9 @@
 """Records of episodes that were evaluated."""
 
-from typing import Any
-
 import numpy as np
 
 from space_envs.evaluation.play.entry import LeaderboardEntry
+from space_envs.evaluation.play.rollout import Rollout
 from space_envs.evaluation.records.configuration import config_hash
 from space_envs.evaluation.records.episode import SCHEMA_VERSION, EpisodeRecord
 from space_envs.evaluation.records.metrics import episode_metrics
@@ -14,7 +13,7 @@ from space_envs.tasks.outcome import Outcome
 
 
 def episode_records(
-    episodes: Any,
+    episodes: Rollout,
     task: CaptureTask,
     entry: LeaderboardEntry,
     seed: int,

@@ -1,5 +1,6 @@
 """Table of the metrics that every task has, and the function of each."""
 
+from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
@@ -9,22 +10,23 @@ from numpy.typing import NDArray
 from space_envs.dynamics.rotations import Array
 from space_envs.dynamics.trajectories import attitude_cost
 from space_envs.errors import ConfigurationError
+from space_envs.evaluation.play.rollout import Rollout
 from space_envs.metric import Display, Metric
 from space_envs.registration import ENTRIES
 from space_envs.tasks.outcome import Outcome
 
 
-def time_to_capture(episodes: Any, task: Any) -> Array:
+def time_to_capture(episodes: Rollout, task: Any) -> Array:
     """Time (K,) until the capture, s."""
     return _of_captures(episodes, episodes.length * task.control_period)
 
 
-def time_to_envelope(episodes: Any, task: Any) -> Array:
+def time_to_envelope(episodes: Rollout, task: Any) -> Array:
     """Time (K,) until the capture envelope was entered for good, s."""
     return _of_captures(episodes, (episodes.length - task.hold_steps) * task.control_period)
 
 
-def base_disturbance(episodes: Any, task: Any) -> Array:
+def base_disturbance(episodes: Rollout, task: Any) -> Array:
     """Cost (K,) of eq. 20 of shyam2020 times dt, m^2/s.
 
     From the base twist after each control period, as in the reward; docs/physics.md says how near the time
@@ -35,23 +37,23 @@ def base_disturbance(episodes: Any, task: Any) -> Array:
     return attitude_cost(twist, task.control_period, task.c)
 
 
-def collisions(episodes: Any, task: Any) -> NDArray[np.int64]:
+def collisions(episodes: Rollout, task: Any) -> NDArray[np.int64]:
     """Number (K,) of collisions; the first ends the episode."""
     return np.array([outcome == Outcome.COLLISION for outcome in episodes.outcome], dtype=np.int64)
 
 
-def _of_captures(episodes: Any, values: Array) -> Array:
+def _of_captures(episodes: Rollout, values: Array) -> Array:
     captured = np.array([outcome == Outcome.CAPTURED for outcome in episodes.outcome], dtype=bool)
     return np.where(captured, values, np.nan)
 
 
 def _recorded(name: str) -> Callable[[Any, Any], Any]:
-    """What the episodes have under this name."""
+    """Values (K,) that the episodes have under this name."""
     return lambda episodes, task: getattr(episodes, name)
 
 
 def _final(name: str) -> Callable[[Any, Any], Array]:
-    """The last of what the episodes have over time (K, T + 1) under this name."""
+    """Last of the values over time (K, T + 1) that the episodes have under this name."""
     return lambda episodes, task: getattr(episodes, name)[:, -1]
 
 
@@ -191,21 +193,23 @@ def is_registered(env_id: str) -> bool:
     return env_id in ENTRIES
 
 
-def episode_metrics(episodes: Any, task: Any) -> dict[str, NDArray[Any]]:
+def episode_metrics(episodes: Rollout, task: Any) -> dict[str, NDArray[Any]]:
     """Values (K,) of all metrics of recorded episodes of a task, by name; NaN where an episode has none.
 
     Raises:
         ConfigurationError: if a metric of the task has the name of another, or gives no K numbers.
     """
+    metrics = (*METRICS, *task.metrics)
+    kind, names = type(task).__name__, Counter(metric.name for metric in metrics)
+    for name, times in names.items():
+        if times > 1:
+            raise ConfigurationError(f"{kind} has two metrics of the name {name!r}")
     count, values = len(episodes.index), {}
-    for metric in (*METRICS, *task.metrics):
-        if metric.name in values:
-            raise ConfigurationError(f"{type(task).__name__} has two metrics of the name {metric.name!r}")
+    for metric in metrics:
         found = np.asarray(metric.of(episodes, task))
         if found.shape != (count,) or found.dtype.kind not in "biuf":
             raise ConfigurationError(
-                f"metric {metric.name!r} of {type(task).__name__} must give {count} numbers, "
-                f"got {found.dtype} {found.shape}"
+                f"metric {metric.name!r} of {kind} must give {count} numbers, got {found.dtype} {found.shape}"
             )
         values[metric.name] = found.astype(np.int64 if metric.whole else np.float64)
     return values

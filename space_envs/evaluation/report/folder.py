@@ -34,7 +34,7 @@ BOOTSTRAP_SEED = 0
 
 @dataclass(frozen=True)
 class ReportPaths:
-    """Where `write_report` put what."""
+    """Paths of the files of a report."""
 
     folder: Path
     records: Path

@@ -1,4 +1,4 @@
-"""What the HTML pages of the project have in common: template engine, shared files, hashes of scripts."""
+"""Template engine, shared files and hashes of scripts of the project's HTML pages."""
 
 import base64
 import hashlib

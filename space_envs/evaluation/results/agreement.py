@@ -48,10 +48,11 @@ def check_agreement(folders: Sequence[ResultFolder], separate: bool = False) -> 
     for (env_id, difficulty), known in uses.items():
         for number, use in enumerate(known):
             for other in known[:number]:
-                said = _difference(other, use)
-                if said:
+                difference = _difference(other, use)
+                if difference:
                     raise ConfigurationError(
-                        f"records of {env_id}, {difficulty}, cannot be compared, the tasks differ: {said}"
+                        f"records of {env_id}, {difficulty}, cannot be compared, the tasks differ: "
+                        f"{difference}"
                     )
 
 
@@ -63,10 +64,10 @@ def _check_task_versions(folders: Sequence[ResultFolder]) -> None:
             found.setdefault(record.env_id, {}).setdefault(record.task_version, str(folder.path))
     for env_id, versions in found.items():
         if len(versions) > 1:
-            told = " and ".join(f"task version {version} in {name}" for version, name in versions.items())
+            parts = " and ".join(f"task version {version} in {name}" for version, name in versions.items())
             raise ConfigurationError(
-                f"records of {env_id} are of {told}: what is asked, or how it is scored, changed in between; "
-                "evaluate the older again"
+                f"records of {env_id} are of {parts}: what is asked, or how it is scored, changed in "
+                "between; evaluate the older again"
             )
 
 
@@ -88,9 +89,9 @@ def _check_shared(folders: Sequence[ResultFolder]) -> None:
         for name, values in found.items():
             others = {other: theirs for other, theirs in found.items() if other != name}
             if others and not any(values & theirs for theirs in others.values()):
-                told = "; ".join(f"{other} has {', '.join(sorted(own))}" for other, own in others.items())
+                parts = "; ".join(f"{other} has {', '.join(sorted(own))}" for other, own in others.items())
                 raise ConfigurationError(
-                    f"{what} differs in its {kind}: {name} has {', '.join(sorted(values))}; {told}. Nothing "
+                    f"{what} differs in its {kind}: {name} has {', '.join(sorted(values))}; {parts}. Nothing "
                     "in it can be compared; with --separate each becomes a table of its own"
                 )
 
@@ -101,7 +102,7 @@ def _version(env_id: str) -> tuple[str, str]:
 
 
 def _difference(one: _Use, two: _Use) -> str:
-    """What differs between two configurations apart from the control mode; nothing if they agree."""
+    """Difference between two configurations apart from the control mode, in words; empty if they agree."""
     if one.digest == two.digest:
         return ""
     if one.values is None or two.values is None:
@@ -113,12 +114,12 @@ def _difference(one: _Use, two: _Use) -> str:
             f"{two.digest} in {two.folder}; {' and '.join(silent)} does not say what it stands for"
         )
     first, second = _flat(one.values), _flat(two.values)
-    told = [
+    parts = [
         f"{name} is {_shown(first, name)} in {one.folder} and {_shown(second, name)} in {two.folder}"
         for name in dict.fromkeys([*first, *second])
         if name != "control_mode" and _shown(first, name) != _shown(second, name)
     ]
-    return "; ".join(told)
+    return "; ".join(parts)
 
 
 def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

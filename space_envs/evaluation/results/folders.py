@@ -1,4 +1,4 @@
-"""Result folders as others left them: read, validated, and checked against the checksums beside them."""
+"""Result folders of others: read, validated, and checked against their checksums."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from space_envs.system.reading import read_object
 
 @dataclass(frozen=True, eq=False)
 class ResultFolder:
-    """What an evaluation, or a comparison of several, left.
+    """Result folder of an evaluation, or of a comparison of several.
 
     Attributes:
         path: of the folder. records: all of them, each validated. summary: of summary.json, empty where
@@ -35,12 +35,12 @@ class ResultFolder:
 
     @property
     def provenance(self) -> Mapping[str, Any]:
-        """Where the records come from, as far as the folder says."""
+        """Provenance of the records, as far as the folder has it."""
         return self.summary.get("provenance", {})
 
     @property
     def configurations(self) -> Mapping[str, Mapping[str, Any]]:
-        """What defines each task, by its hash, as far as the folder says."""
+        """Configurations of the tasks by their hash, as far as the folder has them."""
         return self.provenance.get("configurations", {})
 
     def episodes(self, entry: LeaderboardEntry) -> EpisodeBatch | None:
@@ -93,8 +93,8 @@ def read_folder(path: str | Path) -> ResultFolder:
         raise ConfigurationError(f"{path} is no folder of results: it has no {RECORDS}")
     try:
         found = read_records(records)
-        told = _read_summary(summary) if summary.is_file() else {}
-        _verify(path, RECORDS, told)
+        content = _read_summary(summary) if summary.is_file() else {}
+        _verify(path, RECORDS, content)
     except ConfigurationError as error:
         hint = "; an evaluation into this folder was interrupted, the same command with --resume finishes it"
         raise ConfigurationError(f"{error}{hint if interrupted else ''}") from error
@@ -103,34 +103,34 @@ def read_folder(path: str | Path) -> ResultFolder:
     notes = []
     if interrupted:
         writer = holder(path)
-        told_of = "was interrupted" if writer is None else f"by {writer} is running, {progress(path)}"
-        notes.append(f"an evaluation into {path} {told_of}; these are the results from before it")
-    if not told:
+        state = "was interrupted" if writer is None else f"by {writer} is running, {progress(path)}"
+        notes.append(f"an evaluation into {path} {state}; these are the results from before it")
+    if not content:
         notes.append(f"{path} has no {SUMMARY}: neither its configuration nor that nobody edited it is known")
-    return ResultFolder(path, tuple(found), told, tuple(notes))
+    return ResultFolder(path, tuple(found), content, tuple(notes))
 
 
 def _read_summary(path: Path) -> dict[str, Any]:
-    """What summary.json says, with everything that is used later checked for its type."""
+    """Content of summary.json, with everything that is used later checked for its type."""
     try:
-        told = read_object(path)
-        provenance = told.get("provenance", {})
+        content = read_object(path)
+        provenance = content.get("provenance", {})
         configurations = provenance.get("configurations", {})
-        for each in (provenance, configurations, told.get("checksums", {}), *configurations.values()):
+        for each in (provenance, configurations, content.get("checksums", {}), *configurations.values()):
             if not isinstance(each, dict):
                 raise ValueError(f"expected an object, got {each!r}")
     except (OSError, ValueError, AttributeError) as error:
         raise ConfigurationError(f"{path}: not a summary of results: {error}") from error
-    if told.get("schema") != SCHEMA_VERSION:
+    if content.get("schema") != SCHEMA_VERSION:
         raise ConfigurationError(
-            f"{path}: its schema is {told.get('schema')!r}; this version reads schema {SCHEMA_VERSION}: "
+            f"{path}: its schema is {content.get('schema')!r}; this version reads schema {SCHEMA_VERSION}: "
             "evaluate again with it"
         )
     for name, configuration in configurations.items():
         digest = configuration_hash(configuration)
         if digest != name:
             raise ConfigurationError(f"{path}: the configuration {name} has the hash {digest}: it was edited")
-    return told
+    return content
 
 
 def _verify(folder: Path, name: str, summary: Mapping[str, Any]) -> None:

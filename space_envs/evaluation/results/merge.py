@@ -151,14 +151,14 @@ def _replays(episodes: EpisodeBatch, group: Sequence[_Kept]) -> Sequence[Replay]
 
 def _provenance(sources: Sequence[Source], provenance: Mapping[str, Any]) -> dict[str, Any]:
     configurations: dict[str, Any] = {}
-    told: dict[str, Any] = {}
+    own_provenance: dict[str, Any] = {}
     for source in sources:
         folder = source.folder
         configurations |= folder.configurations
         own = {name: value for name, value in folder.provenance.items() if name != "configurations"}
         about = {"records": len(folder.records)} | ({"renamed": source.name} if source.name else {})
-        told[str(source)] = about | own
-    return {**provenance, "configurations": configurations, "sources": told}
+        own_provenance[str(source)] = about | own
+    return {**provenance, "configurations": configurations, "sources": own_provenance}
 
 
 def _repetitions(repeated: Counter[tuple[str, str]]) -> list[str]:
@@ -192,6 +192,6 @@ def _coverage(entries: Mapping[LeaderboardEntry, Sequence[_Kept]]) -> list[str]:
     for task, played in goals.items():
         if len(set(played.values())) > 1:
             common = len(frozenset.intersection(*played.values()))
-            told = ", ".join(f"{name} on {len(indices)}" for name, indices in played.items())
-            notes.append(f"on {task} policies were played on different goals ({told}; {common} in common)")
+            parts = ", ".join(f"{name} on {len(indices)}" for name, indices in played.items())
+            notes.append(f"on {task} policies were played on different goals ({parts}; {common} in common)")
     return notes

@@ -30,7 +30,7 @@ def strata_groups(strata: np.ndarray) -> list[np.ndarray]:
 def resampled_counts(
     groups: Sequence[np.ndarray], generator: np.random.Generator, resamples: int
 ) -> Iterator[np.ndarray]:
-    """How often each of n values stands in each resample, drawn with replacement inside each group.
+    """Counts of each of n values in each resample, drawn with replacement inside each group.
 
     The groups hold each index in 0..n-1 once. Yields float arrays (rows, n), with `resamples` rows altogether
     and few enough in each to bound the memory.

@@ -16,7 +16,7 @@ def capture_rate(
 ) -> Estimate:
     """Share of all episodes that captured and, with a limit [deg], whose base attitude was within it.
 
-    Captured (n,) bool, attitude (n,) deg, that at the end or the peak. One that turned the satellite further
+    Captured (n,) bool, attitude (n,) deg, that at the end or the peak. One that rotated the satellite further
     is a failure.
     """
     counted = np.asarray(captured, dtype=bool)
@@ -31,7 +31,7 @@ def kept_attitude(captured: np.ndarray, peak: np.ndarray) -> np.ndarray:
     """Score (n,) of each episode: captured / (1 + peak attitude / 1 deg).
 
     Captured (n,) bool, peak (n,) deg, +infinity where it does not exist. A failure scores 0, a capture that
-    never turned the base 1, one that turned it by 1 deg on the way 1/2.
+    never rotated the base 1, one that rotated it by at most 1 deg 1/2.
     """
     return np.asarray(captured, dtype=bool) / (1.0 + np.asarray(peak, dtype=np.float64))
 

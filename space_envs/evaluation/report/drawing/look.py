@@ -1,4 +1,4 @@
-"""How a policy is drawn: color, marker and dashes, the same in all plots and on the page.
+"""Looks of policies: color, marker and dashes, the same in all plots and on the page.
 
 No meaning rests on color alone.
 """
@@ -36,7 +36,7 @@ _SAFE = 6  # colors in a row that color-blind readers can tell apart
 
 @dataclass(frozen=True)
 class Look:
-    """How a policy is drawn: `marker` and `dash` as matplotlib takes them, `shape` for the style sheet."""
+    """Look of a policy: `marker` and `dash` as matplotlib takes them, `shape` for the style sheet."""
 
     color: str
     marker: str

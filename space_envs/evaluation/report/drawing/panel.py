@@ -90,7 +90,7 @@ def draw_panel(
 def _settings(key: str) -> Iterator[None]:
     """A user's matplotlibrc must not change the report, nor the report the user's settings."""
     with matplotlib.rc_context(), warnings.catch_warnings():
-        # The text stays text: the browser has the letters that matplotlib's own font lacks.
+        # The text stays text: the browser has the characters that matplotlib's own font lacks.
         warnings.filterwarnings("ignore", message="Glyph .* missing from font")
         defaults = matplotlib.rcParamsDefault
         matplotlib.rcParams.update({name: defaults[name] for name in defaults if name not in _EXCLUDED})

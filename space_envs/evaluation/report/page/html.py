@@ -21,7 +21,7 @@ from space_envs.evaluation.leaderboard.row import Row
 from space_envs.evaluation.play.entry import EvaluatedTask
 from space_envs.evaluation.records.names import display_name
 from space_envs.evaluation.report.drawing.panel import prefixed
-from space_envs.evaluation.report.page.pictures import page_pictures, why_no_pictures
+from space_envs.evaluation.report.page.pictures import no_pictures_reason, page_pictures
 from space_envs.evaluation.report.page.provenance import provenance_lists
 from space_envs.evaluation.report.page.replays import page_replays
 from space_envs.evaluation.report.page.scores import score_table
@@ -95,7 +95,7 @@ def _pages(
                 "left_out": [plot.title for plot in plots[task] if plot not in fitting[task]],
                 "replays": watched,
                 "pictures": pictures[task],
-                "no_pictures": why_no_pictures(mine, result.pictures, result.pictures_note),
+                "no_pictures": no_pictures_reason(mine, result.pictures, result.pictures_note),
                 "scores": score_table(mine, scores),
             }
             sections.append(section)
@@ -131,7 +131,7 @@ def _fitting(
 
 
 def _choices(sections: Sequence[Mapping[str, Any]]) -> dict[str, list[str]]:
-    """What a page can be filtered by: difficulty and split, where they differ."""
+    """Filters of a page: difficulty and split, where they differ."""
     found = {
         key: list(dict.fromkeys(section["task"][key] for section in sections))
         for key in ("difficulty", "split")

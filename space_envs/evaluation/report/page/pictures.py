@@ -63,10 +63,10 @@ def _films(
     return films
 
 
-def why_no_pictures(
+def no_pictures_reason(
     rows: Sequence[Row], pictures: Mapping[LeaderboardEntry, Sequence[Still]], note: str
 ) -> str:
-    """Why the task of the rows is shown without pictures; `note` says why there are none of any task."""
+    """Reason why the task of the rows has no pictures; `note` is the reason why no task has any."""
     if not pictures:
         return note or NO_PICTURES
     if any(pictures.get(row.entry) for row in rows):

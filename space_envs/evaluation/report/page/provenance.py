@@ -1,4 +1,4 @@
-"""Where the results come from, as lists of the page."""
+"""Provenance of the results, as lists of the page."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -23,12 +23,12 @@ def provenance_lists(result: EvaluationResult) -> dict[str, list[tuple[str, str]
 def _timing(records: Sequence[EpisodeRecord]) -> list[tuple[str, str]]:
     """On what planning time and time per action were measured."""
     timed = {(record.timing["processor"], record.timing["threads"]) for record in records}
-    told = [
+    machines = [
         f"{processor}, {counted(threads, 'thread')}"
         for processor, threads in sorted(timed, key=str)
         if processor is not None and threads is not None
     ]
-    return [("planning and action timed on", display_name("; ".join(told), 1000))] if told else []
+    return [("planning and action timed on", display_name("; ".join(machines), 1000))] if machines else []
 
 
 def _flat(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:

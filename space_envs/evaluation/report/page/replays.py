@@ -22,7 +22,7 @@ def page_replays(
     replays: Mapping[LeaderboardEntry, Sequence[Replay]],
     looks: Mapping[str, Look],
 ) -> dict[EvaluatedTask, dict[str, Any] | None]:
-    """What the page shows of each task's replays; None where a task has none.
+    """Replays of each task as the page shows them; None where a task has none.
 
     `json` has the policies and their motions. `scene` is the number of the task whose element holds the
     scene, and `scene_json` that scene, None where an earlier task has the same. Where there are so many

@@ -43,7 +43,7 @@ def make_section(
     number: int,
     replayed: Sequence[LeaderboardEntry],
 ) -> dict[str, Any]:
-    """What the template shows for one task, apart from plots, replays and pictures.
+    """Values of the template for one task, apart from plots, replays and pictures.
 
     `replayed` are the entries with replays, in the order of the player.
     """
@@ -72,7 +72,7 @@ def make_section(
             }
             for row in rows
         ],
-        "failures": [(display_name(name), told) for name, told in failure_summaries(rows)],
+        "failures": [(display_name(name), summary) for name, summary in failure_summaries(rows)],
         "examples": [
             (display_name(row_name(row, rows)), cause_label(each.cause, 1), display_name(each.reason, 300))
             for row in rows

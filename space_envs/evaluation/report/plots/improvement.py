@@ -26,7 +26,7 @@ _NAMES = 95.0  # points beside the matrix for the names of its rows
 
 
 def improvement_plot(rows: Sequence[Row], metric: str, found: Improvement) -> Plot | None:
-    """How often each policy is better than each other one; None where there are no two to compare.
+    """Probability that each policy is better than each other one; None where no two can be compared.
 
     `found` is in the metric, one of IMPROVED. Cells of a cost have the number of goals that both captured.
     """
@@ -43,23 +43,23 @@ def improvement_plot(rows: Sequence[Row], metric: str, found: Improvement) -> Pl
     names = [row_name(row, rows) for row in rows]
     roomy = count <= FEW_POLICIES
     cell = (72 * LONE - _NAMES) / count  # points
-    small = min(7.0, 0.18 * cell)  # of letters, nine of which have to fit
+    small = min(7.0, 0.18 * cell)  # of characters, nine of which have to fit
 
     def lines(i: int, j: int) -> list[tuple[str, float, str]]:
         """Text, size and weight of each line of a cell."""
         if not math.isfinite(value[i, j]):
             return [("-", 8, "normal")]
-        size = 10 if roomy else min(10.0, 0.42 * cell)  # of bold letters, three of which have to fit
-        told = [(f"{100 * value[i, j]:.0f}", size, "bold" if better[i, j] or worse[i, j] else "normal")]
-        told += [(f"{100 * low[i, j]:.0f} to {100 * high[i, j]:.0f}", small, "normal")] if roomy else []
-        return told + ([(f"of {goals[i, j]}", min(7.0, 0.28 * cell), "normal")] if cost else [])
+        size = 10 if roomy else min(10.0, 0.42 * cell)  # of bold characters, three of which have to fit
+        texts = [(f"{100 * value[i, j]:.0f}", size, "bold" if better[i, j] or worse[i, j] else "normal")]
+        texts += [(f"{100 * low[i, j]:.0f} to {100 * high[i, j]:.0f}", small, "normal")] if roomy else []
+        return texts + ([(f"of {goals[i, j]}", min(7.0, 0.28 * cell), "normal")] if cost else [])
 
     def draw(axes: Axes) -> None:
         squares, faces = [], []
         for i, j in zip(*np.nonzero(~np.eye(count, dtype=bool)), strict=True):
-            told = lines(i, j)
-            for number, (text, size, weight) in enumerate(told):
-                height = i + (number - 0.5 * (len(told) - 1)) * 0.9 / len(told)
+            texts = lines(i, j)
+            for number, (text, size, weight) in enumerate(texts):
+                height = i + (number - 0.5 * (len(texts) - 1)) * 0.9 / len(texts)
                 axes.text(j, height, text, ha="center", va="center", size=size, weight=weight)
             if math.isfinite(value[i, j]):
                 squares.append(Rectangle((j - 0.47, i - 0.47), 0.94, 0.94))

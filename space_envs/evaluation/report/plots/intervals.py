@@ -90,5 +90,5 @@ def _interval_panel(
         dress(axes)
         axes.tick_params(axis="y", length=0)
 
-    told = (f"{display_name(n)} {scale * e.value:.3g}" for n, e in zip(names, estimates, strict=True))
-    return draw_panel(key, draw, f"{title}: {', '.join(told)}", height=0.75 + 0.27 * len(rows))
+    texts = (f"{display_name(n)} {scale * e.value:.3g}" for n, e in zip(names, estimates, strict=True))
+    return draw_panel(key, draw, f"{title}: {', '.join(texts)}", height=0.75 + 0.27 * len(rows))

@@ -15,8 +15,8 @@ from space_envs.tasks.outcome import Outcome
 
 
 def outcomes_plot(rows: Sequence[Row]) -> Plot:
-    """How the episodes of each policy ended, as stacked bars."""
-    shades = {
+    """Outcomes of the episodes of each policy, as stacked bars."""
+    colors = {
         Outcome.CAPTURED: GREEN,
         Outcome.TIMEOUT: SKY,
         Outcome.ATTITUDE_LOST: ORANGE,
@@ -26,7 +26,7 @@ def outcomes_plot(rows: Sequence[Row]) -> Plot:
     }
     hatches = {Outcome.ATTITUDE_LOST: "//", Outcome.DIVERGED: "xx", Outcome.COLLISION: ".."}
     names = [row_name(row, rows) for row in rows]
-    seen = [outcome for outcome in shades if any(row.outcomes[outcome] for row in rows)]
+    seen = [outcome for outcome in colors if any(row.outcomes[outcome] for row in rows)]
 
     def draw(axes: Axes) -> None:
         left = np.zeros(len(rows))
@@ -37,10 +37,10 @@ def outcomes_plot(rows: Sequence[Row]) -> Plot:
                 share,
                 left=left,
                 height=0.62,
-                color=shades[outcome],
+                color=colors[outcome],
                 alpha=0.85,
                 hatch=hatches.get(outcome, ""),
-                edgecolor=INK if hatches.get(outcome) else shades[outcome],
+                edgecolor=INK if hatches.get(outcome) else colors[outcome],
                 linewidth=0,
                 label=outcome.label,
             )

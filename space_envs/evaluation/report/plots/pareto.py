@@ -19,8 +19,8 @@ from space_envs.evaluation.report.tables.wording import row_name
 
 
 def pareto_plot(rows: Sequence[Row], looks: Mapping[str, Look]) -> Plot | None:
-    """What is missing from the best kept-attitude score against the time to the first action, both
-    logarithmic; None where nothing that captured was timed."""
+    """One minus the kept-attitude score against the time to the first action, both logarithmic;
+    None where nothing that captured was timed."""
     names, standings = [row_name(row, rows) for row in rows], pareto_front(rows)
     shown = [
         (name, looks[standing.entry.policy], standing)

@@ -13,7 +13,7 @@ from space_envs.evaluation.report.templating import display_unit
 
 @dataclass(frozen=True)
 class Plot:
-    """A figure of the report: panels beside each other where there is room, below each other where not."""
+    """A figure of the report: panels next to each other where there is room, below each other where not."""
 
     key: str
     title: str
@@ -22,7 +22,7 @@ class Plot:
 
 
 def heading_of(key: str) -> str:
-    """What an axis calls a figure of the leaderboard."""
+    """Label of an axis for a figure of the leaderboard."""
     return display_unit(column_named(key).heading)
 
 

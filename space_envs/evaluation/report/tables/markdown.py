@@ -21,8 +21,8 @@ def to_markdown(rows: Sequence[Row]) -> str:
     """One table for each task, with intervals, failures and rules; names are escaped."""
     parts = ["# Leaderboard\n"]
     for task, group in by_task(rows):
-        told = markdown_name(f"{counts_summary(group)}. Control mode: {modes_summary(group)}.", 200)
-        parts.append(f"\n## {markdown_name(str(task), 200)}\n\n{told}\n\n{markdown_table(group)}")
+        summary = markdown_name(f"{counts_summary(group)}. Control mode: {modes_summary(group)}.", 200)
+        parts.append(f"\n## {markdown_name(str(task), 200)}\n\n{summary}\n\n{markdown_table(group)}")
     parts.append(f"\n{NOTE}\n")
     return "".join(parts)
 

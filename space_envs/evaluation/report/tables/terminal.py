@@ -22,12 +22,12 @@ from space_envs.evaluation.report.tables.wording import (
     row_name,
 )
 
-_TERMINAL_NAME, _NARROW_NAME = 40, 24  # letters of a policy's name that a terminal shows
+_TERMINAL_NAME, _NARROW_NAME = 40, 24  # characters of a policy's name that a terminal shows
 
 
 _NARROW = 100  # columns below which a terminal is narrow
 _PIPE_WIDTH = 400
-_TITLE = 9  # letters of a line of a column's head, unless a word is longer
+_TITLE = 9  # characters of a line of a column's head, unless a word is longer
 
 
 def to_terminal(rows: Sequence[Row], console: Console | None = None) -> None:
@@ -43,8 +43,8 @@ def to_terminal(rows: Sequence[Row], console: Console | None = None) -> None:
         while console.measure(table, options=options).maximum > width and len(columns) > 1:
             columns.remove(max(columns, key=lambda column: column.display.priority))
             table = _rich_table(group, columns, longest)
-        told = f"{task}, {modes_summary(group)}; {counts_summary(group)}"
-        print_at(console, Text(display_name(told, 200), style="bold"), width)
+        summary = f"{task}, {modes_summary(group)}; {counts_summary(group)}"
+        print_at(console, Text(display_name(summary, 200), style="bold"), width)
         print_at(console, table, width)
         hidden = [column.title for column in everything if column not in columns]
         if hidden:

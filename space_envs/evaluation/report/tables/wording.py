@@ -38,13 +38,13 @@ def modes_summary(rows: Sequence[Row]) -> str:
 def failure_summaries(rows: Sequence[Row]) -> list[tuple[str, str]]:
     """Each policy that failed, and all its failed episodes by their cause, such as "18 of 100: 10 infeasible,
     6 timeouts, 2 singular"; the same words wherever a table stands."""
-    told = []
+    summaries = []
     for row in rows:
         if row.failures:
             failed = sum(each.count for each in row.failures)
             causes = ", ".join(f"{e.count} {cause_label(e.cause, e.count)}" for e in row.failures)
-            told.append((row_name(row, rows), f"{failed} of {row.episodes}: {causes}"))
-    return told
+            summaries.append((row_name(row, rows), f"{failed} of {row.episodes}: {causes}"))
+    return summaries
 
 
 def cause_label(cause: str, count: int) -> str:

@@ -165,10 +165,10 @@ class Player {
     slider.max = motion.end;
     this.chart(motion, color);
     const captured = motion.outcome === "captured";
-    const told = this.find(".told");
+    const message = this.find(".message");
     const outcome = motion.outcome[0].toUpperCase() + motion.outcome.slice(1).replace("_", " ");
-    told.textContent = `${outcome} after ${motion.end.toFixed(1)} s${motion.reason ? `: ${motion.reason}` : ""}`;
-    told.classList.toggle("failed", !captured);
+    message.textContent = `${outcome} after ${motion.end.toFixed(1)} s${motion.reason ? `: ${motion.reason}` : ""}`;
+    message.classList.toggle("failed", !captured);
     this.request();
   }
 
@@ -252,7 +252,7 @@ class Player {
     const attitude = motion.value(motion.attitude, time);
     const distance = 1000 * motion.value(motion.distance, time);
     this.find(".readout").textContent =
-      `${time.toFixed(1)} of ${motion.end.toFixed(1)} s \u00b7 base turned ${attitude.toFixed(2)}\u00b0 \u00b7 ` +
+      `${time.toFixed(1)} of ${motion.end.toFixed(1)} s \u00b7 base rotated ${attitude.toFixed(2)}\u00b0 \u00b7 ` +
       `${distance < 100 ? distance.toFixed(1) : distance.toFixed(0)} mm to go`;
   }
 }
