@@ -13,7 +13,7 @@ from space_envs.drives import STOP_MARGIN
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import PolicyError, unknown_name
-from space_envs.strangers import described
+from space_envs.foreign_code import described
 from space_envs.tasks.common import CaptureEnvelope, ObservationLayout
 from space_envs.tasks.contacts import Contacts
 

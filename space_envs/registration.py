@@ -2,6 +2,7 @@
 
 import inspect
 import re
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
@@ -20,7 +21,7 @@ from space_envs.errors import (
     unknown_keyword,
     unknown_name,
 )
-from space_envs.strangers import described
+from space_envs.foreign_code import described, undisturbed
 from space_envs.tasks.base import CaptureTask
 from space_envs.tasks.common import LARGEST_TOLERANCE
 
@@ -39,7 +40,7 @@ ENVELOPE_KEYWORDS = {
 
 
 @dataclass(frozen=True)
-class Entry:
+class RegisteredTask:
     """A registered id.
 
     Attributes:
@@ -94,7 +95,7 @@ class Entry:
         return self.task(**usual, envelope=replace(task.envelope, **asked))
 
 
-ENTRIES: dict[str, Entry] = {}
+ENTRIES: dict[str, RegisteredTask] = {}
 
 
 def register(id: str, task: type[CaptureTask] | str, **defaults: Any) -> None:
@@ -119,7 +120,7 @@ def register(id: str, task: type[CaptureTask] | str, **defaults: Any) -> None:
         _check_class(task, id)
     frame = inspect.currentframe()
     module = frame.f_back.f_globals.get("__name__", "__main__") if frame and frame.f_back else "__main__"
-    entry = Entry(id, task, module, defaults)
+    entry = RegisteredTask(id, task, module, defaults)
     if (known := ENTRIES.get(id)) is not None and _words(known) != _words(entry):
         raise ConfigurationError(
             f"environment id {id!r} is registered already, by {known.module} for {_words(known)[0]}; "
@@ -146,7 +147,7 @@ def unregister(id: str) -> None:
     del ENTRIES[find(id).id], gym.registry[id]
 
 
-def find(name: str) -> Entry:
+def find(name: str) -> RegisteredTask:
     """The entry of an id; of `module:id` after its module was imported, which runs that module's code.
 
     Raises:
@@ -155,9 +156,10 @@ def find(name: str) -> Entry:
     if not isinstance(name, str):
         raise unknown_id(name, ENTRIES)
     module, _, env_id = name.rpartition(":")
-    if module:
+    if module and module not in sys.modules:
         try:
-            import_module(module)
+            with undisturbed():
+                import_module(module)
         except KeyboardInterrupt:
             raise
         except BaseException as error:  # whatever a user's module does when it is imported
@@ -202,7 +204,7 @@ def _check_class(task: Any, env_id: str) -> type[CaptureTask]:
     return task
 
 
-def _words(entry: Entry) -> tuple[str, dict[str, Any]]:
+def _words(entry: RegisteredTask) -> tuple[str, dict[str, Any]]:
     """Name of an entry's class as "module:Class", and its defaults."""
     kind = entry.source
     name = kind if isinstance(kind, str) else f"{kind.__module__}:{kind.__qualname__}"

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from dataset_folders import CHEAP, CLUTTERED, contents, folder, run
 
-from agents.commands import dataset_making
 from agents.commands.choice import choose_policies, experts_for
 from agents.commands.dataset import main
+from agents.commands.recording import making, request
 from agents.policies.registry import policies_for
 from space_envs.envs import CaptureEnv
 from space_envs.evaluation.datasets import minari as datasets_minari
@@ -113,7 +113,7 @@ def test_without_minari_nothing_begins(tmp_path, monkeypatch, capsys):
 
 
 def test_jobs_leave_the_bytes_alone(tmp_path, monkeypatch):
-    monkeypatch.setattr(dataset_making, "CHUNK", 2)
+    monkeypatch.setattr(request, "CHUNK", 2)
     words = ["--policy", "gjm", "random", "--episodes", "5"]
     assert run(tmp_path / "one", *words) == 0
     assert run(tmp_path / "two", *words, jobs="2") == 0
@@ -129,10 +129,8 @@ def test_what_is_complete_is_skipped_and_the_rest_made_anew(tmp_path, monkeypatc
     (folder(tmp_path, policy="hold") / "dataset.json").unlink()
     (folder(tmp_path, policy="hold") / "episodes.npz").write_bytes(b"half")
     played = []
-    real = dataset_making.record
-    monkeypatch.setattr(
-        dataset_making, "record", lambda chunk: (played.append(chunk.policy.name), real(chunk))[1]
-    )
+    real = making.record
+    monkeypatch.setattr(making, "record", lambda chunk: (played.append(chunk.policy.name), real(chunk))[1])
     capsys.readouterr()
     assert run(tmp_path, *words) == 0
     assert played == ["hold"]

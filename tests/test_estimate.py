@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from agents.commands import estimate
 from agents.commands.evaluate import main
+from agents.commands.evaluation import dry_run
 from space_envs.evaluation.harness import rates
 from space_envs.evaluation.records.storage import read_records
 
@@ -19,12 +19,12 @@ def test_a_dry_run_measures_what_it_does_not_know_and_writes_nothing(
     arguments += ["--jobs", "1", "--output", str(tmp_path / "out")]
     evaluated = []
     monkeypatch.setattr(
-        estimate, "evaluate_chunk", lambda chunk: evaluated.append(chunk) or SimpleNamespace(seconds=8.0)
+        dry_run, "evaluate_chunk", lambda chunk: evaluated.append(chunk) or SimpleNamespace(seconds=8.0)
     )
     assert main([*arguments, "--dry-run"]) == 0
     assert not (tmp_path / "out").exists()
     told = capsys.readouterr().out.replace("\n", "")
-    assert [len(chunk.indices) for chunk in evaluated] == [estimate.TRIAL]
+    assert [len(chunk.indices) for chunk in evaluated] == [dry_run.TRIAL]
     assert "1 chunk of episodes; about 39 s, between 9 and 190 s: 12 s of playing with 1 job" in told
     assert "24 s of timing, 3 s for the report" in told
     # What was measured once is known.

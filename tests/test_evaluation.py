@@ -12,7 +12,7 @@ from rollouts import rollout_of
 
 from agents.commands.evaluate import main
 from agents.planners.common.plans import Cause, Failure
-from agents.policies.registry import POLICIES, Entry
+from agents.policies.registry import POLICIES, RegisteredPolicy
 from agents.policies.resolve import resolve_policy
 from space_envs.evaluation.harness import runner
 from space_envs.evaluation.harness.evaluation import Evaluation
@@ -233,7 +233,7 @@ class Ticking(Nan):
 def test_an_exception_of_a_built_in_policy_is_no_score(policy, built_in, said, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(harness_policies.Well, "bad", lambda self, observation: np.ones(1, dtype=bool))
     if built_in:
-        monkeypatch.setitem(POLICIES, policy, Entry(policy, "fails"))
+        monkeypatch.setitem(POLICIES, policy, RegisteredPolicy(policy, "fails"))
     arguments = ["--policy", policy, *QUICK, "--jobs", "1", "--output", str(tmp_path / "out")]
     for more in ([], ["--resume"]):
         assert main([*arguments, *more]) == (0 if said is None else 1)
@@ -300,7 +300,7 @@ def test_a_complete_evaluation_is_not_played_again_by_resume(tmp_path, capsys):
     assert main([*arguments, "--resume"]) == 0
     told = capsys.readouterr()
     assert "hold" in told.out and str(folder / "report.html") in told.out
-    assert told.err == f"note: {folder} is complete; nothing was played\n"
+    assert told.err == f"note: {folder} is complete; nothing was evaluated\n"
     assert {path: path.stat().st_mtime_ns for path in folder.rglob("[!.]*")} == before
     # Parts that somebody removed, of an evaluation that had no end, are played again.
     (folder / "summary.json").unlink()

@@ -80,7 +80,7 @@ def test_results_compare_and_replay(ran: Path) -> None:
 
 
 def test_datasets_and_trained_runs(ran: Path) -> None:
-    (card,) = ran.glob("results/datasets/space-capture/Sprint-v0/*/dataset.json")
+    (card,) = ran.glob("results/datasets/space-capture/MyCapture-Sprint-v0/*/dataset.json")
     assert json.loads(card.read_text())["episodes"]["written"] == 2
     assert (ran / "runs/sprint/policy.npz").is_file()
     (trained,) = {record.policy for record in read_records(ran / "results/trained/records.jsonl")}

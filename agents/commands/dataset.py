@@ -14,7 +14,8 @@ from rich.table import Table
 from rich.text import Text
 
 from agents.commands.choice import check_fit, choose_ids, choose_policies, distinct
-from agents.commands.dataset_making import Places, Request, complete, make
+from agents.commands.recording.making import make
+from agents.commands.recording.request import DatasetFolders, DatasetRequest, complete
 from space_envs.codegen.libraries import warned_once
 from space_envs.control import CONTROL_MODES
 from space_envs.errors import ConfigurationError, unknown_name
@@ -34,7 +35,7 @@ from space_envs.tasks.common import DIFFICULTIES, SPLITS
 LEARNED_FROM = ("train", "validation")  # splits; what a policy is tested on is in no dataset
 FORMATS = ("npz", "minari")
 DATASET = "dataset"  # kind of the folder
-TOLD = 5  # episodes left out of a dataset that the terminal names
+NAMED = 5  # episodes left out of a dataset that the terminal names
 DESCRIPTION = """\
 Write policies' episodes as datasets: observations, actions, rewards, how each episode ended.
 
@@ -70,14 +71,14 @@ def parser() -> argparse.ArgumentParser:
         nargs="+",
         default=["experts"],
         metavar="NAME",
-        help="'experts' for every planner made for an id (default), 'all' for every built-in policy, "
+        help="'experts' for every planner that fits an id (default), 'all' for every built-in policy, "
         "or as in evaluate.py: built-in names, package.module:Class, a run's folder, a zip",
     )
     what = f"{' or '.join(LEARNED_FROM)} (default train); goals that policies are tested on are refused"
     add("--split", default="train", metavar="NAME", help=what)
     what = f"{', '.join(DIFFICULTIES)}, or the task's own (default: the task's, usually medium)"
     add("--difficulty", metavar="NAME", help=what)
-    what = f"{', '.join(CONTROL_MODES)}; by default what each policy was made for"
+    what = f"{', '.join(CONTROL_MODES)}; by default the one of each policy"
     add("--control-mode", metavar="MODE", help=what)
     add("--variant", help=f"inertias of the single arm's model: {', '.join(VARIANTS)} (default paper)")
     add("--episodes", type=int, default=100, metavar="N", help="different goals (default 100)")
@@ -104,20 +105,20 @@ def main(arguments: list[str]) -> int:
 def _run(options: argparse.Namespace) -> int:
     requests = _requests(options)
     output = options.output.absolute()
-    places = Places(output, (options.minari_root or output).absolute())
-    missing = [request for request in requests if not complete(request, places)]
+    folders = DatasetFolders(output, (options.minari_root or output).absolute())
+    missing = [request for request in requests if not complete(request, folders)]
     for request in missing:
-        check_free(places.folder(request), DATASET)
-    places.prepare()
+        check_free(folders.folder(request), DATASET)
+    folders.prepare()
     with ExitStack() as stack:
         for request in missing:
-            stack.enter_context(held(places.folder(request), DATASET))
+            stack.enter_context(held(folders.folder(request), DATASET))
         stack.enter_context(warned_once())
-        return int(_show(requests, missing, make(missing, places, options.jobs), places))
+        return int(_show(requests, missing, make(missing, folders, options.jobs), folders))
 
 
-def _requests(options: argparse.Namespace) -> list[Request]:
-    """The datasets that are asked for, after everything that can be wrong about them was looked at.
+def _requests(options: argparse.Namespace) -> list[DatasetRequest]:
+    """Requests for the datasets that the options ask for, each checked.
 
     Raises:
         SpaceEnvsError: for anything that is not valid.
@@ -143,7 +144,7 @@ def _requests(options: argparse.Namespace) -> list[Request]:
     check_backend(options.jobs)
     formats = tuple(name for name in FORMATS if name in options.format)
     requests = [
-        Request(
+        DatasetRequest(
             EvaluatedTask(env_id, options.difficulty or make_task(env_id, {}).difficulty, options.split),
             policy,
             options.episodes,
@@ -164,12 +165,12 @@ def _requests(options: argparse.Namespace) -> list[Request]:
 
 
 def _show(
-    requests: Sequence[Request],
-    missing: Sequence[Request],
-    made: Iterator[tuple[Request, dict[str, Any]]],
-    places: Places,
+    requests: Sequence[DatasetRequest],
+    missing: Sequence[DatasetRequest],
+    made: Iterator[tuple[DatasetRequest, dict[str, Any]]],
+    folders: DatasetFolders,
 ) -> bool:
-    """Print what was made; whether a dataset was left with no episode."""
+    """Whether a dataset was left with no episode, after the table of all datasets was printed."""
     cards = {request.id: card for request, card in made}
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for name in ("id", "policy", "episodes", "captured", "left out", "state"):
@@ -179,23 +180,23 @@ def _show(
     console = Console()
     reasons: list[str] = []
     for request in requests:
-        card = cards.get(request.id) or read_card(places.folder(request)) or {}
-        told = card["episodes"]
-        left_out = told["left_out"]
+        card = cards.get(request.id) or read_card(folders.folder(request)) or {}
+        episodes = card["episodes"]
+        left_out = episodes["left_out"]
         state = "written" if request in missing else "was complete"
-        state = state if told["written"] else "nothing to write"
-        counts = (told["written"], told["captured"], len(left_out))
+        state = state if episodes["written"] else "nothing to write"
+        counts = (episodes["written"], episodes["captured"], len(left_out))
         names = (request.task.env_id.split("/")[1], request.policy.name)
         table.add_row(*(Text(display_name(name)) for name in names), *map(str, counts), state)
-        for one in left_out[:TOLD]:
+        for one in left_out[:NAMED]:
             reasons.append(f"{request.id}: episode {one['episode']} (goal {one['index']}): {one['reason']}")
-        if len(left_out) > TOLD:
-            reasons.append(f"{request.id}: {len(left_out) - TOLD} more, in its card")
+        if len(left_out) > NAMED:
+            reasons.append(f"{request.id}: {len(left_out) - NAMED} more, in its card")
     print_at(console, table, width_of(console))
     for line in reasons:
         console.print(f"left out of {line}", highlight=False, soft_wrap=True, markup=False)
-    console.print(f"Folder: {places.output}", highlight=False, soft_wrap=True, markup=False)
+    console.print(f"Folder: {folders.output}", highlight=False, soft_wrap=True, markup=False)
     if any("minari" in request.formats for request in requests):
-        hint = f"Minari finds them with {ROOT_VARIABLE}={shlex.quote(str(places.minari))}"
+        hint = f"Minari finds them with {ROOT_VARIABLE}={shlex.quote(str(folders.minari))}"
         console.print(hint, highlight=False, soft_wrap=True, markup=False)
     return any(not card["episodes"]["written"] for card in cards.values())

@@ -1,4 +1,4 @@
-"""`evaluate.py`: play policies on splits of ids and write records, tables and a report."""
+"""`evaluate.py`: evaluate policies on splits of ids and write records, tables and a report."""
 
 import argparse
 import difflib
@@ -9,7 +9,8 @@ from importlib import import_module
 from pathlib import Path
 
 from agents.commands.choice import check_fit, choose_ids, choose_policies, distinct
-from agents.commands.evaluation import RunOptions, dry_run, run
+from agents.commands.evaluation.dry_run import dry_run
+from agents.commands.evaluation.run import RunOptions, run
 from agents.policies.registry import POLICIES
 from agents.policies.resolve import ResolvedPolicy
 from space_envs.control import CONTROL_MODES
@@ -29,8 +30,8 @@ from space_envs.tasks.common import DIFFICULTIES, SPLITS
 DEFAULT_ENV = "SpaceCapture/SingleArm-v0"
 COMMANDS = ("compare", "show", "replay", "dataset")
 DESCRIPTION = """\
-Play policies on splits of ids; write one record an episode, a leaderboard (terminal, Markdown, CSV, LaTeX)
-and a self-contained HTML report.
+Evaluate policies on splits of ids; write one record an episode, a leaderboard (terminal, Markdown, CSV,
+LaTeX) and a self-contained HTML report.
 
   evaluate.py --policy gjm promp runs/mine my_package.planner:Planner --episodes 200
   evaluate.py --env all --split test ood --seeds 0-4 --jobs 8
@@ -75,7 +76,7 @@ def parser() -> argparse.ArgumentParser:
     what = f"{', '.join(DIFFICULTIES)}, or the task's own (default: the task's, usually medium)"
     add("--difficulty", action=AppendValues, nargs="+", default=[], metavar="NAME", help=what)
     add("--variant", help=f"inertias of the single arm's model: {', '.join(VARIANTS)} (default paper)")
-    what = f"{', '.join(CONTROL_MODES)}; by default what each policy was made for"
+    what = f"{', '.join(CONTROL_MODES)}; by default the one of each policy"
     add("--control-mode", help=what, metavar="MODE")
     add("--episodes", type=int, default=100, help="different goals of each split, a seed (default 100)")
     what = "of goals and policies, such as 3, 0-4 or 0,2,5-7; strata of the intervals (default 0)"
@@ -124,13 +125,13 @@ def _run(given: list[str]) -> int:
         return 0
     evaluation, chosen = _checked(options, given)
     if options.dry_run:
-        dry_run(evaluation, chosen)
+        dry_run(evaluation, chosen.jobs)
         return 0
     return run(evaluation, chosen)
 
 
 def _checked(options: argparse.Namespace, arguments: list[str]) -> tuple[Evaluation, RunOptions]:
-    """What is played and how, after everything that can be wrong about it was looked at.
+    """The evaluation that the options ask for and how it is run, all of it checked.
 
     Raises:
         SpaceEnvsError: for anything that is not valid.

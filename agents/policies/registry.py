@@ -8,13 +8,13 @@ from typing import Any
 from space_envs.control import CONTROL_MODES
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import PolicyError, SpaceEnvsError, shown, unknown_name
+from space_envs.foreign_code import described
 from space_envs.policy import DEFAULT_CONTROL_MODE, Needs, Policy, PolicyContext, load_policy_class
 from space_envs.registration import find
-from space_envs.strangers import described
 
 
 @dataclass(frozen=True)
-class Entry:
+class RegisteredPolicy:
     """One policy: its class as `package.module:Class`, imported when it is needed, and what it does.
 
     `expert` is whether it is a planner or controller: neither learned nor a baseline.
@@ -25,88 +25,88 @@ class Entry:
     expert: bool = True
 
 
-POLICIES: dict[str, Entry] = {
-    "random": Entry("agents.policies.baselines:Random", "uniform actions", expert=False),
-    "hold": Entry("agents.policies.baselines:Hold", "no motion at all", expert=False),
-    "minimum_jerk": Entry(
+POLICIES: dict[str, RegisteredPolicy] = {
+    "random": RegisteredPolicy("agents.policies.baselines:Random", "uniform actions", expert=False),
+    "hold": RegisteredPolicy("agents.policies.baselines:Hold", "no motion at all", expert=False),
+    "minimum_jerk": RegisteredPolicy(
         "agents.policies.single_arm.minimum_jerk:MinimumJerk",
         "quintic joint motion to a goal from inverse kinematics",
     ),
-    "gjm": Entry(
+    "gjm": RegisteredPolicy(
         "agents.policies.single_arm.gjm:GeneralizedJacobian",
         "resolved rate with the damped generalised Jacobian, ignores bodies in its path",
     ),
-    "mpc": Entry(
+    "mpc": RegisteredPolicy(
         "agents.policies.single_arm.mpc:ModelPredictive",
         "linear-quadratic receding horizon on the joints, as in shyam2020",
     ),
-    "promp": Entry(
+    "promp": RegisteredPolicy(
         "agents.policies.single_arm.promp:ProMPPolicy",
         "best of 100 samples of a ProMP by eq. 20, as in shyam2020",
     ),
-    "promp_mean": Entry(
+    "promp_mean": RegisteredPolicy(
         "agents.policies.single_arm.promp:ConditionalMean",
         "the conditional mean of the same ProMP",
     ),
-    "promp_feedback": Entry(
+    "promp_feedback": RegisteredPolicy(
         "agents.policies.single_arm.promp_feedback:PrompFeedback",
         "feedback to that mean with gains from the same ProMP's covariance",
     ),
-    "ocp": Entry(
+    "ocp": RegisteredPolicy(
         "agents.policies.single_arm.optimal:OptimalControl",
         "least eq. 20 by collocation, all limits, attitude free",
     ),
-    "promp_optimal": Entry(
+    "promp_optimal": RegisteredPolicy(
         "agents.policies.single_arm.weights:PrompOptimal",
         "least eq. 20 in the weights of a ProMP, all limits, attitude free",
     ),
-    "promp_optimal_kept": Entry(
+    "promp_optimal_kept": RegisteredPolicy(
         "agents.policies.single_arm.weights:PrompOptimalKept",
         "the same with the attitude kept at the end",
     ),
-    "promp_demonstrated": Entry(
+    "promp_demonstrated": RegisteredPolicy(
         "agents.policies.single_arm.weights:PrompDemonstrated",
         "best of 100 samples of ProMPs of optimal demonstrations, conditioned in task space",
     ),
-    "promp_avoiding": Entry(
+    "promp_avoiding": RegisteredPolicy(
         "agents.policies.single_arm.weights:PrompAvoiding",
         "samples of a ProMP that keep out of spheres, the best refined",
     ),
-    "nmpc": Entry(
+    "nmpc": RegisteredPolicy(
         "agents.policies.single_arm.nmpc:NMPC",
         "receding horizon in weights, attitude kept at its end, the observed state fed back",
     ),
-    "reactionless": Entry(
+    "reactionless": RegisteredPolicy(
         "agents.policies.dual_arm.reactionless:ReactionlessZetaZero",
         "polynomial end-effector paths with zeta = 0, as in shah2013",
     ),
-    "reactionless_local": Entry(
+    "reactionless_local": RegisteredPolicy(
         "agents.policies.dual_arm.reactionless:ReactionlessLocal",
         "the same paths with the least kinetic energy at each instant, as in shah2013",
     ),
-    "reactionless_ocp": Entry(
+    "reactionless_ocp": RegisteredPolicy(
         "agents.policies.dual_arm.reactionless:ReactionlessOCP",
         "the same paths with the least energy over the motion, as in shah2013",
     ),
-    "reactionless_free": Entry(
+    "reactionless_free": RegisteredPolicy(
         "agents.policies.dual_arm.reactionless:ReactionlessFree",
         "paths free between their ends, least energy, all limits",
     ),
-    "reactionless_rate": Entry(
+    "reactionless_rate": RegisteredPolicy(
         "agents.policies.dual_arm.reactionless_rate:ReactionlessRate",
         "resolved rate of both arms with the reactionless constraint, damped",
     ),
-    "bc": Entry(
+    "bc": RegisteredPolicy(
         "agents.policies.learned.learned_policy:BehaviourCloning",
         "cloned from an expert (DAgger), shipped, ignores bodies in its path",
         expert=False,
     ),
-    "ppo": Entry(
+    "ppo": RegisteredPolicy(
         "agents.policies.learned.learned_policy:ProximalPolicyOptimization",
         "the clone, improved by PPO, shipped, ignores bodies in its path",
         expert=False,
     ),
-    "bc_reactionless": Entry(
+    "bc_reactionless": RegisteredPolicy(
         "agents.policies.learned.learned_policy:ReactionlessCloning",
         "cloned in control mode reactionless, shipped, ignores bodies in its path",
         expert=False,

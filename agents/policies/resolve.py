@@ -11,8 +11,8 @@ from agents.policies.learned.sb3_policy import StableBaselinesPolicy
 from agents.policies.learned.sb3_zip import load_network
 from agents.policies.registry import POLICIES, control_mode, make_policy
 from space_envs.errors import ConfigurationError, no_path, unknown_name
+from space_envs.foreign_code import undisturbed
 from space_envs.policy import DEFAULT_CONTROL_MODE, Policy, PolicyContext
-from space_envs.strangers import undisturbed
 
 ZIP = ".zip"  # suffix of what stable-baselines3 saves
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from space_envs.dynamics.rotations import Array
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import PolicyError
+from space_envs.foreign_code import actions_and_state, described
 from space_envs.policy import Policy
-from space_envs.strangers import actions_and_state, described
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,8 +25,8 @@ from space_envs.errors import PolicyError
 from space_envs.evaluation.play.causes import MissingPlan, PlanState, unpacked_plans
 from space_envs.evaluation.play.process.limits import TimeLimitError, TimeLimits
 from space_envs.evaluation.play.process.messages import pack, receive, send, unpack
+from space_envs.foreign_code import plain_text
 from space_envs.policy import Policy, PolicyContext
-from space_envs.strangers import plain_text
 
 STARTING = 120.0  # s, that a policy may take to be imported and built, where its calls have limits
 _LARGEST = 2**20  # bytes of an answer besides its actions

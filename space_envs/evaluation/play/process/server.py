@@ -13,8 +13,8 @@ from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import PolicyError
 from space_envs.evaluation.play.causes import missing_plans, packed_plans
 from space_envs.evaluation.play.process.messages import pack, receive, send, unpack
+from space_envs.foreign_code import actions_and_state, described
 from space_envs.policy import Policy, PolicyContext
-from space_envs.strangers import actions_and_state, described
 from space_envs.system.processes import end_with
 
 

@@ -21,8 +21,8 @@ from space_envs.evaluation.play.playing import roll_out
 from space_envs.evaluation.play.process.policy_process import PolicyProcess
 from space_envs.evaluation.play.steps import predicted
 from space_envs.evaluation.records.storage import read_records
+from space_envs.foreign_code import described
 from space_envs.policy import PolicyContext
-from space_envs.strangers import described
 
 SINGLE = "SpaceCapture/SingleArm-v0"
 JOINTS = 7

@@ -1,4 +1,4 @@
-"""What `evaluate.py` does with an evaluation that was found to be valid."""
+"""An evaluation from its first chunk to the printed table."""
 
 import shlex
 import sys
@@ -10,14 +10,10 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from rich import box
 from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from agents.commands.choice import expert_names
-from agents.commands.defects import defects
-from agents.commands.estimate import estimate
+from agents.commands.evaluation.defects import defects
 from agents.commands.show import show
 from agents.policies.registry import POLICIES
 from space_envs.codegen.libraries import warned_once
@@ -31,7 +27,6 @@ from space_envs.evaluation.play.entry import LeaderboardEntry
 from space_envs.evaluation.play.episodes import EpisodeBatch
 from space_envs.evaluation.records.configuration import config_hash, configuration
 from space_envs.evaluation.records.episode import EpisodeRecord
-from space_envs.evaluation.records.names import counted, display_name
 from space_envs.evaluation.replay.replay import Replay, make_replays
 from space_envs.evaluation.replay.stills import capture_pictures
 from space_envs.evaluation.report.folder import BOOTSTRAP_SEED, ReportPaths, write_report
@@ -45,7 +40,13 @@ from space_envs.system.provenance import provenance
 
 @dataclass(frozen=True)
 class RunOptions:
-    """How an evaluation is run, apart from what decides its records."""
+    """How an evaluation is run: none of it changes a record.
+
+    Attributes:
+        output: folder of the results. resume, overwrite: what it may hold already.
+        jobs, backend, address: of the processes. pictures, videos: whether to draw captures.
+        arguments: of the command line, for the provenance.
+    """
 
     output: Path
     resume: bool = False
@@ -59,7 +60,7 @@ class RunOptions:
 
 
 def run(evaluation: Evaluation, options: RunOptions) -> int:
-    """Play what is missing, write every file of the result, and print the table.
+    """Evaluate the chunks that have no result yet, write every file of the results, and print the table.
 
     Returns:
         The exit status: 1 if a built-in policy raised or gave no actions, which is a fault of the project.
@@ -68,16 +69,16 @@ def run(evaluation: Evaluation, options: RunOptions) -> int:
         SpaceEnvsError: if the folder cannot be used or read, or a process dies with its policy.
     """
     with held(options.output, EVALUATION):
-        return _held(evaluation, options)
+        return _run_alone(evaluation, options)
 
 
-def _held(evaluation: Evaluation, options: RunOptions) -> int:
+def _run_alone(evaluation: Evaluation, options: RunOptions) -> int:
     started = perf_counter()
     folder = options.output
     if not prepare(evaluation, folder, options.resume, options.overwrite):
         records = read_folder(folder).records
-        show(records, folder, notes=(f"{folder} is complete; nothing was played",))
-        return _told(evaluation, records)
+        show(records, folder, notes=(f"{folder} is complete; nothing was evaluated",))
+        return _status(evaluation, records)
     chunks = evaluation.chunks()
     with warned_once():
         play_missing(chunks, folder, options.jobs, options.backend, options.address)
@@ -89,11 +90,11 @@ def _held(evaluation: Evaluation, options: RunOptions) -> int:
     finish(folder)
     _remember(evaluated, spent, (perf_counter() - before) / len(evaluated))
     _show(result, paths)
-    return _told(evaluation, result.records)
+    return _status(evaluation, result.records)
 
 
 def _remember(evaluated: Sequence[Evaluated], spent: Mapping[LeaderboardEntry, float], report: float) -> None:
-    """What all this took, for a dry run of another evaluation."""
+    """Keep the seconds that all this took, for a dry run of another evaluation."""
     rates = {playing(one.episodes.entry): Seconds.of(one.pace) for one in evaluated}
     rates |= {timing(entry): Seconds.of([seconds]) for entry, seconds in spent.items()}
     before = recorded(REPORT)
@@ -101,8 +102,8 @@ def _remember(evaluated: Sequence[Evaluated], spent: Mapping[LeaderboardEntry, f
     remember(rates | {REPORT: Seconds(min(known), report, max(known))})
 
 
-def _told(evaluation: Evaluation, records: Sequence[EpisodeRecord]) -> int:
-    """The exit status, after what is wrong with built-in policies was printed."""
+def _status(evaluation: Evaluation, records: Sequence[EpisodeRecord]) -> int:
+    """The exit status, after the faults of built-in policies were printed."""
     built_in = [
         policy.name for _, policy in evaluation.entries if getattr(policy, "source", None) in POLICIES
     ]
@@ -121,7 +122,7 @@ def _result(
     options: RunOptions,
     started: float,
 ) -> EvaluationResult:
-    """Everything that the report is made from."""
+    """The results that the report is made from."""
     records: list[EpisodeRecord] = []
     episodes: dict[LeaderboardEntry, EpisodeBatch] = {}
     replays: dict[LeaderboardEntry, tuple[Replay, ...]] = {}
@@ -146,7 +147,7 @@ def _result(
 def _about(
     evaluation: Evaluation, chunks: list[Chunk], options: RunOptions, started: float
 ) -> dict[str, Any]:
-    """Provenance: what a reader needs to repeat the evaluation, and to know whether another is comparable."""
+    """Provenance, to repeat the evaluation and to know whether another is comparable."""
     command = shlex.join(["evaluate.py", *options.arguments])
     configurations = {}
     for chunk in {chunk.entry: chunk for chunk in chunks}.values():
@@ -164,30 +165,6 @@ def _about(
             "backend": options.backend,
         },
     }
-
-
-def dry_run(evaluation: Evaluation, options: RunOptions) -> None:
-    """Say what would be played and, from what was measured on this machine, how long that takes."""
-    chunks, console = evaluation.chunks(), Console()
-    told = estimate(chunks, options.jobs)
-    for task in dict.fromkeys(chunk.task for chunk in chunks):
-        table = Table("policy", box=box.SIMPLE_HEAD, title=str(task), title_justify="left")
-        for title in ("episodes", "s an episode", "s on one core"):
-            table.add_column(title, justify="right")
-        for entry in dict.fromkeys(chunk.entry for chunk in chunks if chunk.task == task):
-            episodes = sum(len(chunk.indices) for chunk in chunks if chunk.entry == entry)
-            seconds = told.episode[entry].usual
-            cells = (str(episodes), f"{seconds:.3g}", f"{seconds * episodes:.3g}")
-            table.add_row(Text(display_name(entry.policy)), *cells)
-        console.print(table)
-    total = told.total
-    console.print(
-        f"{counted(len(chunks), 'chunk')} of episodes; about {total.usual:.0f} s, "
-        f"between {total.least:.0f} and {total.most:.0f} s: {told.playing.usual:.0f} s of playing with "
-        f"{counted(options.jobs, 'job')}, "
-        f"{told.timing.usual:.0f} s of timing, {told.report.usual:.0f} s for the report. Nothing was kept.",
-        soft_wrap=True,
-    )
 
 
 def _show(result: EvaluationResult, paths: ReportPaths) -> None:

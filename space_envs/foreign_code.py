@@ -1,4 +1,4 @@
-"""What comes from a policy is data of a stranger: looked at with care, and described in words of our own."""
+"""Values and exceptions of foreign code, such as a user's policy: checked, and described in plain text."""
 
 import os
 import signal
@@ -13,12 +13,12 @@ import numpy as np
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import PolicyError
 
-LONGEST = 1000  # letters of a message that are kept
+LONGEST = 1000  # characters of a message that are kept
 _REAL = "fiu"  # kinds of numpy's numbers that an action may have
 
 
 def described(error: BaseException) -> str:
-    """Type and message of an exception on one line, whatever its class does when it is asked for them."""
+    """Type and message of an exception on one line, also where its class raises when asked."""
     try:
         text = f"{type(error).__name__}: {error}"
     except BaseException:
@@ -33,7 +33,7 @@ def plain_text(text: str) -> str:
 
 
 def actions_and_state(returned: Any, shape: tuple[int, int]) -> tuple[Array, Any]:
-    """What `predict` returned as actions of a shape, a copy of the policy's array, and its state.
+    """Actions of a shape, a copy of the policy's array, and the state, from the value of its `predict`.
 
     The actions may hold NaN or infinity; the state is not looked at.
 
@@ -58,8 +58,8 @@ def _kind(value: Any) -> str:
 
 @contextmanager
 def undisturbed() -> Iterator[None]:
-    """Put back what code of a stranger may change for all of this process: its working directory, umask,
-    environment, search path, handlers of signals, and what is done about warnings and floating-point errors.
+    """Restore, afterwards, what foreign code may change for all of this process: its working directory,
+    umask, environment, search path, signal handlers, and the handling of warnings and floating-point errors.
     """
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     folder, environment, paths = os.getcwd(), dict(os.environ), list(sys.path)

@@ -1,0 +1,1 @@
+"""An evaluation that was found to be valid: its time, its run, faults of policies."""

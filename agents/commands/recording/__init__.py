@@ -1,0 +1,1 @@
+"""Datasets: requests for them, and their recording."""

@@ -1,0 +1,169 @@
+"""Requests for datasets, and the folders that they go to."""
+
+import os
+import re
+import shlex
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from agents.policies.resolve import ResolvedPolicy
+from space_envs.envs import CaptureVectorEnv
+from space_envs.errors import ConfigurationError
+from space_envs.evaluation.datasets.card import CARD, read_card
+from space_envs.evaluation.datasets.minari import DATA
+from space_envs.evaluation.play.chunks import CHUNK, Chunk
+from space_envs.evaluation.play.entry import EvaluatedTask
+from space_envs.evaluation.play.episodes import task_keywords
+from space_envs.evaluation.play.playing import split_indices
+from space_envs.registration import find
+from space_envs.system.digests import file_digest
+
+NAMESPACE, VERSION = "space-capture", "v0"
+
+
+@dataclass(frozen=True)
+class DatasetRequest:
+    """Episodes of a policy on a task that become a dataset, and its formats.
+
+    Attributes:
+        episodes: how many. seed: draws the goals and their order, and is the policy's.
+        captured_only: whether the others are left out. formats: npz, minari.
+        control_mode, variant: that were asked for; None is the policy's own, and the paper's.
+    """
+
+    task: EvaluatedTask
+    policy: ResolvedPolicy
+    episodes: int
+    seed: int
+    captured_only: bool
+    formats: tuple[str, ...]
+    control_mode: str | None = None
+    variant: str | None = None
+
+    @property
+    def id(self) -> str:
+        """Name of the dataset in Minari's form, whose parts are of letters, digits, - and _."""
+        name = re.sub(r"[^\w-]+", "-", self.policy.name, flags=re.ASCII).strip("-") or "policy"
+        env = self.task.env_id.removeprefix("SpaceCapture/").replace("/", "-").replace(".", "-")
+        words = [name, self.control_mode, self.variant, self.task.difficulty, self.task.split, VERSION]
+        return f"{NAMESPACE}/{env}/{'-'.join(filter(None, words))}"
+
+    @property
+    def keywords(self) -> dict[str, Any]:
+        """Keywords of `gym.make`, without the id."""
+        return {"control_mode": self.policy.control_mode, **task_keywords(self.task, self.variant)}
+
+    def make_env(self) -> CaptureVectorEnv:
+        """An environment of one episode."""
+        return CaptureVectorEnv(self.task.env_id, 1, **self.keywords)
+
+    def chunks(self) -> list[Chunk]:
+        """Chunks of all episodes.
+
+        Raises:
+            ConfigurationError: if the split has fewer goals.
+        """
+        task = self.make_env().task
+        indices = split_indices(task, self.task.split, self.episodes, self.seed).tolist()
+        return [
+            Chunk(
+                self.policy,
+                self.task,
+                self.variant,
+                self.seed,
+                first,
+                tuple(indices[first : first + CHUNK]),
+            )
+            for first in range(0, self.episodes, CHUNK)
+        ]
+
+    def to_json(self) -> dict[str, Any]:
+        """Values that decide the dataset, plain."""
+        source = self.policy.source
+        return {
+            "id": self.id,
+            "env_id": self.task.env_id,
+            "policy": self.policy.name,
+            "source": source.name if isinstance(source, Path) else source,
+            "source_checksum": file_digest(source) if isinstance(source, Path) else None,
+            "control_mode": self.policy.control_mode,
+            "variant": self.variant,
+            "difficulty": self.task.difficulty,
+            "split": self.task.split,
+            "episodes": self.episodes,
+            "seed": self.seed,
+            "captured_only": self.captured_only,
+            "formats": list(self.formats),
+        }
+
+    def command(self) -> str:
+        """Command line that makes this dataset alone."""
+        source = self.policy.source.name if isinstance(self.policy.source, Path) else self.policy.source
+        words = ["evaluate.py", "dataset", "--env", find(self.task.env_id).name, "--policy", source]
+        words += ["--difficulty", self.task.difficulty, "--split", self.task.split]
+        words += ["--episodes", str(self.episodes), "--seed", str(self.seed), "--format", *self.formats]
+        words += [] if self.control_mode is None else ["--control-mode", self.control_mode]
+        words += [] if self.variant is None else ["--variant", self.variant]
+        return shlex.join([*words, "--captured-only"] if self.captured_only else words)
+
+
+@dataclass(frozen=True)
+class DatasetFolders:
+    """Folder of the datasets, and the one in which Minari finds its own."""
+
+    output: Path
+    minari: Path
+
+    def prepare(self) -> None:
+        """Make both.
+
+        Raises:
+            ConfigurationError: if they cannot be written.
+        """
+        for path in (self.output, self.minari):
+            try:
+                path.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise ConfigurationError(f"cannot write to {path}: {error.strerror}") from None
+            if not os.access(path, os.W_OK):
+                raise ConfigurationError(f"cannot write to {path}: it is read-only")
+
+    def folder(self, request: DatasetRequest) -> Path:
+        """Folder of a dataset."""
+        return self.output / request.id
+
+    def data(self, request: DatasetRequest) -> Path:
+        """Minari's part of a dataset."""
+        return self.minari / request.id / DATA
+
+
+def complete(request: DatasetRequest, folders: DatasetFolders) -> bool:
+    """Whether a dataset is there already.
+
+    Raises:
+        ConfigurationError: if its folder holds something else.
+    """
+    folder, data = folders.folder(request), folders.data(request)
+    card, wanted = read_card(folder), request.to_json()
+    if card is None:
+        if (
+            "minari" in request.formats
+            and data.exists()
+            and folders.minari.resolve() != folders.output.resolve()
+        ):
+            raise ConfigurationError(
+                f"{data} is there already, but {folder} has no card of it; remove it, or choose other folders"
+            )
+        return False
+    if card["request"] != wanted:
+        names = [name for name in wanted if card["request"].get(name) != wanted[name]]
+        changes = "; ".join(f"{name} was {card['request'].get(name)}, is {wanted[name]}" for name in names)
+        raise ConfigurationError(
+            f"{folder} holds another dataset: {changes}; remove it, or choose another --output"
+        )
+    if "minari" in request.formats and not data.is_dir():
+        raise ConfigurationError(
+            f"{folder / CARD} names a Minari dataset, but {data} is missing; remove {folder}"
+        )
+    return True
