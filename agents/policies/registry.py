@@ -54,15 +54,15 @@ POLICIES: dict[str, RegisteredPolicy] = {
     ),
     "ocp": RegisteredPolicy(
         "agents.policies.single_arm.optimal:OptimalControl",
-        "least eq. 20 by collocation, all limits, attitude free",
+        "least eq. 20 by collocation, all limits, attitude unconstrained",
     ),
     "promp_optimal": RegisteredPolicy(
         "agents.policies.single_arm.weights:PrompOptimal",
-        "least eq. 20 in the weights of a ProMP, all limits, attitude free",
+        "least eq. 20 in the weights of a ProMP, all limits, attitude unconstrained",
     ),
     "promp_optimal_kept": RegisteredPolicy(
         "agents.policies.single_arm.weights:PrompOptimalKept",
-        "the same with the attitude kept at the end",
+        "the same with the first attitude again at the end",
     ),
     "promp_demonstrated": RegisteredPolicy(
         "agents.policies.single_arm.weights:PrompDemonstrated",
@@ -74,7 +74,7 @@ POLICIES: dict[str, RegisteredPolicy] = {
     ),
     "nmpc": RegisteredPolicy(
         "agents.policies.single_arm.nmpc:NMPC",
-        "receding horizon in weights, attitude kept at its end, the observed state fed back",
+        "receding horizon in weights, attitude constrained at its end, the observed state fed back",
     ),
     "reactionless": RegisteredPolicy(
         "agents.policies.dual_arm.reactionless:ReactionlessZetaZero",

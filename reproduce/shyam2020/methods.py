@@ -99,7 +99,7 @@ METHODS = {
         ),
         SingleArmMethod(
             "ocp_kept",
-            "optimal control, attitude kept",
+            "optimal control, attitude constrained",
             OLIVE,
             lambda case, seed: optimal_control(case, keep_attitude=True),
         ),
@@ -111,7 +111,7 @@ METHODS = {
         ),
         SingleArmMethod(
             "promp_optimal_kept",
-            "ProMP weights, attitude kept",
+            "ProMP weights, attitude constrained",
             PLUM,
             lambda case, seed: planner(True).plan(case.reach(keep_attitude=True)),
         ),
