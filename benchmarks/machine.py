@@ -1,4 +1,4 @@
-"""What the tables of measurements have in common."""
+"""Parts that the tables of measurements share."""
 
 from space_envs.system.provenance import machine, versions
 

@@ -11,7 +11,7 @@ class PrompError(ValueError):
 class ConditioningError(PrompError):
     """The distribution cannot meet the target: it has no variance left in the direction asked for.
 
-    `residual` (m,) is what is missed in each conditioned quantity, and `row` the worst of them.
+    `residual` (m,) is that of each conditioned quantity, and `row` the worst of them.
     """
 
     def __init__(self, message: str, residual: NDArray[np.float64], row: int):

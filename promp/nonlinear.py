@@ -74,14 +74,14 @@ class Conditioned:
         met = np.zeros(len(weights), dtype=bool)
         rows = np.arange(len(weights))
         for left in range(PROJECTIONS if len(weights) else -1, -1, -1):
-            missed, slope = _exact(self.targets, weights[rows])
-            met[rows] = np.abs(missed).max(axis=1, initial=0.0) <= tolerance
-            open_rows = ~met[rows] & np.isfinite(missed).all(axis=1)
+            residual, slope = _exact(self.targets, weights[rows])
+            met[rows] = np.abs(residual).max(axis=1, initial=0.0) <= tolerance
+            open_rows = ~met[rows] & np.isfinite(residual).all(axis=1)
             if not left or not open_rows.any():
                 break
-            rows, missed, slope = rows[open_rows], missed[open_rows], slope[open_rows]
+            rows, residual, slope = rows[open_rows], residual[open_rows], slope[open_rows]
             response = slope @ directions  # (S, m, r)
-            latent = np.linalg.pinv(response, rcond=FIXED_FRACTION) @ missed[..., None]
+            latent = np.linalg.pinv(response, rcond=FIXED_FRACTION) @ residual[..., None]
             weights[rows] -= (directions @ latent).reshape(-1, *weights.shape[1:])
         return weights, met
 
@@ -120,23 +120,23 @@ def condition_nonlinear(
     penalty_weight, length = 0.0, np.inf
     for iteration in range(1, iterations + 1):
         inverse = np.linalg.pinv(here.response, rcond=FIXED_FRACTION)
-        goal = inverse @ (here.response @ unknown - here.missed)
+        goal = inverse @ (here.response @ unknown - here.residual)
         length = float(np.linalg.norm(goal - unknown))
-        if np.abs(here.missed).max() <= tolerance and length <= STILL:
+        if np.abs(here.residual).max() <= tolerance and length <= STILL:
             return Conditioned(search.conditioned(unknown, here.slope), promp, targets, iteration)
         # Exact penalty: the multipliers of the linearised problem are inverse' goal.
         penalty_weight = max(penalty_weight, 1.5 * float(np.abs(inverse.T @ goal).max()))
         found = search.step(unknown, goal, here, inverse, penalty_weight)
         if found is None:
-            raise _not_met(here.missed, length, iteration)
+            raise _not_met(here.residual, length, iteration)
         unknown, here = found
-    raise _not_met(here.missed, length, iterations)
+    raise _not_met(here.residual, length, iterations)
 
 
 class _LinearTargets(NamedTuple):
-    """Targets at some unknowns: missed (m,), derivatives by the weights (m, n nb) and by the unknowns."""
+    """Targets at some unknowns: residual (m,), derivatives by the weights (m, n nb) and by the unknowns."""
 
-    missed: Array
+    residual: Array
     slope: Array
     response: Array
 
@@ -169,27 +169,27 @@ class _Search:
     def at(self, unknown: Array) -> _LinearTargets:
         """The targets, linearised."""
         weights = self.weights(unknown).reshape(1, *self._promp.mean.shape)
-        missed, slope, deviation = _together(self._targets, weights)
+        residual, slope, deviation = _together(self._targets, weights)
         noise = np.diag(deviation)[:, deviation > 0.0]
         response = np.hstack([slope[0] @ self._factor.directions, noise])
-        return _LinearTargets(missed[0] + noise @ unknown[self._rank :], slope[0], response)
+        return _LinearTargets(residual[0] + noise @ unknown[self._rank :], slope[0], response)
 
     def step(
         self, unknown: Array, goal: Array, here: _LinearTargets, inverse: Array, weight: float
     ) -> tuple[Array, _LinearTargets] | None:
         """Unknowns on the line to `goal`, or near it, that lower the penalty enough; None without any."""
-        step, now = goal - unknown, _penalty(unknown, here.missed, weight)
-        predicted = now - _penalty(goal, here.missed + here.response @ step, weight)
+        step, now = goal - unknown, _penalty(unknown, here.residual, weight)
+        predicted = now - _penalty(goal, here.residual + here.response @ step, weight)
         share = 1.0
         while share >= SHORTEST:
             trial = unknown + share * step
             there = self.at(trial)
             # The residual that the step's own curvature adds is taken away to first order.
-            bent = trial - inverse @ (there.missed - (1.0 - share) * here.missed)
+            bent = trial - inverse @ (there.residual - (1.0 - share) * here.residual)
             other = self.at(bent)
-            if _penalty(bent, other.missed, weight) < _penalty(trial, there.missed, weight):
+            if _penalty(bent, other.residual, weight) < _penalty(trial, there.residual, weight):
                 trial, there = bent, other
-            if now - _penalty(trial, there.missed, weight) >= _DECREASE * share * predicted:
+            if now - _penalty(trial, there.residual, weight) >= _DECREASE * share * predicted:
                 return trial, there
             share *= 0.5
         return None
@@ -202,17 +202,17 @@ class _Search:
         return type(self._promp)(mean, covariance, self._promp.basis)
 
 
-def _penalty(unknown: Array, missed: Array, weight: float) -> float:
+def _penalty(unknown: Array, residual: Array, weight: float) -> float:
     """Half the squared deviations, and the weighted sum of residuals."""
-    return 0.5 * float(unknown @ unknown) + weight * float(np.abs(missed).sum())
+    return 0.5 * float(unknown @ unknown) + weight * float(np.abs(residual).sum())
 
 
-def _not_met(missed: Array, length: float, iterations: int) -> ConditioningError:
-    row = int(np.argmax(np.abs(missed)))
+def _not_met(residual: Array, length: float, iterations: int) -> ConditioningError:
+    row = int(np.argmax(np.abs(residual)))
     return ConditioningError(
-        f"row {row}: after {iterations} iterations the target is missed by {missed[row]:.3g}, and the last "
+        f"row {row}: after {iterations} iterations the target is missed by {residual[row]:.3g}, and the last "
         f"step had {length:.3g} standard deviations; state an accuracy, a nearer target or another start",
-        missed,
+        residual,
         row,
     )
 
@@ -221,27 +221,27 @@ def _together(targets: Sequence[NonlinearTarget], weights: Array) -> tuple[Array
     """Residuals (S, m) of weights (S, n, nb), their derivatives (S, m, n nb) and the accuracies (m,)."""
     parts = []
     for target in targets:
-        missed, slope = target.function(weights)
-        missed = np.asarray(missed, dtype=np.float64)
+        residual, slope = target.function(weights)
+        residual = np.asarray(residual, dtype=np.float64)
         rows, size = len(weights), weights[0].size
-        if missed.ndim != 2 or len(missed) != rows or np.shape(slope) != (*missed.shape, size):
+        if residual.ndim != 2 or len(residual) != rows or np.shape(slope) != (*residual.shape, size):
             raise PrompError(
                 f"function: expected shapes ({rows}, m) and ({rows}, m, {size}), "
-                f"got {missed.shape} and {np.shape(slope)}"
+                f"got {residual.shape} and {np.shape(slope)}"
             )
         deviation = finite_array("accuracy", target.accuracy)
-        if deviation.shape not in ((), missed.shape[1:]) or (deviation < 0.0).any():
+        if deviation.shape not in ((), residual.shape[1:]) or (deviation < 0.0).any():
             raise PrompError(
-                f"accuracy: expected one standard deviation, or {missed.shape[1]}, of at least 0, "
+                f"accuracy: expected one standard deviation, or {residual.shape[1]}, of at least 0, "
                 f"got {deviation}"
             )
-        parts.append((missed, slope, np.broadcast_to(deviation, missed.shape[1:])))
-    missed, slopes, deviations = zip(*parts, strict=True)
-    return np.concatenate(missed, axis=1), np.concatenate(slopes, axis=1), np.concatenate(deviations)
+        parts.append((residual, slope, np.broadcast_to(deviation, residual.shape[1:])))
+    residual, slopes, deviations = zip(*parts, strict=True)
+    return np.concatenate(residual, axis=1), np.concatenate(slopes, axis=1), np.concatenate(deviations)
 
 
 def _exact(targets: Sequence[NonlinearTarget], weights: Array) -> tuple[Array, Array]:
     """Those rows of `_together` that shall be met exactly."""
-    missed, slope, deviation = _together(targets, weights)
+    residual, slope, deviation = _together(targets, weights)
     exact = deviation == 0.0
-    return missed[:, exact], slope[:, exact]
+    return residual[:, exact], slope[:, exact]

@@ -1,4 +1,4 @@
-"""What a motion shall meet: a position, a velocity or both, at a phase, with a stated accuracy."""
+"""Via-points: a position, a velocity or both that a motion shall meet at a phase, with a stated accuracy."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -118,7 +118,7 @@ def rules(
 
 
 def count(test: ClaimTest, records: Iterable[CaseRecord]) -> Share:
-    """How often `test` says yes among the records in which it can be asked."""
+    """Share of the records in which `test` holds, among those in which it can be asked."""
     answers = [test(record) for record in records]
     asked = [answer for answer in answers if answer is not None]
     return Share(sum(asked), len(asked), len(answers) - len(asked))

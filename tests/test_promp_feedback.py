@@ -29,8 +29,9 @@ def test_drawn_motions_are_distributed_as_the_promp_and_expected_ones_follow_its
     assert np.abs(mean - found.mean).max() < 4 * found.spread.max() / np.sqrt(len(found.drawn.cost))
     assert np.abs(found.expected.joints[0] - found.mean).max() < 5e-3
     # The law brings the end-effector to the goal, nearer than tracking of the same plan does.
-    assert found.expected.missed[0] < 1e-3 and found.expected.missed[0] < found.followed.missed[0]
-    assert found.drawn.missed.max() < 0.05
+    error = found.expected.position_error[0]
+    assert error < 1e-3 and error < found.followed.position_error[0]
+    assert found.drawn.position_error.max() < 0.05
     other = simulate(goal(-1), PrompFeedback, 1, 2, deterministic=False)
     assert np.abs(other.joints - found.drawn.joints[:2]).max() > 0.01  # drawn from the seed
 

@@ -60,8 +60,8 @@ def test_grapple_points_move_with_the_target():
 
 def figures(**changes: float) -> dict:
     names = (
-        "energy energy_check start_energy work peak_power base_rate path end_position end_velocity spin_left "
-        "jolt jolt_time jolt_ratio arm1_jolt arm1_jolt_time arm2_jolt arm2_jolt_time "
+        "energy energy_check start_energy work peak_power base_rate path end_position end_velocity "
+        "spin_error jolt jolt_time jolt_ratio arm1_jolt arm1_jolt_time arm2_jolt arm2_jolt_time "
         "zeta_jolt zeta_jolt_time zeta_jolt_ratio gradient least_singular "
         "tracked_base_rate tracked_momentum lead"
     ).split()

@@ -23,7 +23,7 @@ def test_demonstrations_cover_the_workspace_and_vary_as_they_say():
         position = found.made[bands].position[rows]
         assert (found.made[bands].kind[rows] == found.made[bands].kind[rows[0]]).all()
         # All start at the end-effector's place at home.
-        np.testing.assert_allclose(found.tip[bands][rows, 0], home, atol=1e-9)
+        np.testing.assert_allclose(found.end_effector[bands][rows, 0], home, atol=1e-9)
         assert np.abs(position[:, 0] - HOME).max() < 1e-12
     assert len(found.goals) == MOST and 0.05 < np.median(distance_to_demonstrated(found)) < 1.0
     bend = {row[0]: float(row[2]) for row in variations(found).rows}

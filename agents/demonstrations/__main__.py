@@ -26,13 +26,13 @@ def parser() -> Parser:
     out.add_argument("--jobs", type=int, default=1, help="processes (default %(default)s)")
     out.add_argument("--seed", type=int, default=0, help="default %(default)s")
     out.add_argument("--difficulty", choices=DIFFICULTIES, default="medium", help="of the goals")
-    what = "space of the elastic bands' obstacles: the paper's is task; the shipped prior has %(default)s"
-    out.add_argument("--bands", choices=BANDS, default=DemonstratorConfig().bands, help=what)
+    text = "space of the elastic bands' obstacles: the paper's is task; the shipped prior has %(default)s"
+    out.add_argument("--bands", choices=BANDS, default=DemonstratorConfig().bands, help=text)
     out.add_argument(
         "--resume", action=argparse.BooleanOptionalAction, default=True, help="keep what is there"
     )
     out.add_argument(
-        "--fit", type=output_path, metavar="PATH", help="write the ProMP prior there (npz, and json beside)"
+        "--fit", type=output_path, metavar="PATH", help="write the ProMP prior there (npz and json)"
     )
     out.add_argument("--overwrite", action="store_true", help="replace the prior that is there")
     return out

@@ -17,7 +17,7 @@ State = TypeVar("State")
 
 
 class Reference(NamedTuple):
-    """What the plans of N episodes ask now, and one control period later.
+    """Reference of N episodes from their plans, now and one control period later.
 
     Attributes:
         step: (N,) control periods since the start of each plan.

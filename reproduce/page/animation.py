@@ -1,6 +1,6 @@
 """Planar robots in motion as one animated SVG: no script, no renderer, and it moves in any browser.
 
-Links are nested groups, each turned in its parent by its joint, so that a few numbers a frame make the whole
+Links are nested groups, each rotated in its parent by its joint, so that a few numbers a frame make the whole
 motion. A page may stop it and set its time through the svg element's own methods.
 """
 
@@ -31,19 +31,19 @@ class AnimatedRobot:
     """One robot with its target.
 
     Attributes:
-        base: (F, 2) m and turn (F,) rad of the base. chains: its arms.
-        target: (2,) m, target_turn: (F,) rad, grapples: (g, 2) m in the target's frame.
+        base: (F, 2) m and rotation: (F,) rad of the base. chains: its arms.
+        target: (2,) m, target_rotation: (F,) rad, grapples: (g, 2) m in the target's frame.
         trails: paths of the end-effectors, (F, 2) m each, one a chain.
-        level: (F,) what has been used up, of `most`; the bar below the robot.
-        label: what the bar says.
+        level: (F,) quantity used so far, of `most`; the bar below the robot.
+        label: of the bar.
     """
 
     title: str
     base: Array
-    turn: Array
+    rotation: Array
     chains: Sequence[Chain]
     target: Array
-    target_turn: Array
+    target_rotation: Array
     grapples: Array
     trails: Sequence[Array]
     level: Array
@@ -152,7 +152,7 @@ def _scene(scene: AnimatedRobot, clock: _Clock) -> list[str]:
         )
     x, y = scene.target
     parts.append(f'<g transform="translate({_number(x, 3)} {_number(y, 3)})"><g>')
-    parts.append(clock.transform("rotate", np.rad2deg(scene.target_turn)))
+    parts.append(clock.transform("rotate", np.rad2deg(scene.target_rotation)))
     half = np.abs(scene.grapples).max()
     parts.append(
         f'<rect x="-0.2" y="{_number(-0.72 * half, 3)}" width="0.4" height="{_number(1.44 * half, 3)}" '
@@ -166,7 +166,7 @@ def _scene(scene: AnimatedRobot, clock: _Clock) -> list[str]:
     parts.append("<g>")
     parts.append(clock.transform("translate", scene.base))
     parts.append("<g>")
-    parts.append(clock.transform("rotate", np.rad2deg(scene.turn)))
+    parts.append(clock.transform("rotate", np.rad2deg(scene.rotation)))
     parts.append(
         '<rect x="-0.5" y="-0.5" width="1" height="1" rx="0.06" stroke="currentColor" '
         'fill="currentColor" fill-opacity="0.1"/><path d="M0 0.14V-0.14M-0.14 0H0.14" stroke="currentColor" '

@@ -60,7 +60,7 @@ class Picture:
 
     @property
     def source(self) -> str:
-        """For an img element that needs no file."""
+        """Data URL for an img element."""
         return "data:image/jpeg;base64," + base64.b64encode(self.jpeg).decode("ascii")
 
 
@@ -76,7 +76,7 @@ class Section:
 
     @property
     def anchor(self) -> str:
-        """Of the heading, for the list of contents."""
+        """Anchor of the heading, for the list of contents."""
         return "".join(c if c.isalnum() else "-" for c in self.title.lower())
 
 

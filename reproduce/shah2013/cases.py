@@ -1,4 +1,4 @@
-"""The canonical case and random ones: where the arms start, where the target is, and how it turns."""
+"""The canonical case and random ones: start of the arms, pose and spin of the target."""
 
 from dataclasses import asdict, dataclass
 from functools import cache
@@ -22,7 +22,7 @@ JOINT_LIMITS = np.column_stack([-_LARGEST, _LARGEST])  # (6, 2) rad
 
 @dataclass(frozen=True)
 class CaptureCase:
-    """What is given: the satellite at rest at the origin, and a target whose centre rests while it turns.
+    """Start and target: the satellite rests at the origin, the target rotates about its static centre.
 
     Attributes:
         index: number of the case; -1 for the canonical one. start: (6,) rad, arm 1 first.
@@ -61,7 +61,7 @@ class CaptureCase:
 
 # shah2013 gives the target's centre, the end velocities (-+0.01, 0) m/s and the arms' rest at the start. The
 # start configuration, the grapple points and the duration stood in a figure that is lost; these are our
-# choice: grapple points 0.3 m from the centre, which then turns at -1/30 rad/s.
+# choice: grapple points 0.3 m from the centre, which then rotates at -1/30 rad/s.
 CANONICAL = CaptureCase(
     index=-1,
     start=(0.0, 1.8, -1.5, 0.9, -0.6, 1.0),
@@ -74,7 +74,7 @@ CANONICAL = CaptureCase(
 
 @dataclass(frozen=True)
 class Sampler:
-    """How random cases are drawn: uniformly, each quantity by itself, about the canonical case.
+    """Distribution of random cases: uniform, each quantity by itself, around the canonical case.
 
     A draw is kept if every joint is within its limits and both grapple points lie within a share `reach` of
     what their arms can reach from the system's centre of mass; nearly stretched arms are singular. No other

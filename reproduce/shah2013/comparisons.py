@@ -150,10 +150,10 @@ def _animated(planned: PlannedCase, method: DualArmMethod, most: float) -> Anima
     return AnimatedRobot(
         title=method.title,
         base=course.base[rows],
-        turn=np.zeros(FRAMES),
+        rotation=np.zeros(FRAMES),
         chains=chains,
         target=np.array(case.centre),
-        target_turn=case.angle + case.spin * (course.time[rows] - course.time[-1]),
+        target_rotation=case.angle + case.spin * (course.time[rows] - course.time[-1]),
         grapples=case.grapples,
         trails=[course.place[rows, arm] for arm in range(2)],
         level=course.energy[rows],

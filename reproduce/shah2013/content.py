@@ -118,7 +118,7 @@ def _files(
         "cases": list(records),
     }
     curves = [
-        (key, *map(float, (c.time[k], *c.zeta[k], *c.turning[k], c.base_rate[k], c.energy[k], c.power[k])))
+        (key, *map(float, (c.time[k], *c.zeta[k], *c.angular[k], c.base_rate[k], c.energy[k], c.power[k])))
         for key, c in planned.curves.items()
         for k in range(0, len(c.time), 4)
     ]

@@ -98,7 +98,7 @@ def method_figure(planned: PlannedCase, method: DualArmMethod) -> Figure | None:
     )
     draws = (
         _pair(course, course.zeta, "ζ", "null-space velocity ζ [rad/s]"),
-        _pair(course, course.turning, "ω", "dependent velocities [rad/s]"),
+        _pair(course, course.angular, "ω", "dependent velocities [rad/s]"),
         lambda axes: _draw_base_rates(axes, planned, method.key),
         lambda axes: _draw_energy(axes, course, method.colour),
         lambda axes: _draw_power(axes, course, method.colour),

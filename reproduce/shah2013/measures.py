@@ -1,4 +1,4 @@
-"""What is read off a plan for figures and claims, by code that shares nothing with the planners.
+"""Measures of a plan for figures and claims, by code that shares nothing with the planners.
 
 Quantities are recomputed from the plan's joint motion alone, with the momentum-level mathematics of
 `space_envs.dynamics`, between the planner's own nodes too.
@@ -24,15 +24,15 @@ SAMPLES = 1001  # of a motion; every 20 ms of 20 s
 
 @dataclass(frozen=True, eq=False)
 class Curves:
-    """A plan's course, K samples.
+    """Curves of a plan, K samples.
 
     Attributes:
         time: (K,) s. position, rate: (K, 6) rad and rad/s of the joints. base: (K, 2) m, the satellite's
             centre of mass, which moves since the system's stays.
         velocity: (K, 4) m/s of the end-effectors: v1x, v1y, v2x, v2y, the independent velocities.
-        place: (K, 2, 2) m, end-effectors. turning: (K, 2) rad/s, w1z and w2z, the dependent velocities.
-        zeta: (K, 2) rad/s, the part of `turning` in the null space of eq. 9; what else zeta of the paper
-            may hold has no effect.
+        place: (K, 2, 2) m, end-effectors. angular: (K, 2) rad/s, w1z and w2z, the dependent velocities.
+        zeta: (K, 2) rad/s, the part of `angular` in the null space of eq. 9; the rest of the paper's
+            zeta has no effect.
         base_rate: (K,) rad/s of the base at zero momentum: the re-integration that the paper shows.
         cost: (K,) J, thetadot' I_m thetadot, the integrand of eq. 15. energy: (K,) J s, its integral so far.
         torque: (K, 6) N m. power: (K,) W, sum over the joints of |torque rate|; net: (K,) W, of torque rate.
@@ -44,7 +44,7 @@ class Curves:
     base: Array
     velocity: Array
     place: Array
-    turning: Array
+    angular: Array
     zeta: Array
     base_rate: Array
     cost: Array
@@ -68,7 +68,7 @@ def curves(plan: CapturePlan, samples: int = SAMPLES) -> Curves:
     columns = np.ascontiguousarray(position.T), np.ascontiguousarray(rate.T)
     cost = 2.0 * np.array(energy(*columns, np.ascontiguousarray(twist.T))).ravel()
     forces = np.array(torque(*columns, np.ascontiguousarray(acceleration.T))).T
-    turning = _along(now.angular, rate)[:, :, 2]
+    angular = _along(now.angular, rate)[:, :, 2]
     each = forces * rate
     return Curves(
         time=time,
@@ -77,7 +77,7 @@ def curves(plan: CapturePlan, samples: int = SAMPLES) -> Curves:
         base=base[:, :2],
         velocity=_along(now.linear, rate)[:, :, :2].reshape(-1, 4),
         place=(now.position + base[:, None])[:, :, :2],
-        turning=turning,
+        angular=angular,
         zeta=null_velocities(robot, position, rate),
         base_rate=twist[:, 5],
         cost=cost,
@@ -89,7 +89,7 @@ def curves(plan: CapturePlan, samples: int = SAMPLES) -> Curves:
 
 
 def polynomial(case: CaptureCase, start: Array, time: Array) -> Array:
-    """Eq. 10: the end-effectors' places (K, 2, 2) m on the way from `start` (2, 2) to the grapple points."""
+    """Eq. 10: positions (K, 2, 2) m of the end-effectors from `start` (2, 2) to the grapple points."""
     goal, s = case.capture, (time / case.duration)[:, None, None]
     end, speed = goal.position[:, :2], goal.velocity[:, :2]
     v = (end - start) / case.duration
@@ -98,12 +98,12 @@ def polynomial(case: CaptureCase, start: Array, time: Array) -> Array:
 
 
 def free_direction(robot: FloatingRobot, position: Array) -> Array:
-    """Unit joint rates (K, 6) that move no end-effector and do not turn the base."""
+    """Unit joint rates (K, 6) that move no end-effector and do not rotate the base."""
     return np.linalg.svd(task_rows(robot, position))[2][..., -1, :]
 
 
 def task_rows(robot: FloatingRobot, position: Array) -> Array:
-    """[J_g linear; I_bm~ up to a factor] (K, 5, 6): what v and w0 = 0 ask of the joint rates."""
+    """[J_g linear; I_bm~ up to a factor] (K, 5, 6): constraints of v and w0 = 0 on the joint rates."""
     now = end_effectors(robot, position)
     return np.concatenate([now.linear[..., :2, :].reshape(-1, 4, 6), now.turning[..., 2:, :]], axis=-2)
 
@@ -114,7 +114,7 @@ def record(plan: CapturePlan, course: Curves, case: CaptureCase) -> dict[str, An
     energy, J s (of the planner); energy_check, J s (quadrature of `Curves`); start_energy, J, kinetic, that a
     jump of the rates at t = 0 needs; work, J, of the drives, that included; peak_power, W; base_rate, rad/s,
     largest; path, m, largest distance from eq. 10 along x or y; end_position, m, and end_velocity, m/s,
-    missed; spin_left, rad/s, of the end-effectors against the target; jolt, rad/s^2, fastest change of the
+    missed; spin_error, rad/s, of the end-effectors against the target; jolt, rad/s^2, fastest change of the
     dependent velocities, at jolt_time, s, and jolt_ratio, over its mean; arm1_jolt, arm2_jolt and so on, the
     same of one arm's alone, and zeta_jolt and so on of zeta; gradient, the cosine between the joint rates and
     the free direction in the metric of I_m: zero where the instantaneous energy cannot be lowered;
@@ -132,10 +132,10 @@ def record(plan: CapturePlan, course: Curves, case: CaptureCase) -> dict[str, An
         "path": float(np.abs(course.place - polynomial(case, course.place[0], course.time)).max()),
         "end_position": float(np.abs(course.place[-1] - goal.position[:, :2]).max()),
         "end_velocity": float(np.abs(course.velocity[-1] - goal.velocity[:, :2].ravel()).max()),
-        "spin_left": float(np.abs(course.turning[-1] - case.spin).max()),
-        **_jolt("jolt", course.time, course.turning),
-        **_jolt("arm1_jolt", course.time, course.turning[:, :1]),
-        **_jolt("arm2_jolt", course.time, course.turning[:, 1:]),
+        "spin_error": float(np.abs(course.angular[-1] - case.spin).max()),
+        **_jolt("jolt", course.time, course.angular),
+        **_jolt("arm1_jolt", course.time, course.angular[:, :1]),
+        **_jolt("arm2_jolt", course.time, course.angular[:, 1:]),
         **_jolt("zeta_jolt", course.time, course.zeta),
         "gradient": _gradient(robot, course),
         "least_singular": float(np.linalg.svd(task_rows(robot, course.position))[1][:, -1].min()),
@@ -143,7 +143,7 @@ def record(plan: CapturePlan, course: Curves, case: CaptureCase) -> dict[str, An
 
 
 def _jolt(name: str, time: Array, velocity: Array) -> dict[str, float]:
-    """How fast a velocity (K, m) changes at most, when, and how much faster than on average."""
+    """Fastest change of a velocity (K, m), its time, and its ratio to the mean."""
     step = time[1] - time[0]
     change = np.linalg.norm(np.diff(velocity, axis=0), axis=1) / step
     fastest, mean = int(change.argmax()), float(change.mean())

@@ -1,4 +1,4 @@
-"""What is worked out about a case: all plans, their figures, and their simulation at torque level."""
+"""Results of a case: all plans, their figures, and their simulation at torque level."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -88,7 +88,7 @@ def work_out(case: CaptureCase, fine: bool = False) -> PlannedCase:
 
 
 def settings(how: Tracking) -> str:
-    """A setting of the simulation, in words."""
+    """Settings of a simulation, in words."""
     fed_back = ", attitude fed back" if how.attitude_gain else ""
     return f"step {1000 * how.timestep:g} ms, torques held for {1000 * how.control_period:g} ms{fed_back}"
 
@@ -99,7 +99,7 @@ def case_record(index: int, seed: int, sampler: Sampler) -> CaseRecord:
 
 
 def recipe(seed: int, sampler: Sampler) -> dict[str, Any]:
-    """All that decides the records of random cases."""
+    """Values that determine the records of random cases."""
     suite, own = Path(space_envs.__file__).parent, Path(__file__).parent
     sources = [
         Path(problem.__file__).parent,

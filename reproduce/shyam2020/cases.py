@@ -1,4 +1,4 @@
-"""What is planned for: goals of the test split, and one of the validation split in place of the paper's.
+"""Goals to plan for: those of the test split, and one of the validation split in place of the paper's.
 
 The paper's own goal pose stands in a picture only. Nothing of this project was tuned on the test split.
 """
@@ -38,7 +38,7 @@ class GoalCase:
     quaternion: Array
 
     def reach(self, keep_attitude: bool = False, spheres: Array | None = None) -> Reach:
-        """What optimal planners are asked."""
+        """The problem of optimal planners."""
         return Reach(
             self.start, self.position, self.quaternion, keep_attitude=keep_attitude, spheres=spheres, c=C
         )
@@ -80,13 +80,13 @@ def check_count(count: int) -> None:
 
 @cache
 def context() -> PolicyContext:
-    """What planners are told about the task."""
+    """The context that planners are built with."""
     return PolicyContext.from_env(CaptureVectorEnv(ENV_ID, difficulty=DIFFICULTY))
 
 
 @cache
 def limits() -> Limits:
-    """Of the model: joint range, rates, accelerations and torques."""
+    """Limits of the model: joint range, rates, accelerations and torques."""
     at = context()
     return Limits(
         position=at.joint_limits,

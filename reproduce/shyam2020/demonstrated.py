@@ -25,12 +25,12 @@ class DemonstratedWorkspace:
     """D demonstrations with each kind of elastic bands, and the goals of the test split.
 
     Attributes:
-        made: by bands, task and joint. tip: (D, T, 3) m of the end-effector, inertial frame, likewise.
+        made: by bands, task and joint. end_effector: (D, T, 3) m, inertial frame, likewise.
         goals: (K, 3) m, of the test split.
     """
 
     made: Mapping[str, Demonstrations]
-    tip: Mapping[str, Array]
+    end_effector: Mapping[str, Array]
     goals: Array
 
     def rows(self, name: str) -> tuple[str, NDArray[np.int64]]:
@@ -48,17 +48,17 @@ def cover(seed: int, count: int = COUNT) -> DemonstratedWorkspace:
     """
     arm = context().arm
     made = {bands: demonstrate(replace(DemonstratorConfig(), bands=bands), seed, 0, count) for bands in BANDS}
-    tips = {}
+    paths = {}
     for bands, each in made.items():
         base, attitude = roll_out_base(arm, each.position, each.velocity, float(each.time[1]))
-        tips[bands] = base + rotate(attitude, end_effector_path(arm, each.position))
+        paths[bands] = base + rotate(attitude, end_effector_path(arm, each.position))
     goals = SingleArmTask(difficulty=DIFFICULTY).goals("test", np.arange(SPLIT_SIZE["test"])).position
-    return DemonstratedWorkspace(made, tips, goals)
+    return DemonstratedWorkspace(made, paths, goals)
 
 
 def distance_to_demonstrated(found: DemonstratedWorkspace) -> Array:
     """Distances (K,) m of test goals from the nearest end of a demonstration with the paper's variations."""
-    return KDTree(found.tip[PAPER][:, -1]).query(found.goals)[0]
+    return KDTree(found.end_effector[PAPER][:, -1]).query(found.goals)[0]
 
 
 def bends(made: Demonstrations) -> Array:

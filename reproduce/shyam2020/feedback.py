@@ -24,14 +24,14 @@ class SimulatedEpisodes:
     """E episodes of a policy in MuJoCo, from home to one goal.
 
     Attributes:
-        time: (T,) s. joints: (E, T, 7) rad. missed: (E,) m and turned_off: (E,) rad, of the end-effector at
-            the end of the motion. attitude: (E,) rad, of the base there. cost: (E,) m^2/s, eq. 20 times dt.
+        time: (T,) s. joints: (E, T, 7) rad. position_error: (E,) m and rotation_error: (E,) rad, of the
+            end-effector at the end. attitude: (E,) rad, of the base there. cost: (E,) m^2/s, eq. 20 times dt.
     """
 
     time: Array
     joints: Array
-    missed: Array
-    turned_off: Array
+    position_error: Array
+    rotation_error: Array
     attitude: Array
     cost: Array
 

@@ -1,4 +1,4 @@
-"""What a joint motion does, measured alike for every planner by code that none of them uses to plan."""
+"""Measures of a joint motion, alike for every planner and by code that none of them uses to plan."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -24,8 +24,8 @@ class Course:
 
     Attributes:
         time: (K,) s. joints, rate, acceleration: (K, 7). twist: (K, 6) of the base [v; w], its own axes.
-        base: (K, 3) m and attitude: (K, 4) of the base, inertial. tip: (K, 3) m, end-effector, inertial.
-        tip_attitude: (4,) of the end-effector at the end.
+        base: (K, 3) m and attitude: (K, 4) of the base, inertial. end_effector: (K, 3) m, inertial.
+        final_attitude: (4,) of the end-effector at the end.
         running: (K,) m^2/s, eq. 20 times dt so far.
     """
 
@@ -36,8 +36,8 @@ class Course:
     twist: Array
     base: Array
     attitude: Array
-    tip: Array
-    tip_attitude: Array
+    end_effector: Array
+    final_attitude: Array
     running: Array
 
     @property
@@ -117,7 +117,7 @@ def course(motion: JointMotion | JointPath, samples: int = SAMPLES) -> Course:
 
 
 def figures(course: Course, case: GoalCase) -> Mapping[str, float]:
-    """What claims and tables are made of, plain floats.
+    """Figures that claims and tables are made of, plain floats.
 
     cost, m^2/s, eq. 20 times dt; end_attitude, peak_attitude, rad, and shift, m, largest, of the base;
     position_error, m, and rotation_error, rad, of the end-effector at the end; end_rate, rad/s, of the joints
@@ -132,8 +132,8 @@ def figures(course: Course, case: GoalCase) -> Mapping[str, float]:
         "end_attitude": float(course.angle[-1]),
         "peak_attitude": float(course.angle.max()),
         "shift": float(np.linalg.norm(course.base, axis=1).max()),
-        "position_error": float(np.linalg.norm(course.tip[-1] - case.position)),
-        "rotation_error": float(angle_between(course.tip_attitude, case.quaternion)),
+        "position_error": float(np.linalg.norm(course.end_effector[-1] - case.position)),
+        "rotation_error": float(angle_between(course.final_attitude, case.quaternion)),
         "end_rate": float(np.abs(course.rate[-1]).max()),
         "peak_rate": float(np.abs(course.rate).max()),
         "peak_acceleration": float(np.abs(course.acceleration).max()),

@@ -21,10 +21,10 @@ from reproduce.shyam2020.measures import Course, course, figures
 from reproduce.shyam2020.methods import METHODS, optimal_control
 from reproduce.shyam2020.sampling import DrawnSamples, draw_samples, sample_figures
 from reproduce.shyam2020.steps import (
-    ball_figures,
     encoding_figures,
     literal_figures,
     locked_figures,
+    sphere_figures,
     via_point_figures,
 )
 
@@ -44,7 +44,7 @@ def work_out(case: GoalCase, seed: int) -> PlannedGoal:
 
     The record is a plain JSON object: `index`; `goal`; `methods` with the figures of
     `reproduce.shyam2020.measures.figures`, or cause and reason of a failure; `once`, optimal control from a
-    single start; `samples`, `via_point`, `literal`, `locked`, `encoding`, `ball` as
+    single start; `samples`, `via_point`, `literal`, `locked`, `encoding`, `sphere` as
     `sampling` and `steps` say, None where they cannot be asked; and `timing`, s, which alone depends
     on the clock.
     """
@@ -80,7 +80,7 @@ def work_out(case: GoalCase, seed: int) -> PlannedGoal:
         "literal": literal_figures(case),
         "locked": locked_figures(case),
         "encoding": encoding,
-        "ball": ball_figures(case, drawn) if drawn else None,
+        "sphere": sphere_figures(case, drawn) if drawn else None,
         "timing": timing,
     }
     return PlannedGoal(case, courses, drawn, record)
@@ -88,7 +88,7 @@ def work_out(case: GoalCase, seed: int) -> PlannedGoal:
 
 @cache
 def _warm(seed: int) -> None:
-    """What is compiled or loaded at a planner's first call does not count as planning."""
+    """Call every planner once: compiling and loading do not count as planning."""
     for method in METHODS.values():
         method.plan(goal(-1), seed)
 
@@ -99,7 +99,7 @@ def case_record(index: int, seed: int) -> CaseRecord:
 
 
 def recipe(seed: int) -> dict[str, Any]:
-    """All that decides the records."""
+    """Values that determine the records."""
     own, suite = Path(__file__).parent, Path(space_envs.__file__).parent
     sources = [
         Path(agents.__file__).parent / "planners" / "common",

@@ -33,8 +33,9 @@ class DrawnSamples:
 
     Attributes:
         goal: (7,) rad, the joint goal. weights: (S, 7, nb). motion: (S, T, 7).
-        cost: (S,) m^2/s. attitude: (S, T, 4) and base: (S, T, 3) m of the base. tip: (S, T, 3) m.
-        missed: (S,) m and turned_off: (S,) rad, of the end-effector from the goal pose at the end.
+        cost: (S,) m^2/s. attitude: (S, T, 4) and base: (S, T, 3) m of the base.
+        end_effector: (S, T, 3) m.
+        position_error: (S,) m and rotation_error: (S,) rad, of the end-effector at the end.
         within: (S,) bool, whether joint angles, rates and accelerations keep the limits.
     """
 
@@ -44,9 +45,9 @@ class DrawnSamples:
     cost: Array
     attitude: Array
     base: Array
-    tip: Array
-    missed: Array
-    turned_off: Array
+    end_effector: Array
+    position_error: Array
+    rotation_error: Array
     within: NDArray[np.bool_]
 
     @property
@@ -94,8 +95,8 @@ def draw_samples(
     twist = arm.base_twist(motion.position, motion.velocity)
     base, attitude = roll_out_base(arm, motion.position, motion.velocity, motion.dt, twist=twist)
     local, axes = arm.end_effector_pose(motion.position)
-    tip = base + rotate(attitude, local)
-    turn = multiply(attitude[:, -1], from_matrix(axes[:, -1]))
+    end_effector = base + rotate(attitude, local)
+    rotation = multiply(attitude[:, -1], from_matrix(axes[:, -1]))
     low, high = context().joint_limits.T
     within = ((motion.position >= low) & (motion.position <= high)).all(axis=(1, 2))
     within &= (np.abs(motion.velocity) <= context().rate_limit).all(axis=(1, 2))
@@ -107,22 +108,25 @@ def draw_samples(
         trajectory_cost(arm, motion.position, motion.velocity, motion.dt, context().c),
         attitude,
         base,
-        tip,
-        np.linalg.norm(tip[:, -1] - case.position, axis=1),
-        angle_between(turn, np.broadcast_to(case.quaternion, turn.shape)),
+        end_effector,
+        np.linalg.norm(end_effector[:, -1] - case.position, axis=1),
+        angle_between(rotation, np.broadcast_to(case.quaternion, rotation.shape)),
         within,
     )
 
 
 def sample_figures(drawn: DrawnSamples) -> dict[str, Any]:
-    """What is told of the samples: every cost, m^2/s, and end attitude, rad, how many keep the limits, what
-    the end-effectors miss at most, m and rad, and the rank correlation of cost and end attitude."""
+    """Figures of the samples.
+
+    They are every cost, m^2/s, and end attitude, rad; how many keep the limits; the largest goal errors, m
+    and rad; and the rank correlation of cost and end attitude.
+    """
     return {
         "cost": drawn.cost.tolist(),
         "end_attitude": drawn.end_attitude.tolist(),
         "within": int(drawn.within.sum()),
-        "missed": float(drawn.missed.max()),
-        "turned_off": float(drawn.turned_off.max()),
+        "position_error": float(drawn.position_error.max()),
+        "rotation_error": float(drawn.rotation_error.max()),
         "rank_correlation": _rank_correlation(drawn.cost, drawn.end_attitude),
     }
 

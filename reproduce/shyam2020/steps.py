@@ -1,4 +1,4 @@
-"""Single steps and promises of the paper's algorithm put to the test, each on one goal."""
+"""Tests of single steps and claims of the paper's algorithm, each on one goal."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -24,7 +24,7 @@ from space_envs.dynamics.rotations import Array, angle_between
 from space_envs.dynamics.spheres import link_ends, sphere_gaps
 from space_envs.robots.parameters import SINGLE_ARM
 
-BALL_RADIUS = 0.1  # m, of the sphere in the path of the arm
+SPHERE_RADIUS = 0.1  # m, of the sphere in the path of the arm
 ROOM = 0.03  # m, that the links have from it at start and goal; else the case is not asked about
 PLACES = 50  # times at which places for it are looked for
 LOCKED_STARTS = 25  # of the search with a joint locked
@@ -32,7 +32,7 @@ BEND = 0.1  # rad, of every joint at the via-point, away from the mean
 
 
 def via_point_figures(case: GoalCase, goal: Array) -> dict[str, float]:
-    """How far the ProMP conditioned on start, goal and a via-point passes from them, rad, at most."""
+    """Largest error, rad, of a ProMP conditioned on start, goal and a via-point, at these."""
     bare, rest = shipped_prior(), np.zeros_like(goal)
     duration = float(prior().times[-1])
     ends = [ViaPoint(0.0, case.start, rest, duration), ViaPoint(1.0, goal, rest, duration)]
@@ -43,7 +43,7 @@ def via_point_figures(case: GoalCase, goal: Array) -> dict[str, float]:
 
 
 def literal_figures(case: GoalCase) -> dict[str, float]:
-    """Where the end-effector arrives if the joint goal is found as if the base stayed, m and rad."""
+    """Goal errors, m and rad, where the joint goal is found as if the base did not move."""
     at, arm = prior(), context().arm
     start = case.start[None]
     found = inverse_kinematics(
@@ -53,14 +53,17 @@ def literal_figures(case: GoalCase) -> dict[str, float]:
     motion = at.motion(weights)
     done = course(motion)
     return {
-        "missed": float(np.linalg.norm(done.tip[-1] - case.position)),
-        "turned_off": float(angle_between(done.tip_attitude, case.quaternion)),
+        "position_error": float(np.linalg.norm(done.end_effector[-1] - case.position)),
+        "rotation_error": float(angle_between(done.final_attitude, case.quaternion)),
     }
 
 
 def encoding_figures(motion: JointMotion) -> dict[str, float]:
-    """A motion of the demonstrating controller in the ProMP's weights: largest error over the largest joint
-    displacement, and the numbers that the motion and its weights have."""
+    """A motion of the demonstrating controller in the ProMP's weights.
+
+    Figures are the largest error over the largest joint displacement, and the numbers that the motion and its
+    weights have.
+    """
     positions, velocities = motion.position[None], motion.velocity[None]
     basis, duration = shipped_prior().basis, motion.dt * (len(motion.position) - 1)
     fitted = ProMP.fit(positions, velocities, duration=duration, basis=basis)
@@ -74,9 +77,9 @@ def encoding_figures(motion: JointMotion) -> dict[str, float]:
 
 
 def locked_figures(case: GoalCase, starts: int = LOCKED_STARTS) -> dict[str, int]:
-    """With how many single joints locked where they start a search finds a minimum jerk to the goal.
+    """Number of single joints with which locked a search finds a minimum-jerk motion to the goal.
 
-    The search is local, so that one start that leads nowhere says nothing: it is made from `starts` joint
+    The search is local, so that a failure from one start proves nothing: it is made from `starts` joint
     goals, the first the start itself, the others drawn within the joint limits. What none of them finds may
     exist all the same.
     """
@@ -111,34 +114,38 @@ def locked_figures(case: GoalCase, starts: int = LOCKED_STARTS) -> dict[str, int
     return {"still": found_with, "of": len(case.start), "starts": starts}
 
 
-def ball_on_the_way(mean: Course) -> Array | None:
-    """A ball (1, 4) on a link's way along the mean: of the places that the arm passes, the one farthest from
-    where it starts and ends. None where no place is far enough from both."""
+def sphere_in_the_path(mean: Course) -> Array | None:
+    """A sphere (1, 4) in the path of a link along the mean, as far as possible from the arm at both ends.
+
+    None where no place is far enough from both.
+    """
     robot = context().arm
     ends = link_ends(robot, mean.joints, mean.base, mean.attitude)
     passed = ends[:: len(ends) // PLACES].reshape(-1, 3)
-    balls = np.column_stack([passed, np.full(len(passed), BALL_RADIUS)])
-    gaps = sphere_gaps(ends[[0, -1]], balls[None], SINGLE_ARM.link_radius).min(axis=(0, 1))
+    spheres = np.column_stack([passed, np.full(len(passed), SPHERE_RADIUS)])
+    gaps = sphere_gaps(ends[[0, -1]], spheres[None], SINGLE_ARM.link_radius).min(axis=(0, 1))
     best = int(gaps.argmax())
-    return balls[best : best + 1] if gaps[best] >= ROOM else None
+    return spheres[best : best + 1] if gaps[best] >= ROOM else None
 
 
-def ball_figures(case: GoalCase, drawn: DrawnSamples) -> Mapping[str, Any] | None:
-    """A ball on the mean's way: how many samples are clear of it, and whether the weight-space planner finds
-    a motion that is. None where there is no place for one."""
-    ball = ball_on_the_way(course(prior().motion(drawn.weights.mean(axis=0))))
-    if ball is None:
+def sphere_figures(case: GoalCase, drawn: DrawnSamples) -> Mapping[str, Any] | None:
+    """Figures of a sphere in the mean's path: how many samples are clear of it, and a plan in the weights.
+
+    None where there is no place for a sphere.
+    """
+    sphere = sphere_in_the_path(course(prior().motion(drawn.weights.mean(axis=0))))
+    if sphere is None:
         return None
     ends = link_ends(context().arm, drawn.motion.position, drawn.base, drawn.attitude)
-    clear = sphere_gaps(ends, ball, SINGLE_ARM.link_radius).min(axis=(1, 2, 3)) > 0.0
+    clear = sphere_gaps(ends, sphere, SINGLE_ARM.link_radius).min(axis=(1, 2, 3)) > 0.0
     usable = clear & drawn.within
-    found = planner(False).plan(case.reach(spheres=ball))
+    found = planner(False).plan(case.reach(spheres=sphere))
     refined: dict[str, Any]
     if isinstance(found, Failure):
         refined = {"cause": str(found.cause), "reason": found.reason}
     else:
         done = course(found)
-        refined = {"cost": done.cost, "gap": float(_gaps(done, ball).min())}
+        refined = {"cost": done.cost, "gap": float(_gaps(done, sphere).min())}
     return {
         "clear": int(clear.sum()),
         "usable": int(usable.sum()),
@@ -147,7 +154,7 @@ def ball_figures(case: GoalCase, drawn: DrawnSamples) -> Mapping[str, Any] | Non
     }
 
 
-def _gaps(done: Course, ball: Array) -> Array:
-    """Least gap (K,) m between any link and the ball."""
+def _gaps(done: Course, sphere: Array) -> Array:
+    """Least gap (K,) m between any link and the sphere."""
     ends = link_ends(context().arm, done.joints, done.base, done.attitude)
-    return sphere_gaps(ends, ball, SINGLE_ARM.link_radius).min(axis=(1, 2))
+    return sphere_gaps(ends, sphere, SINGLE_ARM.link_radius).min(axis=(1, 2))

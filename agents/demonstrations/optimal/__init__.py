@@ -1,1 +1,1 @@
-"""Libraries of optimal motions over the goals of the train split, made anew."""
+"""Libraries of optimal motions over the goals of the train split, and how they are made."""

@@ -47,7 +47,7 @@ class LibraryRecipe:
 
     @property
     def name(self) -> str:
-        """Of the library's file."""
+        """Name of the library's file."""
         return library_name(self.keep_attitude, self.limited)
 
 

@@ -23,7 +23,7 @@ def first_motion(
     """The best of several starts: coordinates, cost (infinite if no start led to the goal), their number."""
     space, bounds, rows = planner.setting(reach)
     rest = np.zeros((len(reach.start), space.free))
-    # To first order an arm at rest cannot turn its base back: those that shall start around the free motion.
+    # To first order an arm at rest cannot rotate its base back: these start around an unconstrained motion.
     centre = minimise(space, bounds, rest, False, rows).y if reach.keep_attitude else rest
     around = centre + SPREAD * rng.standard_normal((STARTS, *rest.shape))
     begins = [*around] if reach.keep_attitude else [rest, *around]

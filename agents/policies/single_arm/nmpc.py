@@ -54,7 +54,7 @@ class NMPC(BasePolicy):
         self.controller = Controller(context.arm, limits, context.c, library, self.weights)
 
     def target(self, observation: Array) -> Target:
-        """Where the goal of one observation (size,) will be: it keeps the velocity observed, if any."""
+        """Predicted goal of one observation (size,): it keeps the velocity observed, if any."""
         layout, read = self.context.layout, self.context.layout.read
         twist = np.zeros(6)
         for part, name in ((twist[:3], "goal_linear_velocity"), (twist[3:], "goal_angular_velocity")):

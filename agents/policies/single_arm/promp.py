@@ -33,8 +33,8 @@ def shipped_prior() -> ProMP:
 class ConditionedPrior:
     """A ProMP conditioned on any start and goal states at once: the gain of eq. 19, which they all share.
 
-    Only the mean depends on the states (eq. 18), and it does so linearly; the gain and the distribution of
-    what is left free are computed once.
+    Only the mean depends on the states (eq. 18), and it does so linearly; the gain and the
+    distribution that conditioning leaves are computed once.
 
     Args:
         prior: of the weights (n, nb). times: (T,) s, of the motion's samples.
@@ -61,8 +61,8 @@ class ConditionedPrior:
     def weights(self, start: Array, rate: Array, goal: Array) -> Array:
         """Conditional means (N, n, nb): from `start` (N, n) rad with `rate` (N, n) rad/s to rest at goal."""
         state = np.concatenate([start, rate, goal, np.zeros_like(goal)], axis=1)
-        missed = state - self._features @ self._mean.ravel()
-        return self._mean + (self._gain @ missed[..., None]).reshape(-1, *self._mean.shape)
+        residual = state - self._features @ self._mean.ravel()
+        return self._mean + (self._gain @ residual[..., None]).reshape(-1, *self._mean.shape)
 
     def moved(self, weights: Array, shift: Array) -> Array:
         """Weights (N, n, nb) with their goals moved by `shift` (N, n) rad and the other end states kept."""
@@ -136,7 +136,7 @@ class ProMPPolicy(JointGoalPolicy):
         return prior.motion(prior.moved(weights, goals.position - first)), goals
 
     def _chosen(self, mean: Array, keep_out: KeepOut | None) -> Array:
-        """Of each row's samples within all limits, and clear, the weights (N, n, nb) of least cost.
+        """Weights (N, n, nb) of least cost among each row's samples that keep the limits and are clear.
 
         The mean where there are none.
         """

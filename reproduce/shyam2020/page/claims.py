@@ -56,6 +56,11 @@ def attitude_spread(record: CaseRecord) -> float | None:
     return min(samples["end_attitude"]) / mean["end_attitude"] if samples and mean else None
 
 
+def captured(found: dict[str, Any]) -> bool:
+    """Whether errors at the goal are within the suite's envelope of a capture."""
+    return found["position_error"] <= ENVELOPE[0] and found["rotation_error"] <= ENVELOPE[1]
+
+
 def faster(record: CaseRecord, key: str, other: str, share: float) -> bool | None:
     """Whether a method plans in at most a share of another's time."""
     if not (figures_of(record, key) and figures_of(record, other)):
@@ -80,8 +85,7 @@ def unseen(record: CaseRecord) -> bool | None:
 
 
 def literal(record: CaseRecord) -> bool | None:
-    found = record["literal"]
-    return found["missed"] <= ENVELOPE[0] and found["turned_off"] <= ENVELOPE[1]
+    return captured(record["literal"])
 
 
 def via_point(record: CaseRecord) -> bool | None:
@@ -89,8 +93,7 @@ def via_point(record: CaseRecord) -> bool | None:
 
 
 def several(record: CaseRecord) -> bool | None:
-    samples = record["samples"]
-    return samples["missed"] <= ENVELOPE[0] and samples["turned_off"] <= ENVELOPE[1] if samples else None
+    return captured(samples) if (samples := record["samples"]) else None
 
 
 def cost_measures(record: CaseRecord) -> bool | None:
@@ -149,7 +152,7 @@ def local_minima(record: CaseRecord) -> bool | None:
 
 
 def obstacle_free(record: CaseRecord) -> bool | None:
-    return record["ball"]["usable"] > 0 if record["ball"] else None
+    return record["sphere"]["usable"] > 0 if record["sphere"] else None
 
 
 def failure(record: CaseRecord) -> bool | None:
@@ -189,9 +192,9 @@ def kept_real_time(record: CaseRecord) -> bool | None:
 
 
 def avoids(record: CaseRecord) -> bool | None:
-    if not record["ball"]:
+    if not record["sphere"]:
         return None
-    optimal = record["ball"]["optimal"]
+    optimal = record["sphere"]["optimal"]
     return "cause" not in optimal and optimal["gap"] > -1e-4
 
 
@@ -216,7 +219,7 @@ def sentence_figures(record: CaseRecord) -> dict[str, Any]:
         "record": record,
         "samples": samples,
         "spread": attitude_spread(record),
-        "ball": TEXT.fill("sentences.ball", ball=record["ball"]),
+        "sphere": TEXT.fill("sentences.sphere", sphere=record["sphere"]),
         "costs": costs,
         "attitudes": attitudes,
         "times": times,

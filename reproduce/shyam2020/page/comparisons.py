@@ -1,4 +1,4 @@
-"""How the planners compare over the goals, as a figure."""
+"""Figure of the planners compared over the goals."""
 
 from collections.abc import Callable, Sequence
 

@@ -34,7 +34,7 @@ RATIOS = (("promp", "minimum_jerk"), ("promp", "ocp"), ("promp_optimal", "ocp"))
 EVERY = 10  # samples of a course between those in the file of curves
 CURVES = (
     *("method", "time"),
-    *(f"{what}_{axis}" for what in ("rotation", "base", "tip") for axis in "xyz"),
+    *(f"{what}_{axis}" for what in ("rotation", "base", "end_effector") for axis in "xyz"),
     "cost",
 )
 
@@ -146,7 +146,7 @@ def _files(
         "cases": list(records),
     }
     curves = [
-        (key, *map(float, (c.time[k], *c.rotation[k], *c.base[k], *c.tip[k], c.running[k])))
+        (key, *map(float, (c.time[k], *c.rotation[k], *c.base[k], *c.end_effector[k], c.running[k])))
         for key, c in planned.courses.items()
         for k in range(0, len(c.time), EVERY)
     ]

@@ -44,7 +44,7 @@ def workspace(found: DemonstratedWorkspace) -> Figure:
 
 def _spans(found: DemonstratedWorkspace, axes: tuple[int, int]) -> str:
     """Extent of the paths along two axes, in words."""
-    low, high = (np.quantile(found.tip[PAPER], q, axis=(0, 1)) for q in (0.0, 1.0))
+    low, high = (np.quantile(found.end_effector[PAPER], q, axis=(0, 1)) for q in (0.0, 1.0))
     return " and ".join(f"{low[a]:.1f} to {high[a]:.1f} m along {AXES[a]}" for a in axes)
 
 
@@ -59,7 +59,7 @@ def _paths(found: DemonstratedWorkspace, first: int, second: int) -> Draw:
         for name, label in NAMES.items():
             bands, rows = found.rows(name)
             for row in rows[:SHOWN]:
-                path = found.tip[bands][row, ::EVERY, [first, second]]
+                path = found.end_effector[bands][row, ::EVERY, [first, second]]
                 axes.plot(*path, color=COLOURS[name], lw=0.6, alpha=0.55)
             axes.plot([], [], color=COLOURS[name], lw=1.6, label=label)
         place_axes(axes, (f"{AXES[first]} [m]", f"{AXES[second]} [m]"))

@@ -77,13 +77,13 @@ def feedback_table(found: FeedbackResult) -> Table:
         ("conditional mean, tracked", found.followed),
         ("best of 100, tracked", found.best),
     ):
-        values = (1e4 * episodes.cost, np.rad2deg(episodes.attitude), 1e3 * episodes.missed)
+        values = (1e4 * episodes.cost, np.rad2deg(episodes.attitude), 1e3 * episodes.position_error)
         rows.append(
             (
                 name,
                 *(short(float(np.median(value))) for value in values),
-                short(1e3 * float(episodes.missed.max())),
-                f"{np.rad2deg(np.median(episodes.turned_off)):.2f}",
+                short(1e3 * float(episodes.position_error.max())),
+                f"{np.rad2deg(np.median(episodes.rotation_error)):.2f}",
             )
         )
     return Table(**TEXT.fill("tables.feedback"), rows=rows)

@@ -86,7 +86,7 @@ def _draw_vectors(axes: Axes, found: LinkVectors, view: View, labels: tuple[str,
 
 def trajectories(planned: PlannedGoal, drawn: DrawnSamples) -> Figure:
     """Fig. 3: home and goal pose and the end-effector's paths, seen along two axes and obliquely."""
-    length = np.linalg.norm(np.diff(drawn.tip[:SHOWN], axis=1), axis=2).sum(axis=1)
+    length = np.linalg.norm(np.diff(drawn.end_effector[:SHOWN], axis=1), axis=2).sum(axis=1)
     text = TEXT.fill("figures.fig3", shortest=length.min(), longest=length.max())
     draws = (
         _paths(planned, drawn, oblique, ("along [m]", "up [m]")),
@@ -108,8 +108,8 @@ def _paths(planned: PlannedGoal, drawn: DrawnSamples, view: View, labels: tuple[
             arm = link_ends(context().arm, drawn.motion.position[best, sample], base, attitude)
             axes.plot(*view(arm).T, "o-", color=INK, lw=2.6, ms=4, alpha=opacity)
         for number in range(SHOWN):
-            axes.plot(*view(drawn.tip[number]).T, color=SKY, lw=1.0, alpha=0.8)
-        axes.plot(*view(drawn.tip[best]).T, color=VERMILION, lw=2.2)
+            axes.plot(*view(drawn.end_effector[number]).T, color=SKY, lw=1.0, alpha=0.8)
+        axes.plot(*view(drawn.end_effector[best]).T, color=VERMILION, lw=2.2)
         goal = view(planned.case.position)
         axes.plot(goal[0], goal[1], "*", color=GREEN, ms=11)
         place_axes(axes, labels)
@@ -146,7 +146,7 @@ def poses(case: GoalCase, course: Course) -> Picture | Prose:
     frames = []
     try:
         with Renderer(model, width=WIDTH, height=HEIGHT, camera="overview") as renderer:
-            for row, trail in ((0, None), (-1, course.tip[::10])):
+            for row, trail in ((0, None), (-1, course.end_effector[::10])):
                 data.qpos[:] = np.concatenate([course.base[row], course.attitude[row], course.joints[row]])
                 mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
                 frames.append(renderer.render(state, trail=trail))
