@@ -59,7 +59,7 @@ def array(value: Any) -> NDArray | None:
     """`value` as an array; None if it is none, such as a ragged list."""
     try:
         return np.asarray(value)
-    except Exception:  # whatever a stranger's object raises
+    except Exception:  # whatever an untrusted object raises
         return None
 
 

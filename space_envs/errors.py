@@ -59,7 +59,7 @@ def shown(value: object) -> str:
     """A value as it stands in a message: its `repr`, cut where it is long, or its type if it has none."""
     try:
         text = repr(value)
-    except Exception:  # of a stranger's class, or an integer of thousands of digits
+    except Exception:  # of an untrusted class, or an integer of thousands of digits
         return f"a value of type {type(value).__name__}"
     return text if len(text) <= _SHOWN else f"{text[: _SHOWN - 3]}..."
 

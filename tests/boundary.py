@@ -1,4 +1,4 @@
-"""What tests of the environments' boundary share: what is soon, what has moved, a stranger's object."""
+"""What tests of the environments' boundary share: what is soon, what has moved, an untrusted object."""
 
 import time
 from contextlib import contextmanager
@@ -29,7 +29,7 @@ def soon():
 
 
 class Strange:
-    """An object of a stranger's class, on which everything fails."""
+    """An object of an untrusted class, on which everything fails."""
 
     def __repr__(self):
         raise RuntimeError("no name")

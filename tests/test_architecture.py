@@ -229,7 +229,7 @@ def test_no_text_is_executed():
 
 
 def test_nothing_is_unpickled():
-    """A pickle is a program: files of strangers are read as arrays and JSON."""
+    """A pickle is a program: files of others are read as arrays and JSON."""
 
     def offenders(name: str) -> Iterator[str]:
         for other in imported(tree(name), ""):

@@ -48,7 +48,7 @@ def until(condition, what: str) -> None:
 
 @pytest.fixture
 def evaluating(tmp_path: Path):
-    """A running evaluation with two workers, in which a stranger's policy takes its time for ever."""
+    """A running evaluation with two workers, in which a third-party policy takes its time for ever."""
     (tmp_path / "slow_policy.py").write_text(
         "import os, signal, time\n"
         "class Slow:\n"

@@ -1,4 +1,4 @@
-"""Files of strangers are read or refused with a reason, whatever bytes they hold; nothing hangs or ends."""
+"""Files of others are read or refused with a reason, whatever bytes they hold; nothing hangs or ends."""
 
 import io
 import json

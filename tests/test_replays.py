@@ -144,7 +144,9 @@ def test_scene_shows_what_mujoco_shows(env_id: str) -> None:
     model, scene = task.render_model, make_scene(task.render_model)
     assert scene.vertices.dtype == float and len(scene.triangles) < 25_000
     assert scene.body.max() == len(scene.bodies) - 1 and 0 not in scene.bodies
-    assert [name for name, _, _ in scene.tips] == [n for n in _sites(model) if n.startswith("end_effector")]
+    assert [name for name, _, _ in scene.end_effectors] == [
+        n for n in _sites(model) if n.startswith("end_effector")
+    ]
     assert scene.planet is not None and scene.planet[3] == pytest.approx(305, rel=0.01)
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
@@ -208,7 +210,7 @@ def test_motion_comes_back_from_the_page(replays: tuple[Replay, ...]) -> None:
     np.testing.assert_allclose(turn / 32767, motion.quaternion, atol=2e-5)
     np.testing.assert_allclose(values["attitude"], one.attitude, rtol=1e-4)
     # The end-effector ends at the grapple that it took: what is drawn is the recorded state.
-    _, body, place = scene.tips[0]
+    _, body, place = scene.end_effectors[0]
     turn_end, end = np.empty(9), motion.quaternion[-1, body].copy()
     mujoco.mju_quat2Mat(turn_end, end)
     tip = motion.position[-1, body] + turn_end.reshape(3, 3) @ place

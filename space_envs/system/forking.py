@@ -1,4 +1,4 @@
-"""What a fork of the process does to simulations and pictures, and how they go on.
+"""Forks of the process: how simulations and pictures continue in a child.
 
 A forked child has the memory of its parent's thread pools, and none of their threads: what it asks of such a
 pool waits for ever, and so does the pool's end. Hence a fork waits until no pool is at work, the pools of the
@@ -22,10 +22,10 @@ def never_end(thing: object) -> None:
 
 
 class Heir(Protocol):
-    """Somebody who has what a forked child cannot use."""
+    """Owner of resources that a forked child cannot use."""
 
     def leave_to_parent(self) -> None:
-        """Put it aside, for ever; called in a forked child."""
+        """Set the resources aside, for ever; called in a forked child."""
         ...
 
 
@@ -43,27 +43,27 @@ class Pool(Batch):
         _locks[self.state.base] = self._lock  # what ends with the last view, and ends the threads
 
     def step(self, *arguments: Any, **keywords: Any) -> None:
-        """As `Batch.step`."""
+        """Same as `Batch.step`, uninterrupted by a fork."""
         with self._lock:
             super().step(*arguments, **keywords)
 
     def forward(self, *arguments: Any, **keywords: Any) -> None:
-        """As `Batch.forward`."""
+        """Same as `Batch.forward`, uninterrupted by a fork."""
         with self._lock:
             super().forward(*arguments, **keywords)
 
     def reset(self, *arguments: Any, **keywords: Any) -> None:
-        """As `Batch.reset`."""
+        """Same as `Batch.reset`, uninterrupted by a fork."""
         with self._lock:
             super().reset(*arguments, **keywords)
 
     def set_const(self, *arguments: Any, **keywords: Any) -> None:
-        """As `Batch.set_const`."""
+        """Same as `Batch.set_const`, uninterrupted by a fork."""
         with self._lock:
             super().set_const(*arguments, **keywords)
 
     def jac(self, *arguments: Any, **keywords: Any) -> Any:
-        """As `Batch.jac`."""
+        """Same as `Batch.jac`, uninterrupted by a fork."""
         with self._lock:
             return super().jac(*arguments, **keywords)
 

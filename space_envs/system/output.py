@@ -73,7 +73,7 @@ def check_free(folder: Path, kind: str) -> None:
 
 
 def holder(folder: Path) -> str | None:
-    """Which process writes to a folder now, in words, or None."""
+    """Process that writes to a folder now, in words, or None."""
     try:
         mark = os.open(folder / MARK, os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW)
     except OSError:
@@ -97,9 +97,9 @@ def remove_files(folder: Path, *patterns: str) -> None:
         folder.rmdir()
 
 
-def _write(mark: int, told: dict[str, Any]) -> None:
+def _write(mark: int, values: dict[str, Any]) -> None:
     os.ftruncate(mark, 0)
-    os.pwrite(mark, (json.dumps(told) + "\n").encode(), 0)
+    os.pwrite(mark, (json.dumps(values) + "\n").encode(), 0)
 
 
 def _mark(folder: Path) -> dict[str, Any]:
@@ -110,8 +110,8 @@ def _mark(folder: Path) -> dict[str, Any]:
 
 
 def _writer(folder: Path) -> str:
-    told = _mark(folder)
-    return f"process {told.get('process', 'unknown')} on {told.get('machine', 'another machine')}"
+    found = _mark(folder)
+    return f"process {found.get('process', 'unknown')} on {found.get('machine', 'another machine')}"
 
 
 def _a(kind: str) -> str:

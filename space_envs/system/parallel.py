@@ -125,8 +125,8 @@ def _ray(jobs: int, address: str | None) -> Iterator[None]:
         else:
             ray.init(address=address, **quiet)
     except (ConnectionError, ValueError, RuntimeError, TimeoutError) as error:
-        told = f"no Ray cluster answers at {address}: {_first_line(error)}"
-        raise ConfigurationError(f"{told} (one that wants a token needs RAY_AUTH_MODE=token)") from None
+        message = f"no Ray cluster answers at {address}: {_first_line(error)}"
+        raise ConfigurationError(f"{message} (one that wants a token needs RAY_AUTH_MODE=token)") from None
     try:
         register_ray()
         with parallel_config(backend="ray"):

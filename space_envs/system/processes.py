@@ -11,7 +11,7 @@ _LOOKING = 0.5  # s, between two looks
 
 
 def watch(parent: int) -> None:
-    """End this process soon after its parent is gone, from a thread beside its work.
+    """End this process soon after its parent is gone, from a thread next to its work.
 
     Args:
         parent: process id of the one that started this one.
@@ -26,7 +26,7 @@ def watch(parent: int) -> None:
 
 
 def end_with(parent: int) -> None:
-    """Have the system end this process with its parent, whatever code of a stranger is doing then.
+    """Have the system end this process with its parent, whatever untrusted code is doing then.
 
     For a process whose parent waits for it in the thread that started it: the end of that thread counts too.
     """

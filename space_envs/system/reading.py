@@ -89,8 +89,8 @@ def parse_arrays(content: bytes) -> dict[str, NDArray[Any]]:
         if not zipfile.is_zipfile(io.BytesIO(content)):
             raise ConfigurationError("not an npz archive") from None
         # numpy's own words advise to unpickle.
-        told = str(error) if isinstance(error, zipfile.BadZipFile) else type(error).__name__
-        raise ConfigurationError(f"a damaged npz archive: {told}") from None
+        reason = str(error) if isinstance(error, zipfile.BadZipFile) else type(error).__name__
+        raise ConfigurationError(f"a damaged npz archive: {reason}") from None
 
 
 def _check_sizes(archive: zipfile.ZipFile, size: int) -> None:

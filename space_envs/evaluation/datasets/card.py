@@ -35,7 +35,7 @@ def make_card(
     left_out: Sequence[LeftOut],
     env: CaptureVectorEnv,
 ) -> dict[str, Any]:
-    """Everything that a reader of a dataset needs to know, as plain JSON values.
+    """Card of a dataset as plain JSON values: what made it and what it holds.
 
     Args:
         request: what was asked for, plain values. provenance: command, versions, commit.
@@ -117,10 +117,10 @@ def read_card(folder: Path) -> dict[str, Any] | None:
 
 
 def to_markdown(card: Mapping[str, Any]) -> str:
-    """The card for people."""
-    request, told, action = card["request"], card["episodes"], card["action"]
+    """Markdown of a card."""
+    request, counts, action = card["request"], card["episodes"], card["action"]
     provenance = card["provenance"]
-    outcomes = ", ".join(f"{count} {name}" for name, count in told["outcomes"].items())
+    outcomes = ", ".join(f"{count} {name}" for name, count in counts["outcomes"].items())
     lines = [
         f"# {card['id']}",
         "",
@@ -129,10 +129,10 @@ def to_markdown(card: Mapping[str, Any]) -> str:
         "",
         "| | |",
         "|---|---|",
-        f"| episodes | {told['written']} of {told['asked']} asked for, {told['steps']} steps |",
+        f"| episodes | {counts['written']} of {counts['asked']} asked for, {counts['steps']} steps |",
         f"| outcomes | {outcomes} |",
-        f"| left out | {len(told['left_out'])} lost or not reproduced, "
-        f"{told['not_captured_left_out']} not captured |",
+        f"| left out | {len(counts['left_out'])} lost or not reproduced, "
+        f"{counts['not_captured_left_out']} not captured |",
         f"| seed | {request['seed']}, of the policy and of the order of the goals |",
         f"| control mode | {action['control_mode']}: {action['meaning']} |",
         f"| action scale | {', '.join(f'{value:.6g}' for value in action['scale'])} per unit action |",
@@ -150,9 +150,9 @@ def to_markdown(card: Mapping[str, Any]) -> str:
     for field in card["observation"]:
         columns = f"{field['start']}:{field['stop']}"
         lines.append(f"| {columns} | {field['name']} | {field['bound']:.6g} | {field['meaning']} |")
-    if told["left_out"]:
+    if counts["left_out"]:
         lines += ["", "## Left out", "", "| episode | goal | why |", "|---|---|---|"]
-        for one in told["left_out"]:
+        for one in counts["left_out"]:
             lines.append(f"| {one['episode']} | {one['index']} | {plain(one['reason'])} |")
     goals = ", ".join(map(str, card["goal_indices"]))
     return "\n".join([*lines, "", "## Goals", "", f"Indices in the split, in order: {goals}.", ""])

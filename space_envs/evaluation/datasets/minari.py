@@ -1,4 +1,4 @@
-"""Datasets as Minari keeps them (the extra `minari`)."""
+"""Datasets in the format of Minari (the extra `minari`)."""
 
 import os
 import shutil
@@ -94,7 +94,7 @@ def write_minari(
 
 @contextmanager
 def datasets_path(root: Path) -> Iterator[None]:
-    """Let Minari keep its datasets in a folder other than the user's."""
+    """Have Minari store its datasets in a folder other than the user's."""
     before = os.environ.get(ROOT_VARIABLE)
     os.environ[ROOT_VARIABLE] = str(root.resolve())
     try:

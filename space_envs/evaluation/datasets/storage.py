@@ -1,4 +1,4 @@
-"""Datasets: whole episodes, each replayed from its actions before it is kept, as arrays in one npz file."""
+"""Datasets: whole episodes, each repeated from its actions before it is stored, as arrays in one npz file."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -211,7 +211,7 @@ class Dataset:
 
 
 def first_difference(one: Trajectory, other: Trajectory) -> str | None:
-    """Where another trajectory differs from one, in any bit of anything; None if nowhere."""
+    """First difference of another trajectory from one, in any bit, in words; None if there is none."""
     values = {item.name: (getattr(one, item.name), getattr(other, item.name)) for item in fields(Trajectory)}
     arrays = {name: pair for name, pair in values.items() if isinstance(pair[0], np.ndarray)}
     for name, (was, found) in arrays.items():

@@ -1,4 +1,4 @@
-"""What an evaluation plays: policies on tasks, goals and seeds, divided into chunks."""
+"""Evaluations: policies on tasks, goals and seeds, divided into chunks."""
 
 from dataclasses import asdict, dataclass
 from typing import Any

@@ -1,4 +1,4 @@
-"""How long episodes, timing and reports took on this machine: what a dry run tells of others."""
+"""Durations of episodes, timing and reports on this machine, from which a dry run estimates others."""
 
 import json
 import math
@@ -13,7 +13,7 @@ from space_envs.system.files import atomic_write_text
 from space_envs.system.reading import read_object
 
 FILE = "rates.json"
-REPORT = "report"  # what takes as long for every entry: pictures, plots, tables
+REPORT = "report"  # which takes as long for every entry: pictures, plots, tables
 
 
 @dataclass(frozen=True)
@@ -48,10 +48,10 @@ def timing(entry: LeaderboardEntry) -> str:
 
 def remember(rates: Mapping[str, Seconds]) -> None:
     """Remember rates by their names; where there is no place to, nothing is remembered."""
-    told = _read() | {name: [one.least, one.usual, one.most] for name, one in rates.items()}
+    known = _read() | {name: [one.least, one.usual, one.most] for name, one in rates.items()}
     try:
         folder = private_folder(cache_folder())
-        atomic_write_text(folder / FILE, json.dumps(told, indent=1, sort_keys=True))
+        atomic_write_text(folder / FILE, json.dumps(known, indent=1, sort_keys=True))
     except (LibraryError, OSError):
         return
 

@@ -1,7 +1,7 @@
 """Evaluations that survive being killed: chunks are played in any order, and kept as soon as they are done.
 
 While an evaluation runs its folder holds run.json, which says what is played, and chunks/, one file a chunk.
-Everything else is written to the folder by `collect`'s caller; then the chunks are removed.
+The caller of `collect` writes everything else to the folder and then removes the chunks.
 """
 
 from collections.abc import Iterator, Sequence
@@ -82,7 +82,7 @@ def _check_same(plan: dict[str, object], folder: Path) -> None:
 
 
 def progress(folder: Path) -> str:
-    """How far the evaluation in a folder is, in words."""
+    """Progress of the evaluation in a folder, in words."""
     done = len(list((folder / CHUNKS).glob("*.npz")))
     try:
         plan = read_object(folder / PLAN)
@@ -98,7 +98,7 @@ def play_missing(
 ) -> None:
     """Play every chunk that has no result yet, in parallel.
 
-    If a policy ends the process that it plays in, what is left is played with policies in processes of their
+    If a policy ends the process that it plays in, the rest is played with policies in processes of their
     own, so that it loses the episodes in which it does so and nothing else is lost.
 
     Args:

@@ -1,4 +1,4 @@
-"""Why an episode failed: one label each, so that failures can be counted."""
+"""Causes of failed episodes, one label each, so that failures can be counted."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -29,12 +29,12 @@ CAUSES = (*NO_PLAN_CAUSES, *OUTCOMES[1:])
 OWN_CAUSES = (Outcome.DIVERGED.value, Outcome.POLICY_ERROR.value)
 
 _OTHER = NO_PLAN_CAUSES[-1]
-_LONGEST = 1000  # letters of a reason that are kept
+_LONGEST = 1000  # letters that a reason is cut to
 
 
 @dataclass(frozen=True)
 class MissingPlan:
-    """What a policy says of an episode that it has no plan for."""
+    """Cause and reason of an episode that a policy has no plan for."""
 
     cause: str  # one of NO_PLAN_CAUSES
     reason: str
@@ -52,36 +52,36 @@ class PlanState:
 
 
 def missing_plans(state: Any, episodes: int) -> list[MissingPlan | None]:
-    """What a policy's state says about each of its episodes, if it is a `PlanState`.
+    """Missing plan of each episode, or None, from a policy's state if it is a `PlanState`.
 
-    A state is a stranger's data: whatever in it is malformed, or raises when it is looked at, says nothing.
+    A state is untrusted: whatever in it is malformed, or raises when it is read, counts as no statement.
     """
     if not issubclass(type(state), PlanState):
         return [None] * episodes
     try:
-        told = list(islice(state.failures, episodes + 1))
+        failures = list(islice(state.failures, episodes + 1))
     except KeyboardInterrupt:
         raise
     except BaseException:
         return [None] * episodes
-    if len(told) != episodes:
+    if len(failures) != episodes:
         return [None] * episodes
-    return [_missing(each) for each in told]
+    return [_missing(each) for each in failures]
 
 
-def _missing(told: Any) -> MissingPlan | None:
-    """An entry of `failures`: None, a sentence, or something with a `cause` and a `reason`."""
-    if told is None:
+def _missing(failure: Any) -> MissingPlan | None:
+    """Missing plan from an entry of `failures`: None, a sentence, or an object with `cause` and `reason`."""
+    if failure is None:
         return None
     try:
-        if isinstance(told, str):
-            return MissingPlan(_OTHER, _plain(told)) if told else None
-        cause = _plain(told.cause)
-        return MissingPlan(cause if cause in NO_PLAN_CAUSES else _OTHER, _plain(told.reason))
+        if isinstance(failure, str):
+            return MissingPlan(_OTHER, _plain(failure)) if failure else None
+        cause = _plain(failure.cause)
+        return MissingPlan(cause if cause in NO_PLAN_CAUSES else _OTHER, _plain(failure.reason))
     except KeyboardInterrupt:
         raise
     except BaseException:
-        return MissingPlan(_OTHER, f"the policy gave a {type(told).__name__} for a reason")
+        return MissingPlan(_OTHER, f"the policy gave a {type(failure).__name__} for a reason")
 
 
 def _plain(text: Any) -> str:
@@ -89,25 +89,25 @@ def _plain(text: Any) -> str:
     return "".join(str(text))[:_LONGEST]
 
 
-def packed_plans(plans: Iterable[MissingPlan | None]) -> list[dict[str, str] | None]:
-    """As plain JSON values, which `unpacked_plans` reads."""
+def plans_to_json(plans: Iterable[MissingPlan | None]) -> list[dict[str, str] | None]:
+    """Missing plans as plain JSON values, which `plans_from_json` reads."""
     return [None if plan is None else vars(plan) for plan in plans]
 
 
-def unpacked_plans(values: Iterable[dict[str, str] | None]) -> list[MissingPlan | None]:
-    """What `packed_plans` was given."""
+def plans_from_json(values: Iterable[dict[str, str] | None]) -> list[MissingPlan | None]:
+    """Missing plans from the values that `plans_to_json` gave."""
     return [None if value is None else MissingPlan(**value) for value in values]
 
 
 def cause_of(outcome: str, plan: MissingPlan | None) -> str | None:
-    """One of CAUSES, None for a capture: where there was no plan that is why, however the episode ended."""
+    """Cause, one of CAUSES: that of a missing plan, else the outcome; None for a capture."""
     if outcome == Outcome.CAPTURED:
         return None
     return outcome if plan is None or outcome in OWN_CAUSES else plan.cause
 
 
 def causes_of(outcome: str) -> tuple[str, ...]:
-    """Causes that a failed episode may have which ended so."""
+    """Causes that an episode with this outcome may have."""
     return (outcome,) if outcome in OWN_CAUSES else (outcome, *NO_PLAN_CAUSES)
 
 

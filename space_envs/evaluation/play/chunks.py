@@ -38,7 +38,7 @@ class PolicySource(Protocol):
 
     @property
     def foreign(self) -> bool:
-        """Whether it is code of a stranger, which is called in a process of its own."""
+        """Whether it is third-party code, which is called in a process of its own."""
         ...
 
     def build(self, context: PolicyContext, seed: int) -> Policy:

@@ -1,4 +1,4 @@
-"""What a row of the leaderboard is about: a policy on a task."""
+"""Rows of the leaderboard: a policy on a task."""
 
 from dataclasses import dataclass
 

@@ -1,7 +1,7 @@
-"""What an episode adds up to, taken at every step of the simulation.
+"""Totals of an episode, integrated over every step of the simulation.
 
 Control that holds a quantity at zero does so once a control period: samples at the control period alone would
-miss what happens in between.
+not show the motion in between.
 """
 
 from dataclasses import dataclass
@@ -25,8 +25,8 @@ class Totals:
         base_angular_impulse: total variation of the satellite's angular momentum about its own centre of
             mass, which is the time integral of the reaction torque's magnitude, N m s.
         kinetic_energy_integral: time integral of twice the kinetic energy (trapezoids), C of shah2013, J s.
-        mechanical_work: sum over joints and steps of |torque times angle turned|, which is exact for held
-            torques but in a step within which a joint turns back, J.
+        mechanical_work: sum over joints and steps of |torque times change of angle|, which is exact for held
+            torques but in a step within which a joint reverses, J.
         peak_power: largest sum over joints of |torque times rate| at either end of a step, W.
         peak_attitude: largest angle of the satellite from its initial attitude, deg.
         linear_momentum_drift, angular_momentum_drift: largest change of the robot's total momentum since the
@@ -78,8 +78,8 @@ class Integrals:
         last = self._seen - 1
         for first in range(0, last, _STEPS):
             self._count(counted, slice(first, min(first + _STEPS, last) + 1))
-        for kept in (self._qpos, self._qvel, self._attitude):
-            kept[:, 0] = kept[:, last]
+        for states in (self._qpos, self._qvel, self._attitude):
+            states[:, 0] = states[:, last]
         self._seen = 1
 
     def _motion(self, rows: NDArray[np.int64], steps: slice) -> BodyMotion:
@@ -90,7 +90,7 @@ class Integrals:
         """Count simulation steps, from the first to the last of some states, in rows (k,)."""
         totals, motion = self.totals, self._motion(rows, steps)
         torque = self._simulation.ctrl[rows, None]
-        turned = np.diff(self._qpos[rows, steps, 7:], axis=1)
+        change = np.diff(self._qpos[rows, steps, 7:], axis=1)
         power = np.abs(torque * self._qvel[rows, steps, 6:]).sum(axis=-1)
         doubled = 2.0 * motion.kinetic_energy
         drift = np.linalg.norm((motion.total - self._start[rows]).reshape(*power.shape, 2, 3), axis=-1)
@@ -98,7 +98,7 @@ class Integrals:
         totals.base_angular_impulse[rows] += spun.sum(axis=1)
         trapezoids = 0.5 * (doubled[:, :-1] + doubled[:, 1:]).sum(axis=1)
         totals.kinetic_energy_integral[rows] += self._task.step_size * trapezoids
-        totals.mechanical_work[rows] += np.abs(torque * turned).sum(axis=(1, 2))
+        totals.mechanical_work[rows] += np.abs(torque * change).sum(axis=(1, 2))
         for largest, value in (
             (totals.peak_power, power),
             (totals.peak_attitude, self._attitude[rows, steps]),

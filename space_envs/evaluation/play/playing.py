@@ -59,8 +59,8 @@ def roll_out(
         indices: (K,) goals of the split.
         seed: of the evaluation; the environment of episode k, counted from `first`, has the seed `seed + k`.
         limits: of the policy's calls, which are then made for one episode at a time in a process of its own.
-        apart: call the policy in a process of its own, with the same actions, since it is a stranger's, or
-            may end it.
+        apart: call the policy in a process of its own, with the same actions, since it is third-party code,
+            or may end its process.
         policy: its name in what is recorded. as_float32: as in `steps`.
     """
 

@@ -1,4 +1,4 @@
-"""How long a policy takes to plan and to act."""
+"""Time that a policy takes to plan and to act."""
 
 from dataclasses import dataclass
 from itertools import islice

@@ -16,20 +16,20 @@ def model_states(replay: Replay, model: mujoco.MjModel, between: int = 1) -> Ite
 
     Args:
         model: the `model` of a `Renderer` of the task's `render_model`; it takes the sizes of the goal.
-        between: states for each recorded step; those between two recorded ones turn and move evenly.
+        between: states for each recorded step; between two recorded ones, rotation and translation are even.
     """
     data = mujoco.MjData(model)
     replay.task.update_visuals(model, data, replay.goals, 0)
     state = np.empty(mujoco.mj_stateSize(model, _STATE))
-    turned = np.empty(model.nv)
+    difference = np.empty(model.nv)
     scene = np.asarray(replay.scene, dtype=np.float64)
     last = len(scene) - 1
     for number in range(last * between + 1):
         step, part = divmod(number, between)
         data.qpos[:] = scene[step]
         if part:
-            mujoco.mj_differentiatePos(model, turned, 1.0, scene[step], scene[step + 1])
-            mujoco.mj_integratePos(model, data.qpos, turned, part / between)
+            mujoco.mj_differentiatePos(model, difference, 1.0, scene[step], scene[step + 1])
+            mujoco.mj_integratePos(model, data.qpos, difference, part / between)
         data.time = replay.task.control_period * number / between
         mujoco.mj_getState(model, data, state, _STATE)
         yield state.copy()

@@ -61,7 +61,7 @@ def scene_values(scene: ReplayScene) -> dict[str, Any]:
         "opaque": scene.opaque,
         "unit": unit,
         "bodies": len(scene.bodies),
-        "tips": [{"body": body, "place": _short(place)} for _, body, place in scene.tips],
+        "endEffectors": [{"body": body, "place": _short(place)} for _, body, place in scene.end_effectors],
         "eye": _short(scene.eye),
         "centre": _short(scene.centre),
         "fovy": scene.fovy,
@@ -72,7 +72,7 @@ def scene_values(scene: ReplayScene) -> dict[str, Any]:
 
 
 def frames(steps: int, stride: int) -> NDArray[np.int64]:
-    """Which of steps + 1 states are kept: every `stride`-th, the first and the last."""
+    """Indices of the states that are shown, of steps + 1: every `stride`-th, the first and the last."""
     return np.unique(np.append(np.arange(0, steps + 1, stride), steps))
 
 
@@ -81,9 +81,9 @@ def replay_values(replay: Replay, motion: ReplayMotion, stride: int = 1) -> dict
 
     Both are differences from frame to frame, modulo 2^16, which deflate well.
     """
-    kept = frames(len(replay.time) - 1, stride)
-    positions, unit = quantised(motion.position[kept])
-    quaternions = np.round(_FULL * motion.quaternion[kept]).astype(np.int16)
+    shown = frames(len(replay.time) - 1, stride)
+    positions, unit = quantised(motion.position[shown])
+    quaternions = np.round(_FULL * motion.quaternion[shown]).astype(np.int16)
     return {
         "label": replay.label,
         "seed": replay.seed,
@@ -91,9 +91,9 @@ def replay_values(replay: Replay, motion: ReplayMotion, stride: int = 1) -> dict
         "index": replay.index,
         "outcome": replay.outcome,
         "reason": replay.reason,
-        "time": _short(replay.time[kept]),
-        "attitude": _short(replay.attitude[kept]),
-        "distance": _short(replay.distance[kept]),
+        "time": _short(replay.time[shown]),
+        "attitude": _short(replay.attitude[shown]),
+        "distance": _short(replay.distance[shown]),
         "size": _short(motion.size),
         "unit": unit,
         "data": packed([_steps(positions), _steps(quaternions)]),

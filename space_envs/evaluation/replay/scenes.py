@@ -1,4 +1,4 @@
-"""What a replay draws: the model's surfaces once, and how its bodies move."""
+"""Scenes of replays: the model's surfaces once, and the motion of its bodies."""
 
 import copy
 from collections.abc import Iterable
@@ -25,10 +25,10 @@ class ReplayScene:
         vertices: (V, 3) m. normals: (V, 3). colours: (V, 4) in 0..1. gloss: (V,) in 0..1.
         body: (V,) index into `bodies`. triangles: (F, 3), those that can be seen through last.
         opaque: number of triangles that cannot.
-        bodies: of the model, by id. tips: name, index into `bodies` and place (3,) in its frame of each
-            end-effector.
+        bodies: of the model, by id.
+        end_effectors: name, index into `bodies`, and place (3,) in the body's frame of each.
         eye, centre: (3,) m, from where to look at what, inertial frame. fovy: deg.
-        sun: (3,) the way that its light travels. planet: (4,) centre and radius in m, or None.
+        sun: (3,) direction in which its light travels. planet: (4,) centre and radius in m, or None.
     """
 
     vertices: NDArray[np.float64]
@@ -39,7 +39,7 @@ class ReplayScene:
     triangles: NDArray[np.int64]
     opaque: int
     bodies: tuple[int, ...]
-    tips: tuple[tuple[str, int, NDArray[np.float64]], ...]
+    end_effectors: tuple[tuple[str, int, NDArray[np.float64]], ...]
     eye: NDArray[np.float64]
     centre: NDArray[np.float64]
     fovy: float
@@ -49,7 +49,7 @@ class ReplayScene:
 
 @dataclass(frozen=True, eq=False)
 class ReplayMotion:
-    """How the bodies of a scene move in an episode of T steps.
+    """Motion of a scene's bodies in an episode of T steps.
 
     Attributes:
         position: (T + 1, B, 3) m, inertial frame. quaternion: (T + 1, B, 4), w first.
@@ -62,7 +62,7 @@ class ReplayMotion:
 
 
 def make_scene(model: mujoco.MjModel) -> ReplayScene:
-    """The surfaces of everything that moves or may be gone for; what belongs to the world is far away."""
+    """Surfaces of all bodies but the world's own, which are far away."""
     shown = [
         geom
         for geom in range(model.ngeom)
@@ -87,7 +87,7 @@ def make_scene(model: mujoco.MjModel) -> ReplayScene:
         ),
         opaque=sum(len(part.solid.triangles) for part in parts if part.colour[3] == 1),
         bodies=bodies,
-        tips=tuple(_tips(model, bodies)),
+        end_effectors=tuple(_end_effectors(model, bodies)),
         eye=eye,
         centre=centre,
         fovy=fovy,
@@ -139,10 +139,12 @@ def _parts(model: mujoco.MjModel, geom: int) -> Iterable[_Part]:
 
 
 def _placed(model: mujoco.MjModel, geom: int, solid: Solid) -> Solid:
-    turn = np.empty(9)
-    mujoco.mju_quat2Mat(turn, model.geom_quat[geom])
-    turn = turn.reshape(3, 3)
-    return Solid(solid.vertices @ turn.T + model.geom_pos[geom], solid.normals @ turn.T, solid.triangles)
+    rotation = np.empty(9)
+    mujoco.mju_quat2Mat(rotation, model.geom_quat[geom])
+    rotation = rotation.reshape(3, 3)
+    return Solid(
+        solid.vertices @ rotation.T + model.geom_pos[geom], solid.normals @ rotation.T, solid.triangles
+    )
 
 
 def _rgba(model: mujoco.MjModel, geom: int) -> NDArray[np.float64]:
@@ -196,7 +198,9 @@ def _tiles(half: NDArray[np.float64], repeat: tuple[int, int]) -> Solid:
     return Solid(np.concatenate(vertices), np.concatenate(normals), np.concatenate(triangles))
 
 
-def _tips(model: mujoco.MjModel, bodies: tuple[int, ...]) -> Iterable[tuple[str, int, NDArray[np.float64]]]:
+def _end_effectors(
+    model: mujoco.MjModel, bodies: tuple[int, ...]
+) -> Iterable[tuple[str, int, NDArray[np.float64]]]:
     for site in range(model.nsite):
         name, body = model.site(site).name, int(model.site_bodyid[site])
         if name.startswith("end_effector") and body in bodies:

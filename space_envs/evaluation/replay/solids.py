@@ -51,7 +51,7 @@ def geom_solid(model: mujoco.MjModel, geom: int) -> Solid:
 
 
 def box(half: NDArray[np.float64]) -> Solid:
-    """Six sides with corners of their own; `half` (3,) are half lengths in m."""
+    """Surface of a box, six sides with corners of their own; `half` (3,) are half lengths in m."""
     corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
     vertices, normals, triangles = [], [], []
     for axis in range(3):
@@ -66,7 +66,7 @@ def box(half: NDArray[np.float64]) -> Solid:
 
 
 def cylinder(radius: float, half: float) -> Solid:
-    """About z, from -half to half, with flat ends; m."""
+    """Surface of a cylinder about z, from -half to half, with flat ends; m."""
     sides = _SIDES if radius > _THIN else _FEW_SIDES
     ring = _ring(sides)
     wall = np.concatenate([ring * radius + (0, 0, end) for end in (-half, half)])
@@ -80,12 +80,12 @@ def cylinder(radius: float, half: float) -> Solid:
 
 
 def capsule(radius: float, half: float) -> Solid:
-    """A cylinder about z with half balls at its ends; m."""
+    """Surface of a cylinder about z with hemispheres at its ends; m."""
     return _rounded(np.full(3, radius), half, _SIDES if radius > _THIN else _FEW_SIDES, 6)
 
 
 def ellipsoid(half: NDArray[np.float64]) -> Solid:
-    """With half axes (3,) in m."""
+    """Surface of an ellipsoid with half axes (3,) in m."""
     small = half.max() <= _THIN
     return _rounded(half, 0.0, _FEW_SIDES if small else 2 * _SIDES, 6 if small else _SIDES)
 
@@ -108,9 +108,9 @@ def _ring(sides: int) -> NDArray[np.float64]:
 def _strip(rings: int, sides: int) -> NDArray[np.int64]:
     """Triangles (F, 3) between rings of `sides` vertices each, from the lowest to the highest."""
     low = (np.arange(rings - 1)[:, None] * sides + np.arange(sides)).ravel()
-    beside = (np.arange(rings - 1)[:, None] * sides + (np.arange(sides) + 1) % sides).ravel()
-    lower = np.stack([low, beside, beside + sides], axis=1)
-    upper = np.stack([low, beside + sides, low + sides], axis=1)
+    adjacent = (np.arange(rings - 1)[:, None] * sides + (np.arange(sides) + 1) % sides).ravel()
+    lower = np.stack([low, adjacent, adjacent + sides], axis=1)
+    upper = np.stack([low, adjacent + sides, low + sides], axis=1)
     return np.concatenate([lower, upper])
 
 

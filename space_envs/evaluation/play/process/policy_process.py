@@ -1,8 +1,8 @@
 """A policy in a process of its own, so that it can be ended and has no way to the simulation.
 
 The process gets arrays and gives arrays. What builds the policy goes to it as a pickle made for it alone. Its
-answers are JSON and plain numbers, checked as those of a stranger: nothing that it says is unpickled. It ends
-with the process that started it.
+answers are JSON and plain numbers, and untrusted: none of them is unpickled. It ends with the process that
+started it.
 """
 
 import math
@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import PolicyError
-from space_envs.evaluation.play.causes import MissingPlan, PlanState, unpacked_plans
+from space_envs.evaluation.play.causes import MissingPlan, PlanState, plans_from_json
 from space_envs.evaluation.play.process.limits import TimeLimitError, TimeLimits
 from space_envs.evaluation.play.process.messages import pack, receive, send, unpack
 from space_envs.foreign_code import plain_text
@@ -122,7 +122,7 @@ class PolicyProcess:
         passed = time.perf_counter() - before
         try:
             action = np.frombuffer(body).reshape(len(observation), -1)
-            plans = unpacked_plans(answer["failures"])
+            plans = plans_from_json(answer["failures"])
             seconds = float(answer["seconds"])
         except (ValueError, KeyError, TypeError):
             self._stop()
@@ -171,6 +171,6 @@ _NONSENSE = "its process answered in a way that no policy can by itself"
 
 @dataclass(frozen=True)
 class _Token(PlanState):
-    """What the harness holds in place of a state."""
+    """State that the harness holds in place of the policy's own."""
 
     failures: list[MissingPlan | None]

@@ -11,7 +11,7 @@ import numpy as np
 
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import PolicyError
-from space_envs.evaluation.play.causes import missing_plans, packed_plans
+from space_envs.evaluation.play.causes import missing_plans, plans_to_json
 from space_envs.evaluation.play.process.messages import pack, receive, send, unpack
 from space_envs.foreign_code import actions_and_state, described
 from space_envs.policy import Policy, PolicyContext
@@ -43,7 +43,7 @@ def serve(parent: int) -> None:
 
 
 def _answer(pipe: int, make: Callable[[], tuple[Any, bytes]], otherwise: Any) -> Any:
-    """What is made, after its message was sent; `otherwise` where it cannot be made, after why was sent."""
+    """Result of `make`, whose message is sent; `otherwise` where it raises, after the error was sent."""
     try:
         made, message = make()
     except PolicyError as error:
@@ -78,7 +78,7 @@ def _called(
     returned = policy.predict(observation, None if values["fresh"] else state, start, values["deterministic"])
     seconds = time.perf_counter() - before
     action, after = actions_and_state(returned, (rows, width))
-    failures = packed_plans(missing_plans(after, rows))
+    failures = plans_to_json(missing_plans(after, rows))
     return after, pack({"seconds": seconds, "failures": failures}, action)
 
 

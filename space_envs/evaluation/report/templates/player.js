@@ -158,7 +158,7 @@ class Player {
     this.time = time;
     this.before = null;
     this.renderer.setPaths(
-      this.scene.tips.map((tip) => motion.path(tip)),
+      this.scene.endEffectors.map((point) => motion.path(point)),
       this.camera.first.distance,
     );
     const slider = this.find(".time");
