@@ -17,7 +17,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from docs.blocks import BLOCKS
-from docs.environment import environment_page
+from docs.id_page.page import environment_page
 from docs.leaderboard import with_leaderboards
 from space_envs.evaluation.records.episode import SCHEMA_VERSION
 from space_envs.evaluation.records.schema import schema_text

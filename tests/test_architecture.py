@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
+from statistics import median
 
 from offenders import assert_none
 
@@ -55,7 +56,7 @@ FULLER = {
 # Third-party packages that promp may use.
 PROMP_NEEDS = {"numpy"}
 
-LONGEST = 400
+LONGEST, MEDIAN = 400, 130  # lines of a file
 LONGER = {
     "tests/test_dynamics.py": "one check after another of the same functions, on the same robots",
     "tests/test_envs.py": "one suite through which every id and control mode goes",
@@ -267,6 +268,11 @@ def test_no_path_of_one_machine():
         for node in ast.walk(tree(name))
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and MACHINE_PATH.search(node.value)
     )
+
+
+def test_the_median_file_is_short():
+    lengths = [len(source(name).splitlines()) for name in outside_tests() if not name.endswith("__init__.py")]
+    assert median(lengths) <= MEDIAN
 
 
 def test_files_are_short():

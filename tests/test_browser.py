@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from page_layout import CHROMIUM, until
 from playwright.sync_api import Browser, Dialog, Locator, Page, Playwright
-from synthetic_results import HOSTILE, make_played, make_record, make_result
+from synthetic_results import HOSTILE, changed, make_played, make_record, make_result
 
 from space_envs.evaluation.leaderboard.build import build_rows
 from space_envs.evaluation.records.episode import EpisodeRecord
@@ -41,13 +41,12 @@ def result() -> EvaluationResult:
     records: list[EpisodeRecord] = [*played.records]
     for number, (policy, attitude) in enumerate((("still", 0.0), (HOSTILE, 9.0))):
         records += [
-            replace(
+            changed(
                 record,
                 policy=policy,
                 final_attitude=attitude,
                 peak_attitude=attitude,
                 time_to_capture=20.0 - number,
-                checksum="",
             )
             for record in played.records
         ]

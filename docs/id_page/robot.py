@@ -1,0 +1,96 @@
+"""Sections of an id's page about the robot and its actions."""
+
+import inspect
+from dataclasses import fields
+
+import numpy as np
+
+from docs.reading import (
+    described,
+    number,
+    section,
+    summary,
+    table,
+)
+from docs.robots import parameters
+from space_envs.control import CONTROL_MODES, MODES
+from space_envs.dynamics.rotations import Array
+from space_envs.envs import CaptureVectorEnv
+from space_envs.robots.parameters import LEAST_TIMESTEP
+from space_envs.robots.single_arm import ModelOptions
+from space_envs.tasks.base import CaptureTask
+
+
+def _steps(task: CaptureTask) -> str:
+    return f"{LEAST_TIMESTEP:g} to {task.largest_timestep:g}"
+
+
+def robot_section(env: CaptureVectorEnv) -> str:
+    robot, drive, task = env.task.robot, env.drive, env.task
+    torque = number(sorted({float(limit) for limit in drive.torque_limit}))
+    free = "two slides and a hinge" if env.simulation.planar else "six degrees of freedom"
+    rows = [
+        ("bodies", f"satellite {robot.mass[0]:g} kg, {robot.n_joints} links {robot.mass[1:].sum():g} kg"),
+        ("base", f"{free}; not actuated, gravity is zero"),
+        ("home, rad", number(np.round(robot.home, 6).tolist())),
+        ("joint range, rad", _ranges(robot.range, robot.home)),
+        ("rate limit, rad/s", number(drive.rate_limit)),
+        ("acceleration limit, rad/s^2", number(drive.acceleration_limit)),
+        ("torque limit, N m", torque),
+        (
+            "reach from the centre of mass, m",
+            ", ".join(f"{robot.reach(arm):.2f}" for arm in range(len(robot.end_effector_link))),
+        ),
+        ("control period, s", f"{number(task.control_period)}; at most {task.largest_control_period:g}"),
+        ("simulation step, s", f"{number(task.step_size)}, fourth-order Runge-Kutta; {_steps(task)}"),
+        ("cameras", ", ".join(f"`{task.render_model.cam(i).name}`" for i in range(task.render_model.ncam))),
+    ]
+    variant = []
+    if "variant" in {field.name for field in fields(task)}:
+        meaning = described(section(ModelOptions.__doc__, "Attributes"), ("variant", "timestep", "visual"))
+        variant = [f"Keyword `variant`: {meaning['variant']}"]
+    return "\n\n".join(
+        [
+            "## Robot",
+            "An episode starts with the satellite at the inertial origin and the whole robot at rest, so "
+            "that its total momentum is zero and remains zero. The joints are at `home`, or near it where "
+            "the goal includes initial joint angles. Limits are those of the drives, in every mode.",
+            table(("", "value"), rows),
+            *variant,
+            f"{summary(type(task.parameters))} Its links are listed in [physics](../physics.md#the-models).",
+            parameters(task.parameters),
+        ]
+    )
+
+
+def _ranges(limits: Array, home: Array) -> str:
+    """Joint ranges (n, 2) as text, equal ones once."""
+    around = {f"{a:+.3g} to {b:+.3g}" for a, b in limits - home[:, None]}
+    absolute = [f"{a:+.3g} to {b:+.3g}" for a, b in limits]
+    if len(around) == 1:
+        return f"{around.pop()} from home"
+    joints: dict[str, list[str]] = {}
+    for number_, text in enumerate(absolute, start=1):
+        joints.setdefault(text, []).append(str(number_))
+    if len(joints) == 1:
+        return absolute[0]
+    return "; ".join(f"{text} (joints {', '.join(which)})" for text, which in joints.items())
+
+
+def actions_section(env: CaptureVectorEnv) -> str:
+    rows = []
+    for mode in CONTROL_MODES:
+        built = MODES[mode](env.drive)
+        scale = [float(each) for each in built.scale]
+        shown = f"{number(scale[0])} each" if len(set(scale)) == 1 else number(scale)
+        name = f"`{mode}`" + (" (default)" if mode == env.control_mode else "")
+        rows.append((name, str(built.size), shown, " ".join((inspect.getdoc(MODES[mode]) or "").split())))
+    return "\n\n".join(
+        [
+            "## Actions",
+            f"`Box(-1, 1, (m,), {env.single_action_space.dtype})`. Actions outside the box are clipped and "
+            "counted in `info`; a wrong shape, NaN or infinity is an `ActionError` before anything moves. "
+            "Every mode results in joint torques, held over the control period.",
+            table(("control mode", "m", "physical units per unit action", "meaning"), rows),
+        ]
+    )
