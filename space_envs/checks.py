@@ -72,7 +72,7 @@ def numbers(value: Any) -> NDArray[np.float64] | None:
 
 
 def _holds_boolean(value: Any) -> bool:
-    """Whether a list, however deep, holds a boolean, which numpy takes for a number beside numbers."""
+    """Whether a list, however deep, holds a boolean, which numpy takes for a number next to numbers."""
     if isinstance(value, list | tuple):
         return any(map(_holds_boolean, value))
     return isinstance(value, bool | np.bool_)

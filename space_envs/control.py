@@ -16,9 +16,9 @@ from space_envs.simulation import STAGE_POS, Simulation
 CONTROL_MODES = ("joint_velocity", "joint_torque", "end_effector_velocity", "reactionless")
 END_EFFECTOR_SPEED = (0.3, 0.5)  # m/s and rad/s per unit action
 DAMPING = 0.02  # of the generalised Jacobian's inverse, in the units of its singular values
-AWAY = 0.1  # of the rate limit; a motion that breaks limits by more once it is reactionless is stopped first
+AWAY = 0.1  # of the rate limit; beyond it, a motion that violates limits when made reactionless is stopped
 _REGULARISATION = 1e-9  # of the projection onto the reaction null space
-ATTITUDE_GAIN = 0.5  # 1/s, feedback of the attitude left in mode reactionless
+ATTITUDE_GAIN = 0.5  # 1/s, feedback of the attitude error in mode reactionless
 
 
 class ControlMode(Protocol):
@@ -124,9 +124,9 @@ class Reactionless:
     """Joint rates, rad/s, projected onto the reaction null space.
 
     From rest the attitude stays within 0.05 deg, whatever the action, as long as the satellite's mass is
-    the one that the model states; where it is 20 % off, within 0.3 deg. The attitude left is fed back.
-    Joints that a limit stops are taken out of the projection, since stopping them afterwards would leave
-    the null space. A start whose motion is far from the null space is braked.
+    the one that the model states; where it is 20 % off, within 0.3 deg. The attitude error is fed back.
+    Joints that a limit stops are taken out of the projection, since stopping them afterwards would take the
+    motion out of the null space. A start whose motion is far from the null space is braked.
     """
 
     def __init__(self, drive: Drive) -> None:
@@ -139,7 +139,7 @@ class Reactionless:
         simulation = self.drive.simulation
         low, high = self.drive.low, self.drive.high
         self._ahead.update()
-        turning = self._ahead.base_map()[:, simulation.angular]  # (N, 3 or 1, n), base axes
+        rotation_map = self._ahead.base_map()[:, simulation.angular]  # (N, 3 or 1, n), base axes
         attitude = simulation.base_attitude
         if not simulation.planar:
             # For small angles twice the vector part is the rotation vector, in base axes too.
@@ -147,7 +147,7 @@ class Reactionless:
         wanted = -ATTITUDE_GAIN * attitude
 
         def projected(rate: Array, free: Array) -> Array:
-            return reactionless_projection(turning, rate, wanted, free, _REGULARISATION)
+            return reactionless_projection(rotation_map, rate, wanted, free, _REGULARISATION)
 
         command = np.minimum(np.maximum(action * self.scale, low), high)
         rate = projected(command, np.ones_like(command))
@@ -157,11 +157,11 @@ class Reactionless:
         bound = np.where(rate > 0.0, high, -low)
         excess = (np.abs(rate) / np.maximum(bound, 1e-9)).max(axis=1, keepdims=True)
         rate = rate / np.maximum(excess, 1.0)
-        # A joint too fast to stop in time: the whole arm brakes, since its motion now is reactionless too.
+        # A joint too fast to stop in time: the whole arm brakes, since its motion is reactionless too.
         now = simulation.joint_velocity
         late = ((now > high) | (now < low)).any(axis=1, keepdims=True)
         rate = np.where(late, 0.0, rate)
-        # The acceleration limit slows the way from the present motion, made reactionless again, to the new.
+        # The acceleration limit slows the change from the present motion, made reactionless, to the new one.
         present = projected(now, np.ones_like(now))
         change = (rate - present) / self.drive.control_period
         largest = np.abs(change).max(axis=1, keepdims=True) / self.drive.acceleration_limit

@@ -8,8 +8,8 @@ from space_envs.simulation import Simulation
 
 BRAKING = 0.04  # rad/s^2 with which a joint may approach its limit; 60 N m give a resting arm 0.05 at least
 CORIOLIS_SHARE = 0.4  # of a drive's torque; where Coriolis forces take more, the arm is slowed
-CORIOLIS_LOST = 0.8  # of a drive's torque; where they take more, they are no longer held against
-OVERSPEED = 1.05  # times the rate limit, likewise
+CORIOLIS_LOST = 0.8  # of a drive's torque; where they take more, they are no longer compensated
+OVERSPEED = 1.05  # times the rate limit, beyond which the arm is slowed too
 BRAKING_SHARE = 0.2  # of a drive's torque; starts that take more to brake all joints together are refused
 STOP_MARGIN = 0.1  # rad; the drives stop this far inside the joint range, so that nothing hits its end
 
@@ -37,7 +37,7 @@ class JointStops:
         self._rate_limit = rate_limit
 
     def room(self, position: Array) -> Array:
-        """Angle (N, 2, n), rad, left to the lower and the upper stop at joint angles (N, n), rad."""
+        """Angle (N, 2, n), rad, to the lower and the upper stop at joint angles (N, n), rad."""
         return np.maximum(self._offset + self._sign * position[:, None, :], 0.0)
 
     def rates(self, position: Array) -> tuple[Array, Array]:
@@ -92,7 +92,7 @@ class Drive:
         self._last_mass, self._last_bias = mass, bias
 
     def snapshot(self) -> tuple[Array, Array]:
-        """What is remembered of the period before."""
+        """Mass matrix and bias forces of the last period, copies."""
         return self._last_mass.copy(), self._last_bias.copy()
 
     def restore(self, snapshot: tuple[Array, Array]) -> None:
@@ -113,7 +113,7 @@ class Drive:
         """Torques (N, n) for joint accelerations (N, n) that respect every limit but the torque's: M* a + h*.
 
         The acceleration is scaled so that every torque is within its limit. Joints that are too fast to
-        stop before their limit brake first, and the others change with the torque that this leaves.
+        stop before their limit brake first, and the others change with the remaining torque.
         """
         now = self.simulation.joint_velocity
         late = np.asarray((now < self.low) | (now > self.high))
@@ -129,7 +129,7 @@ class Drive:
         torque = after + rest * self._room(after, rest)
         # Where Coriolis forces take much of a drive, the arm as a whole slows down while there is torque to
         # hold its direction with. Where there is hardly any, nothing is held: Coriolis forces do no work, so
-        # torques against M* times the rates brake for certain.
+        # torques opposed to M* times the rates always brake.
         kept = np.where(load > CORIOLIS_LOST, 0.0, held)
         slower = kept + stopping * self._room(kept, stopping)
         return self._within(np.where(fast, slower, torque))
@@ -160,7 +160,7 @@ class Drive:
         return np.minimum(np.maximum(torque, -self.torque_limit), self.torque_limit)
 
     def protect(self, torque: Array) -> Array:
-        """Commanded torques (N, n), replaced in rows where they would break a rate or position limit."""
+        """Commanded torques (N, n), replaced in rows where they would violate a rate or position limit."""
         torque = self._within(torque)
         force = -self._bias
         force[:, self._b :] += torque
@@ -168,7 +168,7 @@ class Drive:
         rate = self.simulation.joint_velocity + self.control_period * acceleration
         # Half the rate limit in one period is more than a torque held that long can steer.
         harsh = np.abs(acceleration) > 0.5 * self.rate_limit / self.control_period
-        broken = np.any((rate < self.low) | (rate > self.high) | harsh, axis=1)
-        if not broken.any():
+        violated = np.any((rate < self.low) | (rate > self.high) | harsh, axis=1)
+        if not violated.any():
             return torque
-        return np.where(broken[:, None], self.track(rate), torque)
+        return np.where(violated[:, None], self.track(rate), torque)

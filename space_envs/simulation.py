@@ -41,7 +41,7 @@ class Simulation:
         qpos (N, nq), qvel (N, nv), ctrl (N, n): live and writable.
         mocap_pos (N, k, 3), mocap_quat (N, k, 4): likewise, of the k mocap bodies.
         sensors (N, ns): live, current after `step` and `refresh`.
-        watch: called after every single step of the simulation, where somebody wants to see them all.
+        watch: called after every single step of the simulation, for callers that need them all.
     """
 
     def __init__(self, model: mujoco.MjModel, n: int, threads: int | None = None) -> None:
@@ -188,7 +188,7 @@ class Simulation:
         self.batch.expand("site_pos")[rows[:, None], sites] = position
 
     def snapshot(self) -> dict[str, Array]:
-        """Everything that `restore` needs to go on from here with the same bits."""
+        """State with which `restore` goes on from here with the same bits."""
         kept = {"state": np.stack([self.state(row) for row in range(self.n)])}
         for name in ("body_mass", "body_inertia", "site_pos"):
             own = self.batch.expanded(name)
@@ -221,7 +221,7 @@ class Simulation:
 
 
 def _dense_index(model: mujoco.MjModel, size: int) -> tuple[NDArray[np.int64], NDArray[np.float64] | None]:
-    """Where the entries of M's leading (size, size) block lie in its sparse lower triangle.
+    """Indices of M's leading (size, size) block in its sparse lower triangle.
 
     Also (size, size) ones and zeros where branches leave entries out, which then point at any other entry;
     None where there are no such entries.

@@ -42,7 +42,7 @@ def test_straight_ways_are_blocked_and_detours_clear(variant, difficulty, split)
     assert (gaps["straight"][:, -1] > clutter.GOAL_CLEARANCE - 1e-9).all()
     # In the ood split the satellite's mass is another: the detour was checked with that one.
     if split != "ood":
-        assert (gaps["detour"].min(axis=(1, 2)) > 0.9 * clutter.WAY_CLEARANCE).all()
+        assert (gaps["detour"].min(axis=(1, 2)) > 0.9 * clutter.PATH_CLEARANCE).all()
     largest = clutter.OOD_SPHERE_RADIUS if split == "ood" else clutter.SPHERE_RADIUS
     assert (goals.obstacle_radius >= largest[0]).all() and (goals.obstacle_radius <= largest[1]).all()
     assert (clutter.bus_gaps(goals.obstacle_position, goals.obstacle_radius) > clutter.BUS_CLEARANCE).all()

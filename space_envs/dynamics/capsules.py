@@ -31,9 +31,9 @@ def segment_distance(a: Array, b: Array, c: Array, d: Array) -> Array:
 
 def point_segment(point: Array, a: Array, b: Array) -> Array:
     """Distance (...) of a point from the segment from a to b, each (..., 3), m."""
-    way = b - a
-    share = ((point - a) * way).sum(-1) / np.maximum((way * way).sum(-1), 1e-300)
-    gap = point - a - np.clip(share, 0.0, 1.0)[..., None] * way
+    along = b - a
+    share = ((point - a) * along).sum(-1) / np.maximum((along * along).sum(-1), 1e-300)
+    gap = point - a - np.clip(share, 0.0, 1.0)[..., None] * along
     return np.sqrt((gap * gap).sum(-1))
 
 
@@ -60,22 +60,22 @@ def _outside(a: Array, b: Array, half: Array) -> Array:
     The slope of half its square along the segment is linear between the places where the segment's line
     passes a face's plane, and never falls.
     """
-    way = b - a
-    safe = np.where(np.abs(way) > _TINY, way, _TINY)
+    along = b - a
+    safe = np.where(np.abs(along) > _TINY, along, _TINY)
     with np.errstate(over="ignore"):
         share = np.concatenate([(half - a) / safe, (-half - a) / safe], axis=-1)
     share = np.clip(share, 0.0, 1.0)
     share = np.concatenate([share, np.zeros_like(share[..., :1]), np.ones_like(share[..., :1])], axis=-1)
-    point = a[..., None, :] + share[..., None] * way[..., None, :]
+    point = a[..., None, :] + share[..., None] * along[..., None, :]
     beyond = np.maximum(np.abs(point) - half[..., None, :], 0.0) * np.sign(point)
-    slope = (beyond * way[..., None, :]).sum(axis=-1)
+    slope = (beyond * along[..., None, :]).sum(axis=-1)
     falls, rises = slope <= 0.0, slope >= 0.0
     low, high = np.where(falls, share, 0.0).max(axis=-1), np.where(rises, share, 1.0).min(axis=-1)
     before, after = np.where(falls, slope, -np.inf).max(axis=-1), np.where(rises, slope, np.inf).min(axis=-1)
     crosses = (before < 0.0) & np.isfinite(before) & np.isfinite(after) & (after > before)
     rise = np.where(crosses, after - before, 1.0)
     at = low + np.where(crosses, (high - low) * np.where(crosses, -before, 0.0) / rise, 0.0)
-    outside = np.maximum(np.abs(a + at[..., None] * way) - half, 0.0)
+    outside = np.maximum(np.abs(a + at[..., None] * along) - half, 0.0)
     return np.sqrt((outside * outside).sum(axis=-1))
 
 
@@ -84,15 +84,15 @@ def _depth(a: Array, b: Array, half: Array) -> Array:
 
     It is at an end, where a coordinate vanishes, or where two of the six linear functions are equal.
     """
-    way = b - a
+    along = b - a
     first, second = _PAIRS.T
     s, t = _SIGNS[:, :1], _SIGNS[:, 1:]  # (4, 1), against pairs (3,)
-    rate = s * way[:, None, first] - t * way[:, None, second]
+    rate = s * along[:, None, first] - t * along[:, None, second]
     missing = half[:, None, first] - half[:, None, second] - s * a[:, None, first] + t * a[:, None, second]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        share = np.concatenate([(missing / rate).reshape(len(a), 12), -a / way], axis=1)
+        share = np.concatenate([(missing / rate).reshape(len(a), 12), -a / along], axis=1)
     share = np.concatenate(
         [np.clip(np.nan_to_num(share), 0.0, 1.0), np.tile([0.0, 1.0], (len(a), 1))], axis=1
     )
-    point = a[:, None] + share[..., None] * way[:, None]
+    point = a[:, None] + share[..., None] * along[:, None]
     return (np.abs(point) - half[:, None]).max(axis=-1).min(axis=-1)

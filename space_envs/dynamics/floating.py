@@ -19,7 +19,7 @@ _BLOCK = 2048  # samples; more does not fit in the cache, fewer leave the loops 
 
 @dataclass(frozen=True)
 class Kinematics:
-    """Where everything is, in the base frame, for configurations of any batch shape (...).
+    """Poses of the links in the base frame, for configurations of any batch shape (...).
 
     Attributes:
         rotation: (..., n, 3, 3) axes of link frames.

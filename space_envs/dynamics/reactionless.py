@@ -1,6 +1,6 @@
-"""Motion of several end-effectors that leaves the base's attitude alone, batched.
+"""Motion of several end-effectors that does not rotate the base, batched.
 
-All quantities are in base axes. At zero momentum a joint motion turns the base at w0 = W thetadot, W being
+All quantities are in base axes. At zero momentum a joint motion rotates the base at w0 = W thetadot, W being
 the angular half of the base map; W thetadot = 0 is the reactionless constraint, eq. 4 of shah2013.
 """
 
@@ -39,7 +39,7 @@ def end_effectors(robot: FloatingRobot, q: Array, kinematics: Kinematics | None 
     carries = robot.carries.T[links][..., None]  # (k, n, 1)
     axes = k.axis[..., None, :, :] * carries
     arm = cross(axes, position[..., :, None, :] - k.position[..., None, :, :])
-    # A turn w0 of the base carries the point at p along at w0 x p.
+    # A rotation w0 of the base moves the point at p at w0 x p.
     carried = -cross(position[..., :, None, :], w0.swapaxes(-1, -2)[..., None, :, :])
     linear = (arm + carried).swapaxes(-1, -2) + v0
     angular = axes.swapaxes(-1, -2) + w0[..., None, :, :]
@@ -55,21 +55,22 @@ def reactionless_rates(
     damping: float = 0.03,
     weight: float = 0.5,
 ) -> Array:
-    """Joint rates (..., n) rad/s that come nearest to what the end-effectors shall do and turn the base at
-    `base_rate` exactly, whatever the damping: eq. 9 of shah2013 with a damped inverse.
+    """Joint rates (..., n) rad/s that move the end-effectors as nearly as possible as asked, at a base rate.
+
+    The base rate is exact, whatever the damping: eq. 9 of shah2013 with a damped inverse.
 
     Args:
-        now: of `tips`. velocity: (..., k, 3) m/s of the end-effectors, inertial but in base axes.
+        now: of `end_effectors`. velocity: (..., k, 3) m/s of the end-effectors, inertial but in base axes.
         turn: (..., k, 3) rad/s, angular velocity across the approach axis; None leaves it free.
         base_rate: (..., 3) rad/s of the base; None is zero.
-        posture: (..., n) rad/s that the joints shall have where nothing else is asked of them; None is rest.
-        damping: of the inverse, in m/rad. weight: m/rad, of turning against moving.
+        posture: (..., n) rad/s of the joints in the directions that are free; None is rest.
+        damping: of the inverse, in m/rad. weight: m/rad, of rotation against displacement.
     """
     n = now.turning.shape[-1]
     batch, asked = now.turning.shape[:-2], 3 * now.position.shape[-2]
     square = now.turning @ now.turning.swapaxes(-1, -2) + _TINY * np.eye(3)
     back = now.turning.swapaxes(-1, -2) @ np.linalg.inv(square)
-    # Applied twice: the small regularisation leaves a share of _TINY / W W' of the turning, then its square.
+    # Applied twice: the small regularisation leaves a share of _TINY / W W' of the rotation, then its square.
     null = np.eye(n) - back @ now.turning
     null = null - back @ (now.turning @ null)
     rows = now.linear.reshape(*batch, asked, n)
@@ -111,7 +112,7 @@ def reactionless_projection(
 
 
 def axis_turn(axis: Array, wanted: Array) -> Array:
-    """Rotation vectors (..., 3), rad, that turn unit vectors (..., 3) the short way onto others."""
+    """Rotation vectors (..., 3), rad, that rotate unit vectors (..., 3) onto others by the smaller angle."""
     normal = cross(axis, wanted)
     sine = np.sqrt((normal * normal).sum(axis=-1, keepdims=True))
     cosine = (axis * wanted).sum(axis=-1, keepdims=True)
@@ -126,7 +127,7 @@ def axis_turn(axis: Array, wanted: Array) -> Array:
 
 
 class Reached(NamedTuple):
-    """Where a roll-out ended: q (K, n) rad, and what is left: m and, of the approach axes, rad (K,)."""
+    """End of a roll-out: q (K, n) rad, and residual distance, m, and angle of the approach axes, rad (K,)."""
 
     q: Array
     distance: Array
@@ -134,10 +135,10 @@ class Reached(NamedTuple):
 
 
 def reach(robot: FloatingRobot, start: Array, position: Array, axis: Array | None = None) -> Reached:
-    """Roll out a reactionless motion that takes the end-effectors to points that rest.
+    """Roll out a reactionless motion that takes the end-effectors to points at rest.
 
     The base keeps its attitude and starts at the origin; steps are of second order, so the motion that is
-    approximated is reactionless all along. That a goal was reached so proves that it can be.
+    approximated is reactionless all along. A goal that it reaches can be reached.
 
     Args:
         start: (K, n) rad. position: (K, k, 3) m, inertial frame. axis: (K, k, 3) approach axes, or None.
@@ -146,18 +147,18 @@ def reach(robot: FloatingRobot, start: Array, position: Array, axis: Array | Non
     origin = robot.centre_of_mass(robot.kinematics(q))
     turn = None
     for _ in range(_STEPS):
-        now, left, turn = _left(robot, q, origin, position, axis)
+        now, left, turn = _residual(robot, q, origin, position, axis)
         change = reactionless_rates(now, 0.3 * left, None if turn is None else 0.3 * turn)
         change *= np.minimum(_LARGEST_STEP / np.maximum(np.abs(change).max(axis=-1), 1e-12), 1.0)[:, None]
         # The step is projected at its middle.
         q = q + reactionless_projection(robot.base_map(q + 0.5 * change)[..., 3:, :], change)
-    _, left, turn = _left(robot, q, origin, position, axis)
+    _, left, turn = _residual(robot, q, origin, position, axis)
     distance = np.sqrt((left * left).sum(axis=-1)).max(axis=-1)
     angle = np.zeros(len(q)) if turn is None else np.sqrt((turn * turn).sum(axis=-1)).max(axis=-1)
     return Reached(q, distance, angle)
 
 
-def _left(
+def _residual(
     robot: FloatingRobot, q: Array, origin: Array, position: Array, axis: Array | None
 ) -> tuple[EndEffectors, Array, Array | None]:
     kinematics = robot.kinematics(q)

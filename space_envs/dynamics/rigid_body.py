@@ -1,10 +1,10 @@
-"""A rigid body that turns freely: the tumbling of a target, forwards and backwards in time."""
+"""A rigid body that rotates freely: the tumbling of a target, forwards and backwards in time."""
 
 import numpy as np
 
 from space_envs.dynamics.rotations import Array, conjugate, cross, multiply, rotate
 
-_STEP = 0.1  # s, largest step of the integration; a target turns by less than 0.02 rad in it
+_STEP = 0.1  # s, largest step of the integration; a target rotates by less than 0.02 rad in it
 
 
 def tumble(quaternion: Array, angular_velocity: Array, inertia: Array, times: Array) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""Distances between the links of an arm and balls that they must keep out of."""
+"""Distances between the links of an arm and keep-out spheres."""
 
 import numpy as np
 
@@ -24,7 +24,7 @@ def link_ends(robot: FloatingRobot, q: Array, base_position: Array, base_quatern
 
 
 def sphere_gaps(ends: Array, spheres: Array, link_radius: float) -> Array:
-    """Gaps (..., n, K) between links and balls, m; negative where a link is inside.
+    """Gaps (..., n, K) between links and spheres, m; negative where a link is inside.
 
     Links are capsules of radius `link_radius` around straight segments.
 

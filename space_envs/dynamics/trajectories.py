@@ -1,4 +1,4 @@
-"""What a joint trajectory does to the base: its twist, its pose and the cost of eq. 20."""
+"""Base motion along a joint trajectory: twist, pose and base disturbance (eq. 20 of shyam2020)."""
 
 import numpy as np
 
@@ -43,7 +43,7 @@ def roll_out_base(
     """Base pose along a joint trajectory at zero momentum.
 
     Second order in dt: the twist is taken as linear between nodes, and the pose is the exponential of its
-    integral with the commutator that belongs to it (Magnus), so that it turns exactly where the twist is
+    integral with the commutator that belongs to it (Magnus), so that it is exact where the twist is
     constant.
 
     Args:

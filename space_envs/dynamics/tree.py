@@ -149,7 +149,7 @@ class RobotTree:
 
 
 def base_kind(model: mujoco.MjModel, body: int) -> str | None:
-    """How a body floats: `spatial` (free joint), `planar` (slides along x, y, hinge about z), or None."""
+    """Kind of a base: `spatial` (free joint), `planar` (slides along x, y, hinge about z), or None."""
     first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
     kinds = [int(kind) for kind in model.jnt_type[first : first + count]]
     free, slide, hinge = (

@@ -51,7 +51,7 @@ class EpisodeTracker:
 
     @property
     def ended(self) -> NDArray[np.bool_] | None:
-        """Which episodes (N,) bool are over; None if none is."""
+        """Episodes (N,) bool that are over; None if none is."""
         return self.outcome != _RUNNING if self.outcome.any() else None
 
     def begin(self, rows: NDArray[np.int64], start: Start) -> None:
@@ -153,7 +153,7 @@ class EpisodeTracker:
         return {"split": self.split.copy(), "_split": rows, "index": self.index.copy(), "_index": rows}
 
     def snapshot(self) -> dict[str, Any]:
-        """What `restore` needs to go on from here, independent of what happens next."""
+        """State for `restore`, independent of what happens next."""
         own = {name: value for name, value in vars(self).items() if name != "_task"}
         return copy.deepcopy(own)
 

@@ -42,7 +42,7 @@ class Seeds:
         return [number for _, number in self._all]
 
     def renewed(self, seed: Any, rows: NDArray[np.int64]) -> "Seeds":
-        """The same, with rows (k,) seeded anew: row i with seed + i, or with the i-th of n seeds.
+        """The same, with rows (k,) seeded again: row i with seed + i, or with the i-th of n seeds.
 
         Raises:
             ConfigurationError: if the seed is neither None, nor a number, nor n of them.

@@ -48,7 +48,7 @@ class CaptureEnv(gym.Env[NDArray, NDArray]):
 
     @property
     def spec(self) -> EnvSpec | None:  # type: ignore[override]
-        """How Gymnasium made the environment; `max_episode_steps` is the horizon."""
+        """Specification that Gymnasium made the environment from; `max_episode_steps` is the horizon."""
         return self.vector.spec
 
     @spec.setter

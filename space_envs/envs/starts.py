@@ -1,4 +1,4 @@
-"""What `reset(options=...)` may ask for, validated before anything moves."""
+"""Starts of episodes, from the options of `reset`, validated before anything moves."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -19,7 +19,7 @@ COMMON_OPTIONS = ("split", "index", "joint_position", "joint_velocity", "reset_m
 
 @dataclass(frozen=True)
 class Start:
-    """How k episodes begin.
+    """Starts of k episodes.
 
     Attributes:
         goals: of the task, k of them, with the joint angles at the start.
@@ -58,7 +58,7 @@ def choose_start(
     rows: NDArray[np.int64],
     generators: Sequence[np.random.Generator],
 ) -> Start:
-    """How rows (k,) of len(generators) begin; what the options leave open comes from each row's generator.
+    """Starts of rows (k,) of len(generators); what the options do not set is drawn from each row's generator.
 
     Raises:
         ConfigurationError: for a value that is not valid. GoalError: for a goal that cannot be reached. The

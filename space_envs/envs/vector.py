@@ -119,7 +119,7 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
 
     @property
     def spec(self) -> EnvSpec | None:  # type: ignore[override]
-        """How Gymnasium made the environment; `max_episode_steps` is the horizon."""
+        """Specification that Gymnasium made the environment from; `max_episode_steps` is the horizon."""
         return self._spec
 
     @spec.setter

@@ -24,7 +24,7 @@ class ArmShape:
         link: (S,) number of the link that each capsule is part of.
         radius: m, of the capsules. satellite, target: (S,) m, the radius with which each counts against
             these; 0 counts the centre line, minus infinity nothing.
-        half: m, half a side of the satellite's cube; None where the arms move beside it all the time.
+        half: m, half a side of the satellite's cube; None where the arms always move next to it.
         body: (3,) m, half sides of the target's box for each metre of the grapple points' distance from its
             centre; None where there is no target but a pose.
     """
@@ -47,7 +47,7 @@ def _per_metre(target: TargetParameters) -> tuple[float, float, float]:
     return x / target.half_width, y / target.half_width, z / target.half_width
 
 
-# Link 1 is the pillar within the satellite, link 2 has no length, and link 3 turns on the deck.
+# Link 1 is the pillar within the satellite, link 2 has no length, and link 3 rotates on the deck.
 SINGLE_ARM_SHAPE = ArmShape(
     points=("root", "link4", "link5", "link6", "link7", "end_effector"),
     link=(3, 4, 5, 6, 7),
@@ -55,7 +55,7 @@ SINGLE_ARM_SHAPE = ArmShape(
     satellite=(0.0, _R, _R, _R, _R),
     half=SINGLE_ARM.satellite_side / 2,
 )
-# The arms turn in a plane above the satellite's deck, in which the target lies.
+# The arms rotate in a plane above the satellite's deck, in which the target lies.
 PLANAR_SHAPE = ArmShape(
     points=("arm{arm}_link1", "arm{arm}_link2", "arm{arm}_link3", "gripper{arm}", "end_effector{arm}"),
     link=(1, 2, 3, 3),

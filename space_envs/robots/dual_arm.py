@@ -41,7 +41,7 @@ def _build_planar(spec: mujoco.MjSpec, parameters: DualArmPlanarParameters) -> N
             body = parent.add_body(name=f"arm{arm}_link{number}", pos=position, explicitinertial=True)
             body.mass = link.mass
             body.ipos = [link.length / 2, 0.0, 0.0]
-            axial = link.mass * parameters.link_radius**2 / 2  # turning about its length does not happen
+            axial = link.mass * parameters.link_radius**2 / 2  # it does not rotate about its length
             body.inertia = [axial, link.inertia, link.inertia]
             reach = parameters.first_reach if number == 1 else parameters.joint_reach
             _add_joint(spec, body, f"arm{arm}_joint{number}", reach, parameters.torque_limit)
@@ -78,8 +78,8 @@ def _build_spatial(spec: mujoco.MjSpec, parameters: DualArmSpatialParameters) ->
             name, reach = f"arm{arm}_joint{number}", parameters.joint_reach
             _add_joint(spec, body, name, reach, parameters.torque_limit, parameters.rotor_inertia)
             parent, position, orientation = body, [a, 0.0, d], quaternion_x(alpha)
-        # DH frame 7, whose z axis is the way in. It is square to joint 7: a tool that points along that
-        # joint's axis would leave the joint without use, and the other six with one constraint too many.
+        # DH frame 7, whose z axis is the approach axis. It is square to joint 7: with a tool along its axis
+        # that joint would have no use, and the other six one constraint too many.
         parent.add_site(
             name=f"end_effector{arm}", pos=position, quat=orientation, size=[0.01, 0.01, 0.01], group=4
         )
@@ -89,7 +89,7 @@ def _build_spatial(spec: mujoco.MjSpec, parameters: DualArmSpatialParameters) ->
     target.add_freejoint(name=TARGET)
     half = parameters.target.half_width
     for name, sign in zip(GRAPPLES, (1.0, -1.0), strict=True):
-        # z of the fixture is the way in: an end-effector's z axis has to point along it.
+        # z of the fixture is its approach axis: an end-effector's z axis has to point along it.
         into = [float(np.cos(pi / 4)), 0.0, float(np.sin(-sign * pi / 4)), 0.0]
         target.add_site(name=name, pos=[sign * half, 0.0, 0.0], quat=into, size=[0.01, 0.01, 0.01], group=4)
     at = [0.0, 1.6, 0.0, 1.0, 0.0, 0.0, 0.0]
@@ -148,7 +148,7 @@ def _add_joint(
 
 @dataclass(frozen=True)
 class DualArmDescription:
-    """What a dual-arm robot's model and its tasks are built from.
+    """Description of a dual-arm robot, from which its model is built.
 
     Attributes:
         parameters: of the robot. shape: of its arms, for contacts.
@@ -170,7 +170,7 @@ KINDS = tuple(DUAL_ARMS)
 
 @dataclass(frozen=True)
 class DualArmOptions:
-    """What can be chosen about the simulated model.
+    """Options of the simulated model.
 
     Attributes:
         kind: planar or spatial.

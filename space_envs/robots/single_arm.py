@@ -30,7 +30,7 @@ OBSTACLE_RADIUS = 0.25  # m, as compiled; every episode has its own
 
 @dataclass(frozen=True)
 class ModelOptions:
-    """What can be chosen about the simulated model.
+    """Options of the simulated model.
 
     Attributes:
         variant: `paper` takes the inertias of Table II literally; `physical` makes the links solid rods
@@ -58,7 +58,7 @@ class ModelOptions:
 
 
 def quaternion_x(angle: float) -> list[float]:
-    """Turn about x as a quaternion."""
+    """Quaternion of a rotation about x."""
     return [float(np.cos(angle / 2)), float(np.sin(angle / 2)), 0.0, 0.0]
 
 
@@ -79,7 +79,7 @@ def single_arm_spec(
 ) -> mujoco.MjSpec:
     """Build the editable model.
 
-    Body `link{i}` carries joint i: its frame is DH frame i - 1 turned by the joint angle, so that the joint
+    Body `link{i}` carries joint i: its frame is DH frame i - 1 rotated by the joint angle, so that the joint
     axis is its z axis. Mass, centre of mass (mid-link) and inertia (axes of DH frame i) are written
     explicitly; no geom has mass. The satellite's frame is at its centre of mass. The target is a mocap body
     whose frame is the grapple pose.
@@ -128,7 +128,7 @@ def single_arm_spec(
         ).set_to_motor()
         parent, position, orientation = body, [link.a, 0.0, link.d], quaternion_x(link.alpha)
     parent.add_site(name=END_EFFECTOR, pos=position, quat=orientation, size=[0.01, 0.01, 0.01], group=4)
-    # Where the upper arm leaves the deck that it turns on.
+    # Where the upper arm leaves the deck that it rotates on.
     foot = [parameters.link_radius, 0.0, 0.0]
     spec.body("link3").add_site(name=ROOT, pos=foot, size=[0.01, 0.01, 0.01], group=4)
 
@@ -190,7 +190,7 @@ def _add_sensors(spec: mujoco.MjSpec, n_joints: int) -> None:
 def _add_obstacles(spec: mujoco.MjSpec, count: int, n_joints: int) -> None:
     """Add keep-out spheres, sensors of their centres and surfaces, and of the ends of the links.
 
-    A surface is measured from its centre, in the axes of the sphere, which do not turn.
+    A surface is measured from its centre, in the axes of the sphere, which do not rotate.
     """
     kind, obj = mujoco.mjtSensor.mjSENS_FRAMEPOS, mujoco.mjtObj
     names = [f"{OBSTACLE}{number}" for number in range(1, count + 1)]

@@ -1,1 +1,1 @@
-"""What is only drawn: satellites, arms, targets, the planet and the stars."""
+"""Scenery, which is only drawn: satellites, arms, targets, the planet and the stars."""

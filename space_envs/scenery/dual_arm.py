@@ -1,4 +1,4 @@
-"""How the dual-arm models look: geometry without mass that never collides."""
+"""Look of the dual-arm models: geometry without mass that never collides."""
 
 from math import cos, pi, sin
 
@@ -20,7 +20,7 @@ from space_envs.scenery.parts import (
 from space_envs.scenery.shapes import Brush, Vector, add_crumpled_box, rotation_to
 
 _ARM_SCALE = 0.5  # of joints and hands, against the single arm
-_PLANAR_DECK = -0.34  # m, z of the deck that the planar arms turn above
+_PLANAR_DECK = -0.34  # m, z of the deck that the planar arms rotate above
 _PLANAR_TARGET = -0.30  # m, z of the target's middle, below the arms
 _QUARTER_X = (cos(pi / 4), -sin(pi / 4), 0.0, 0.0)  # z becomes y
 _HALF_X = (0.0, 1.0, 0.0, 0.0)  # z becomes -z
@@ -122,7 +122,7 @@ def _draw_tower(deck: Brush, mount: tuple[float, float], height: float, inside: 
 def _draw_arm(spec: mujoco.MjSpec, arm: int, radius: float, grip: Vector) -> None:
     """Draw joints, booms and the hand of an arm.
 
-    `grip` is the hand's turn in the frame of its site: it closes along its own z axis.
+    `grip` is the hand's rotation in the frame of its site: it closes along its own z axis.
     """
     names = {body.name for body in spec.bodies}
     count = sum(name.startswith(f"arm{arm}_link") for name in names)

@@ -1,4 +1,4 @@
-"""How the single-arm model looks: geometry without mass that never collides.
+"""Look of the single-arm model: geometry without mass that never collides.
 
 The drawings name materials and meshes that `draw_environment` adds, so a spec needs all three calls.
 """

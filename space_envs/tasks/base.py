@@ -1,4 +1,4 @@
-"""What is the same in every capture task: configuration, splits, capture, reward."""
+"""Base of every capture task: configuration, splits, capture, reward."""
 
 import math
 from collections.abc import Mapping
@@ -30,14 +30,14 @@ from space_envs.tasks.common import (
 from space_envs.tasks.contacts import Contacts
 from space_envs.tasks.rewards import DENSE, SPARSE, RewardTerm, StepQuantities
 
-# Of keywords: deg, beyond which an attitude that counts turns would leave its bound, and m/rad.
+# Of keywords: deg, beyond which an attitude that counts full rotations would exceed its bound, and m/rad.
 LARGEST = {"attitude_limit": 3600.0, "c": 1e6}
 MOST_STEPS = 10**6  # of an episode
-BLOCK = 64  # goals are computed in whole blocks, so that a goal has the same bits whoever asks for it
+BLOCK = 64  # goals are computed in whole blocks, so that the bits of a goal do not depend on the others
 
 
 class DriveLimits(Protocol):
-    """What the drives need to know of a robot's parameters."""
+    """Limits of a robot that its drives keep."""
 
     @property
     def rate_limit(self) -> float: ...  # rad/s
@@ -73,7 +73,7 @@ class CaptureTask:
     c: float = 1.0
     collisions: bool = True
 
-    # What a subclass states about itself.
+    # Stated by a subclass.
     version: ClassVar[int] = 2  # of the task in records, raised with every change that moves a score
     layout: ClassVar[ObservationLayout]
     parameters: ClassVar[DriveLimits]
@@ -100,7 +100,7 @@ class CaptureTask:
             if not LEAST_TIMESTEP <= self.timestep <= self.largest_timestep:
                 raise ConfigurationError(
                     f"timestep must lie in {LEAST_TIMESTEP:g} to {self.largest_timestep:g} s, the largest "
-                    f"that conserves momentum as promised; got {self.timestep!r}"
+                    f"that conserves momentum to the published bound; got {self.timestep!r}"
                 )
         if self.control_period > self.largest_control_period:
             raise ConfigurationError(
@@ -125,7 +125,7 @@ class CaptureTask:
                 f"{self.control_period:g} s"
             )
 
-    # What a subclass answers -----------------------------------------------------------------------------
+    # Answered by a subclass -----------------------------------------------------------------------------
 
     @property
     def default_timestep(self) -> float:
@@ -134,7 +134,7 @@ class CaptureTask:
 
     @property
     def largest_timestep(self) -> float:
-        """Largest step that was shown to conserve momentum as promised, s; the default unless overridden."""
+        """Largest step that conserves momentum to the published bound, s; the default unless overridden."""
         return self.default_timestep
 
     @property
@@ -197,18 +197,18 @@ class CaptureTask:
 
     @property
     def contacts(self) -> Contacts:
-        """The capsules of the robot and what they may not touch. Asked if `collides`."""
+        """The capsules of the robot and what they may not touch. Needed if `collides`."""
         raise NotImplementedError
 
     @property
     def contact_names(self) -> tuple[str, ...]:
-        """What may touch what, by the codes of `collided`; the first is empty. Asked if `collides`."""
+        """Names of the contacts, by the codes of `collided`; the first is empty. Needed if `collides`."""
         raise NotImplementedError
 
     def collided(self, before: Array, sensors: Array) -> NDArray[np.int64]:
         """Codes (N,) of what the robot touched that it must not in a control period; 0 is nothing.
 
-        Asked if `collides`.
+        Needed if `collides`.
 
         Args:
             before, sensors: (N, s) sensors of the model at the beginning and at the end of the period.
@@ -222,7 +222,7 @@ class CaptureTask:
             GoalError: naming what touches what, and the gap.
         """
 
-    # What follows from it --------------------------------------------------------------------------------
+    # Derived --------------------------------------------------------------------------------
 
     @property
     def reward_terms(self) -> tuple[RewardTerm, ...]:
@@ -260,7 +260,7 @@ class CaptureTask:
         return self.split_sizes[split]
 
     def goals(self, split: str, indices: NDArray[np.int64]) -> Any:
-        """Goals (K) of a split by index; the same for ever, on every machine to rounding.
+        """Goals (K) of a split by index; the same on every machine to rounding.
 
         Raises:
             ConfigurationError: for an unknown split or an index outside it.

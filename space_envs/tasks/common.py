@@ -13,7 +13,7 @@ from space_envs.errors import positive, unknown_name
 SPLITS = ("train", "validation", "test", "ood")
 DIFFICULTIES = ("easy", "medium", "hard")
 REWARDS = ("dense", "sparse")
-LARGEST_TOLERANCE = 1e4  # of a capture, in any of its units: it asks for nothing any more
+LARGEST_TOLERANCE = 1e4  # of a capture, in any of its units: it is no limit any more
 UNIT = 1.000001  # bound on the components of unit vectors and quaternions, with room for rounding
 
 
@@ -28,7 +28,7 @@ class Field(NamedTuple):
 
 @dataclass(frozen=True)
 class ObservationLayout:
-    """Where each named quantity lies in the observation vector."""
+    """Layout of the observation vector: a slice for each named quantity."""
 
     fields: tuple[Field, ...]
 
@@ -104,9 +104,9 @@ class CaptureErrors(NamedTuple):
 
 @dataclass(frozen=True)
 class CaptureEnvelope:
-    """How close, aligned and slow an end-effector must be to its grapple, and for how long.
+    """Limits of a capture: distance, angle and speeds of an end-effector to its grapple, and for how long.
 
-    A task's own envelope says what it asks for and answers `limits`.
+    A task's own envelope adds its limits and overrides `limits`.
     """
 
     position: float = 0.05  # m
@@ -126,7 +126,7 @@ class CaptureEnvelope:
 
 @dataclass(frozen=True)
 class Goals:
-    """Goals of K episodes; a task's own goals add what it goes for.
+    """Goals of K episodes; a task's own goals add what has to be captured.
 
     Attributes:
         mass_scale: (K,) factor on the satellite's mass and inertia; 1 but in the ood split.
@@ -143,7 +143,7 @@ class Goals:
 
 @dataclass(frozen=True)
 class GoalOption:
-    """One of the options of `reset` that together are a goal: its numbers, and what it is if left out.
+    """Option of `reset` that is a part of a goal: its numbers and its default.
 
     Attributes:
         width: how many numbers. default: where it is left out; None if it must be given.

@@ -1,6 +1,6 @@
-"""Which links touch what they must not, by distance, in the simulation: from the model's sensors.
+"""Contacts of links with what they must not touch, by distance, from the sensors of the simulation.
 
-Nothing has contact forces: an episode in which something is touched ends as a collision.
+Nothing has contact forces: an episode with a contact ends as a collision.
 """
 
 from dataclasses import dataclass
@@ -75,14 +75,14 @@ class Contacts(ArmGaps):
     def touched(self, before: Array, sensors: Array) -> NDArray[np.int64]:
         """Codes (N,) of what was touched first in a control period, 0 for nothing.
 
-        Between the ends of the period the points of the arms are taken to move straight, and are looked at
-        nine times: what is missed is less deep than a sixteenth of their way in a period.
+        Between the ends of the period the points of the arms are taken to move straight, and are checked
+        nine times: an overlap that is missed is less deep than a sixteenth of their displacement.
 
         Args:
             before, sensors: (N, s) of the model at the beginning and at the end of the period.
         """
         # Runs at every step, also for N = 1: what counts here is the number of numpy calls. Capsules whose
-        # bounding boxes, grown by what they have moved, stay away from each other need no closer look.
+        # bounding boxes, grown by what they have moved, stay away from each other need no closer check.
         n = len(sensors)
         hits: list[_Hits] = []
         for frame, columns in self._frames:
@@ -129,8 +129,8 @@ class Contacts(ArmGaps):
         near = segment_distance(*ends[0], *ends[1]) <= reach + move[row]
         row, one, other = row[near], one[near], other[near]
         first, second = np.zeros_like(row), np.ones_like(row)
-        ways = *course.at_shares((row, first, one)), *course.at_shares((row, second, other))
-        touching = segment_distance(*ways) <= reach
+        paths = *course.at_shares((row, first, one)), *course.at_shares((row, second, other))
+        touching = segment_distance(*paths) <= reach
         return [_Hits(row, self.first_pair["arms"] + one * len(self.shape.link) + other, touching)]
 
     def _first(self, n: int, hits: list[_Hits]) -> NDArray[np.int64]:

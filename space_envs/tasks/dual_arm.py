@@ -83,16 +83,16 @@ class DualArmTask(CaptureTask):
 
     @cached_property
     def contacts(self) -> Contacts:
-        """Which links may not touch the satellite, the target and each other."""
+        """Contacts of links with the satellite, the target and each other."""
         return Contacts.of(self.model, DUAL_ARMS[self.kind].shape, arms=2)
 
     @property
     def contact_names(self) -> tuple[str, ...]:
-        """What may touch what, by the codes of `collided`."""
+        """Names of the contacts, by the codes of `collided`."""
         return self.contacts.names
 
     def collided(self, before: Array, sensors: Array) -> NDArray[np.int64]:
-        """Codes (N,) of what touched what in a control period."""
+        """Codes (N,) of the first contact in a control period."""
         return self.contacts.touched(before, sensors)
 
     def gaps(
@@ -110,7 +110,7 @@ class DualArmTask(CaptureTask):
         return self.contacts.all_gaps(points, local, half, gripper=gripper)
 
     def check_start(self, goals: TargetGoals) -> None:
-        """Refuse goals with which arms touch something at the start; errors as in the base class."""
+        """Refuse goals with contacts at the start; errors as in the base class."""
         self.contacts.refuse(self.gaps(self.robot, goals.joint_position, goals, goals.quaternion))
 
     def grapples(self, half_width: Array) -> Array:
@@ -167,7 +167,7 @@ class DualArmTask(CaptureTask):
         return TargetGoals(np.ones(k), start, position, quaternion, angular_velocity, half_width)
 
     def place(self, simulation: Simulation, rows: NDArray[np.int64], goals: TargetGoals) -> None:
-        """Put the target where the goals say, turning."""
+        """Put the target where the goals say, with its angular velocity."""
         simulation.place_sites(rows, GRAPPLES, self.grapples(goals.half_width))
         n = simulation.n_joints
         if simulation.planar:

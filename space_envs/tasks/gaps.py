@@ -39,7 +39,7 @@ class ArmGaps:
 
     @classmethod
     def of(cls, model: mujoco.MjModel, shape: ArmShape, arms: int = 1) -> Self:
-        """Of a model whose sensors measure the shape's points."""
+        """Gaps in a model whose sensors measure the shape's points."""
         names = point_names(shape, range(1, arms + 1))
         links = [int(model.jnt_bodyid[joint]) for joint in model.actuator_trnid[:, 0]]
         sites = {model.site(number).name for number in range(model.nsite)}
@@ -64,12 +64,12 @@ class ArmGaps:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """What may touch what, by code; nothing, code 0, is empty."""
+        """Names of the contacts, by code; code 0, none, is empty."""
         return ("", *dict.fromkeys(self.pairs))
 
     @cached_property
     def pairs(self) -> list[str]:
-        """Names of all that is looked at: capsules and satellite, and target, and those of the other arm."""
+        """Names of all pairs: capsules and the satellite, the target, and the capsules of the other arm."""
         capsules = range(len(self.shape.link))
         links = [self._link_name(arm, place) for arm in range(self.arms) for place in capsules]
         pairs = []
@@ -122,7 +122,7 @@ class ArmGaps:
     def all_gaps(
         self, points: Array, in_target: Array | None = None, half: Array | None = None, **how: bool
     ) -> Array:
-        """All gaps (K, M) there are, m, in the order in which pairs are looked at.
+        """Gaps (K, M) of all pairs, m, in the order of `pairs`.
 
         Args:
             points, in_target: (K, A, P, 3) m, in the satellite's and in the target's frame.
@@ -165,7 +165,7 @@ class ArmGaps:
         return segment_distance(*ends) - 2.0 * self.shape.radius
 
     def chosen_gaps(self, pair: NDArray[np.int64], points: Array, in_target: Array, half: Array) -> Array:
-        """The gap (K, V) of one pair in each row, m, under V variations of where everything is.
+        """Gap (K, V) of one pair in each row, m, under V variations of all places.
 
         Args:
             pair: (K,) places in the order of `all_gaps`. points, in_target: (K, V, A, P, 3) m, in the

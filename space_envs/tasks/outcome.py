@@ -1,4 +1,4 @@
-"""How an episode stands or ended: the one list of outcomes, with the texts that pages and plots show."""
+"""Outcomes of an episode: the one list, with the texts that pages and plots show."""
 
 from enum import StrEnum
 from typing import Self
@@ -44,7 +44,7 @@ class Outcome(StrEnum):
     COLLISION = (
         "collision",
         "terminated",
-        "A link touched what it must not; `info` says which link and what.",
+        "A link touched a body that it must not touch; `info` says which link and what.",
         "collisions",
     )
     POLICY_ERROR = (

@@ -1,8 +1,8 @@
-"""SpaceCapture/SingleArm: bring the end-effector to a grapple pose that rests in the inertial frame.
+"""SpaceCapture/SingleArm: bring the end-effector to a static grapple pose in the inertial frame.
 
-The base floats, so where the end-effector arrives depends on the way it takes. A goal is the pose in which a
-minimum-jerk joint motion of the free-floating robot ends, from home to a configuration drawn around it: every
-goal can be reached. Nothing is touched; to capture is to be close, aligned and slow for long enough.
+The base floats, so the pose of the end-effector depends on the path of the joints. A goal is the pose in
+which a minimum-jerk joint motion of the free-floating robot ends, from home to a configuration drawn around
+it: every goal can be reached. A capture is to be close, aligned and slow for long enough; nothing is touched.
 """
 
 from collections.abc import Mapping
@@ -137,16 +137,16 @@ class SingleArmTask(CaptureTask):
 
     @cached_property
     def contacts(self) -> Contacts:
-        """Which links may not touch the satellite."""
+        """Contacts of links with the satellite."""
         return Contacts.of(self.model, SINGLE_ARM_SHAPE)
 
     @property
     def contact_names(self) -> tuple[str, ...]:
-        """What may touch what, by the codes of `collided`."""
+        """Names of the contacts, by the codes of `collided`."""
         return self.contacts.names
 
     def collided(self, before: Array, sensors: Array) -> NDArray[np.int64]:
-        """Codes (N,) of what touched what in a control period."""
+        """Codes (N,) of the first contact in a control period."""
         return self.contacts.touched(before, sensors)
 
     def check_start(self, goals: Goals) -> None:
@@ -234,7 +234,7 @@ class SingleArmTask(CaptureTask):
         error = (left @ sensors[:, _TIP_TURN, None])[..., 0]
         cosine, vector = error[:, :1], error[:, 1:]
         sine = np.sqrt((vector * vector).sum(axis=1, keepdims=True))
-        # Twice atan2 with |w|, and the vector's sign flipped where w < 0: the short way round.
+        # Twice atan2 with |w|, and the vector's sign flipped where w < 0: the smaller rotation.
         half = np.arctan2(sine, np.abs(cosine))
         factor = np.copysign(half / np.maximum(0.5 * sine, _TINY), cosine)
         np.multiply(factor, vector, out=observation[:, _ROTATION_ERROR])

@@ -1,11 +1,11 @@
 """SpaceCapture/SingleArmCluttered: the static grapple pose of the single arm, beyond keep-out spheres.
 
-Three spheres rest in the inertial frame. A link that touches one, which is a capsule of the drawn radius,
-ends the episode as a failure, as one that touches the satellite does. The satellite itself may drift into
+Three spheres are at rest in the inertial frame. A link, which is a capsule of the drawn radius, that touches
+one ends the episode as a failure, as one that touches the satellite does. The satellite itself may drift into
 spheres: they are 0.3 m from it or more at the start, and only on some hard goals it moves that far. A goal
-is drawn as that of SpaceCapture/SingleArm, the end of a minimum-jerk joint motion; it is kept if that motion
-runs into a sphere and a detour in joint space, within the limits of rate and acceleration, ends at the goal
-clear of all.
+is drawn as that of SpaceCapture/SingleArm, the end of a minimum-jerk joint motion; it is accepted if that
+motion runs into a sphere and a detour in joint space, within the limits of rate and acceleration, ends at the
+goal clear of all.
 """
 
 from collections.abc import Mapping
@@ -128,7 +128,7 @@ class SingleArmClutteredTask(SingleArmTask):
 
     @cached_property
     def contact_names(self) -> tuple[str, ...]:
-        """What may touch what, by the codes of `collided`."""
+        """Names of the contacts, by the codes of `collided`."""
         spheres = [f"link {link} and obstacle {sphere + 1}" for link in _LINKS for sphere in range(COUNT)]
         return (*self.contacts.names, *spheres)
 
@@ -156,8 +156,8 @@ class SingleArmClutteredTask(SingleArmTask):
         code = np.zeros(n, dtype=np.int64)
         if near.any():
             rows = np.flatnonzero(near)
-            way = ends[rows, None] - (1.0 - SHARES)[:, None, None] * step[rows, None]
-            between = sphere_gaps(way, spheres[rows, None], SINGLE_ARM.link_radius).reshape(len(rows), -1)
+            path = ends[rows, None] - (1.0 - SHARES)[:, None, None] * step[rows, None]
+            between = sphere_gaps(path, spheres[rows, None], SINGLE_ARM.link_radius).reshape(len(rows), -1)
             first = (between <= 0.0).argmax(axis=1) % (len(_LINKS) * COUNT)
             touched = (between <= 0.0).any(axis=1)
             code[rows[touched]] = len(self.contacts.names) + first[touched]

@@ -27,26 +27,26 @@ CLUTTERED_SPLIT_SEED = {"train": 20_231, "validation": 20_232, "test": 20_233, "
 CLUTTERED_RADIUS = {"easy": 0.45, "medium": 0.7, "hard": 1.0}
 SPHERE_RADIUS = (0.15, 0.35)  # m
 OOD_SPHERE_RADIUS = (0.25, 0.45)  # m
-OVER, BESIDE = 160, 24  # spheres drawn for a scene: over its motion, of which one is taken; beside it, two
-FARTHEST = 0.6  # m, of a sphere beside the motion from the link by which it was drawn
+OVER, BESIDE = 160, 24  # spheres drawn for a scene: over its motion, of which one is taken; next to it, two
+FARTHEST = 0.6  # m, of a sphere next to the motion from the link by which it was drawn
 START_CLEARANCE = 0.10  # m, of links from the spheres at the start
 GOAL_CLEARANCE = 0.06  # m, of links from the spheres at the goal
-WAY_CLEARANCE = 0.03  # m, of links from the spheres all along the detour
+PATH_CLEARANCE = 0.03  # m, of links from the spheres along the detour
 BUS_CLEARANCE = 0.30  # m, of the spheres from the bus at the start
 SPHERES_APART = 0.05  # m, between the surfaces of two spheres
 BLOCKED = 0.03  # m, by which the minimum-jerk motion runs into a sphere
-FAR_ENOUGH = 0.40  # m, least way of the end-effector to a goal, as seen from the satellite
+FAR_ENOUGH = 0.40  # m, least displacement of the end-effector to a goal, as seen from the satellite
 DURATION = 10.0  # s, of both motions
 LIMIT_SHARE = 0.95  # of the limits of rate and acceleration that a detour may use
 DETOURS = 32  # drawn to find one that is clear
 DENSE_NODES = 201  # at which a detour is checked
-MET = (1e-3, np.deg2rad(0.05))  # m and rad left at the end of a detour
+MET = (1e-3, np.deg2rad(0.05))  # m and rad, terminal error of a detour
 ATTEMPTS = 4000  # to draw a goal that can be reached
 
 
 @dataclass(frozen=True)
 class ClutteredGoals(PoseGoals):
-    """Grapple poses and keep-out spheres that rest in the inertial frame.
+    """Static grapple poses and keep-out spheres in the inertial frame.
 
     Attributes:
         obstacle_position: (K, 3, 3) m, centres. obstacle_radius: (K, 3) m.
@@ -134,7 +134,7 @@ def draw_scenes(
             displacement[row] *= rng.uniform(*OOD_RADIUS) / np.abs(displacement[row]).max()
             mass_scale[row] = rng.uniform(*OOD_MASS)
         order[row] = rng.permutation(COUNT)
-        # A time, a link from the third on, a point on it; a way off it.
+        # A time, a link from the third on, a point on it; a displacement from it.
         place[row] = rng.uniform([0.2, 2.0, 0.0], [0.8, 7.0, 1.0], (m, 3))
         place[row, : OVER // 2, 1] = n - 1  # the last link goes farthest
         radius[row] = rng.uniform(*(OOD_SPHERE_RADIUS if ood else SPHERE_RADIUS), m)
@@ -174,7 +174,7 @@ def generators(
 
 
 def choose_spheres(robot: FloatingRobot, scenes: Scenes) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Spheres (K, 3) that may stand together, the first of them in the way; (K,) bool, whether there are."""
+    """Spheres (K, 3) that are compatible, the first of them blocking the motion; (K,) bool, if there are."""
     spheres, k = scenes.spheres, len(scenes.end)
     tip, start = (robot.end_effector_pose(q)[0] for q in (scenes.end, robot.home))
     goal = (np.abs(tip).max(axis=-1) > 0.5 * SINGLE_ARM.satellite_side + CLEARANCE) & (

@@ -22,7 +22,7 @@ from space_envs.tasks.goals.clutter import (
     DURATION,
     LIMIT_SHARE,
     MET,
-    WAY_CLEARANCE,
+    PATH_CLEARANCE,
     ClutteredGoals,
     Scenes,
     choose_spheres,
@@ -37,7 +37,7 @@ def detour(start: Array, end: Array, via: Array, nodes: int) -> tuple[Array, Arr
     """Minimum-jerk joint motion with a bump on it, at rest at both ends.
 
     Args:
-        start, end: (..., n) rad. via: (..., n) rad off the straight way at half time. nodes: T.
+        start, end: (..., n) rad. via: (..., n) rad from the straight path at half time. nodes: T.
 
     Returns:
         q, qdot (..., T, n) rad and rad/s and the sampling period, s.
@@ -55,9 +55,9 @@ def draw_detours(
     vias = np.empty((len(indices), DETOURS, scenes.end.shape[1]))
     for row, rng in enumerate(generators(difficulty, split, indices, attempts, 1)):
         vias[row] = rng.uniform(-1.0, 1.0, vias.shape[1:])
-    # Every other one leads a few joints only off their way.
+    # Every other one displaces only a few joints.
     vias[:, ::2] *= np.abs(vias[:, ::2]) > 0.5
-    # The bump is steepest, 3.43 / DURATION, where the motion itself has 1.20 / DURATION of its way a second.
+    # The bump is steepest, 3.43 / DURATION, where the motion covers 1.20 / DURATION of its path a second.
     spare = LIMIT_SHARE * SINGLE_ARM.rate_limit * DURATION - 1.2 * np.abs(scenes.end - scenes.start)
     return vias * spare[:, None] / 3.43
 
@@ -67,11 +67,11 @@ def way_around(
 ) -> tuple[Array, NDArray[np.bool_]]:
     """End configurations (K, n) with which the detours via (K, n) meet the goals, rad.
 
-    Also (K,) bool, whether they do, with rates, accelerations and gaps within their bounds all along and
+    Also (K,) bool, whether they do, with rates, accelerations and gaps within their bounds all the time and
     clear of the satellite.
 
     Args:
-        end: (K, n) rad, about where the motions end. via: (K, n) rad, as in `detour`.
+        end: (K, n) rad, roughly the ends of the motions. via: (K, n) rad, as in `detour`.
     """
     for _ in range(8):
         q, qdot, dt = detour(goals.joint_position, end, via, NODES)
@@ -89,7 +89,7 @@ def way_around(
         & (np.linalg.norm(error[:, 3:], axis=-1) < MET[1])
         & (np.abs(qdot).max(axis=(1, 2)) < LIMIT_SHARE * SINGLE_ARM.rate_limit)
         & (np.abs(acceleration).max(axis=(1, 2)) < LIMIT_SHARE * SINGLE_ARM.acceleration_limit)
-        & (gap > WAY_CLEARANCE)
+        & (gap > PATH_CLEARANCE)
         & (satellite_gaps(robot, q).min(axis=-1) > 0.0)
         & (satellite_gaps(robot, end) > ROOM)
     )
@@ -132,7 +132,7 @@ def find_draws(robot: FloatingRobot, difficulty: str, split: str, block: int) ->
 def _search(
     robot: FloatingRobot, scenes: Scenes, spheres: NDArray[np.int64], vias: Array
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Number (K,) of the most promising of the detours via (K, D, n), and whether it will do (K,)."""
+    """Number (K,) of the most promising of the detours via (K, D, n), and whether it is accepted (K,)."""
     if not len(vias):
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.bool_)
     goals = scenes.goals(spheres)

@@ -1,4 +1,4 @@
-"""`python -m space_envs.tasks.goals.freeze`: find out which draws of the goals can be reached.
+"""`python -m space_envs.tasks.goals.freeze`: find which draws of the goals can be reached.
 
 A maintainer runs it when the robots or the ranges of their goals change; which draws it found is stored, so
 that nobody else has to roll out motions before an episode can start.

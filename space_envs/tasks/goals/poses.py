@@ -29,7 +29,7 @@ ROOM = 0.005  # m, of links from the satellite in the configuration that a goal 
 
 @dataclass(frozen=True)
 class PoseGoals(Goals):
-    """Grapple poses that rest in the inertial frame.
+    """Static grapple poses in the inertial frame.
 
     Attributes:
         position: (K, 3) m. quaternion: (K, 4), grapple to inertial.

@@ -1,4 +1,4 @@
-"""Tumbling targets: what a goal of a dual-arm task says of one, and the ranges that it is drawn from."""
+"""Tumbling targets: the goals of a dual-arm task, and the ranges that they are drawn from."""
 
 from dataclasses import dataclass
 
@@ -27,7 +27,7 @@ class Draws:
 
     Attributes:
         centre: (3,) m, about which the target's centre lies. displacement: m, largest, along each axis.
-        turn: rad, largest turn of the target away from its nominal attitude, at the rendezvous.
+        turn: rad, largest rotation of the target from its nominal attitude, at the rendezvous.
         spin: rad/s, largest. start: rad, largest displacement of a joint from home.
         half_width: m, least and largest. along: 1 for the axes that the centre is displaced along, else 0.
     """

@@ -23,8 +23,8 @@ from space_envs.tasks.goals.targets import TargetGoals
 
 RENDEZVOUS_TIME = 20.0  # s after the start, when the target is where the goal was drawn
 ATTEMPTS = 2000  # to draw a goal that can be reached
-TRIED, FEW = 2, 4  # draws of each goal of a block after which so few that were found are too few to go on
-REACHED = (1e-3, np.deg2rad(0.2))  # m and rad left at the end of the motion that proves a goal reachable
+TRIED, FEW = 2, 4  # draws of each goal of a block after which fewer accepted goals than this end the search
+REACHED = (1e-3, np.deg2rad(0.2))  # m and rad, terminal error of the motion that proves a goal reachable
 LIMIT_MARGIN = 0.25  # rad, of that motion's end from the joint limits
 CLEARANCE = 0.04  # m, of links from what they must not touch, at the start and at the end of that motion
 OOD_FACTOR = (1.0, 1.5)  # of the difficulty's largest spin and displacement
@@ -71,7 +71,7 @@ def _frozen() -> dict[str, NDArray[np.int64]]:
 
 
 def frozen_attempts(name: str) -> NDArray[np.int64]:
-    """Which draw of each goal of a split is the first that can be reached, as `freeze.py` found out."""
+    """Number of the first reachable draw of each goal of a split, as `freeze` found it."""
     return _frozen()[name]
 
 
@@ -82,7 +82,7 @@ def find_attempts(
     split: str,
     block: int,
 ) -> NDArray[np.int64]:
-    """Draw the goals of a block until each can be reached; (BLOCK,) number of draws that were in vain.
+    """Draw the goals of a block until each can be reached; (BLOCK,) number of draws that were rejected.
 
     Raises:
         GoalError: if that does not come to an end, or if hardly any draw can be reached with other mounts.
@@ -129,12 +129,12 @@ def _draw(
     draws = task.draws
     scale = rng.uniform(*OOD_MASS) if ood else 1.0
     start = robot.home + draws.start[level] * rng.uniform(-1.0, 1.0, robot.n_joints)
-    way = rng.uniform(-1.0, 1.0, 3) * draws.along
+    direction = rng.uniform(-1.0, 1.0, 3) * draws.along
     least = 0.0
     if ood:
-        way *= rng.uniform(*OOD_FACTOR) / np.abs(way).max()
+        direction *= rng.uniform(*OOD_FACTOR) / np.abs(direction).max()
         least = 1.0
-    centre = np.array(draws.centre) + draws.displacement[level] * way
+    centre = np.array(draws.centre) + draws.displacement[level] * direction
     attitude = task.draw_attitude(rng, draws.turn[level])
     spin = task.draw_angular_velocity(
         rng, least * draws.spin[level], (OOD_FACTOR[1] if ood else 1.0) * draws.spin[level]
