@@ -17,7 +17,13 @@ from space_envs.registration import make_task
 
 ENV_ID = "SpaceCapture/SingleArm-v0"
 QUICK = ("--validation-episodes", "2", "--quiet")
-_OFF_POLICY = {"num_envs": 4, "steps": 400, "validation_interval": 200, "learning_starts": 100}
+_OFF_POLICY = {
+    "num_envs": 4,
+    "steps": 400,
+    "validation_interval": 200,
+    "learning_starts": 100,
+    "gradient_steps": 2,
+}
 SMALL: dict[str, dict[str, Any]] = {
     "ppo": {
         "num_envs": 8,
