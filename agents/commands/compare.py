@@ -99,7 +99,7 @@ def _distinct(paths: list[Path]) -> list[Path]:
 
 
 def _names(given: list[str], folders: list[Path]) -> dict[Path, str]:
-    """What to append to the policies of which folder."""
+    """Names to append to the policies, by result folder."""
     names: dict[Path, str] = {}
     for text in given:
         place, equals, name = text.rpartition("=")

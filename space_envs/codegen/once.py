@@ -25,7 +25,7 @@ _built: dict[tuple[Any, ...], Any] = {}
 
 
 def built_once(build: Builder[Options, Built]) -> Builder[Options, Built]:
-    """The function with its results kept, by the fingerprint of its first argument and by all others.
+    """The function with its results cached, by the fingerprint of its first argument and by all others.
 
     Threads that ask at the same time share one result. The other arguments must be hashable.
     """

@@ -1,1 +1,1 @@
-"""What the planners of one and of two arms share."""
+"""Code shared by the planners of one and of two arms."""
