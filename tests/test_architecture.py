@@ -218,6 +218,25 @@ def test_every_module_has_a_docstring():
     )
 
 
+def docstrings(name: str) -> Iterator[tuple[str, str]]:
+    """Place and docstring of a module, its classes and its functions."""
+    for node in ast.walk(tree(name)):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
+            if text := ast.get_docstring(node):
+                yield f"{name}:{node.body[0].lineno}", text
+
+
+def test_docstrings_begin_with_what_a_thing_is_or_does():
+    """A noun phrase or an imperative; a question about it leaves the reader to find the answer."""
+    questions = re.compile(r"(What|Which|Whose|Who|Where|How|It) ")
+    assert_none(
+        f"{place}: {text.splitlines()[0]}"
+        for name in outside_tests()
+        for place, text in docstrings(name)
+        if questions.match(text)
+    )
+
+
 def test_no_text_is_executed():
     forbidden = ("eval", "exec", "compile", "os.system")
     assert_none(
