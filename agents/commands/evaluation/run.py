@@ -40,7 +40,7 @@ from space_envs.system.provenance import provenance
 
 @dataclass(frozen=True)
 class RunOptions:
-    """How an evaluation is run: none of it changes a record.
+    """Options of a run of an evaluation; none of them changes a record.
 
     Attributes:
         output: folder of the results. resume, overwrite: what it may hold already.
