@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 from space_envs.dynamics.rigid_body import point_motion, tumble
 from space_envs.dynamics.rotations import Array, conjugate, exponential, rotate
 from space_envs.policy import PolicyContext
-from space_envs.robots.dual_arm import KINDS
-from space_envs.robots.parameters import DUAL_ARM_PLANAR, DUAL_ARM_SPATIAL
 
 
 @dataclass(frozen=True)
@@ -32,9 +30,7 @@ class Reader:
 
     def __init__(self, context: PolicyContext) -> None:
         self.context = context
-        self.kind = KINDS[0] if "base_angle" in context.layout.slices else KINDS[1]
-        parameters = DUAL_ARM_PLANAR if self.kind == "planar" else DUAL_ARM_SPATIAL
-        self.inertia = np.array(parameters.target.inertia)
+        self.inertia = context.model.body("target").inertia.copy()
 
     def field(self, observation: NDArray, name: str) -> Array:
         """A field as it is in the layout."""
@@ -44,7 +40,7 @@ class Reader:
         """A field of one vector an arm, (N, 2, 3)."""
         values = self.field(observation, name)
         n = len(values)
-        if self.kind == "spatial":
+        if not self.context.planar:
             return values.reshape(n, 2, 3)
         out = np.zeros((n, 2, 3))
         out[..., :2] = values.reshape(n, 2, 2)
@@ -63,7 +59,7 @@ class Reader:
 
     def quaternion(self, observation: NDArray, body: str) -> Array:
         """Attitude (N, 4) of `base` or `target`, body to inertial."""
-        if self.kind == "spatial":
+        if not self.context.planar:
             return self.field(observation, f"{body}_quaternion")
         rotation = np.zeros((len(observation), 3))
         rotation[:, 2] = self.field(observation, f"{body}_angle")[:, 0]
@@ -81,7 +77,7 @@ class Reader:
             centre[:, None, None], attitudes[:, :, None], spins[:, :, None], points[:, None]
         )
         axis = None
-        if self.kind == "spatial":
+        if "goal_axis" in self.context.layout.slices:
             local = rotate(to_target, self.vectors(observation, "goal_axis"))
             axis = rotate(attitudes[:, :, None], local[:, None])
         return GrappleMotion(position, velocity, axis, attitudes)
