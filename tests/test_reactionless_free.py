@@ -336,7 +336,11 @@ def test_derivatives_of_the_functions_agree_with_differences(kind: str) -> None:
     model, n = HeldAttitude.of(robot_of(kind)), robot_of(kind).n_joints
     random = np.random.default_rng(4)
     y, way = random.normal(size=(2, 2 * n))
-    for f, extra in ((model.energy, []), (model.turning, []), (model.ending, [random.normal(size=(3, 4))])):
+    for f, extra in (
+        (model.energy, []),
+        (model.angular_momentum, []),
+        (model.ending, [random.normal(size=(3, 4))]),
+    ):
         outputs = f.value.numel_out(0)
         weight = random.normal(size=outputs)
 

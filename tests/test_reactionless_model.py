@@ -34,7 +34,7 @@ def states(name: str) -> tuple[FloatingRobot, PathModel, Array, Array]:
 
 def reactionless(model: PathModel, q: Array, rate: Array) -> Array:
     """The part of joint rates (n,) that leaves the attitude alone."""
-    turning = model(q).task[-model.turns :]
+    turning = model(q).task[-model.momenta :]
     return rate - np.linalg.pinv(turning) @ turning @ rate
 
 
@@ -46,7 +46,7 @@ def test_places_and_rows_are_those_of_the_momentum_level(name):
     for q, rate in zip(positions, rates, strict=True):
         at, now = model(q), end_effectors(robot, q)
         centre = robot.centre_of_mass(robot.kinematics(q))
-        np.testing.assert_allclose(at.tips, (now.position - centre)[:, :d].ravel(), atol=1e-12)
+        np.testing.assert_allclose(at.positions, (now.position - centre)[:, :d].ravel(), atol=1e-12)
         # The generalised Jacobian's rows differ by multiples of Ibm~, so they agree on reactionless motion.
         rate = reactionless(model, q, rate)
         np.testing.assert_allclose(
@@ -62,9 +62,10 @@ def test_linear_rows_are_derivatives_of_the_places(name):
     step = 1e-5
     for q in positions:
         slopes = [
-            (model(q + step * e).tips - model(q - step * e).tips) / (2 * step) for e in np.eye(robot.n_joints)
+            (model(q + step * e).positions - model(q - step * e).positions) / (2 * step)
+            for e in np.eye(robot.n_joints)
         ]
-        np.testing.assert_allclose(model(q).task[: -model.turns], np.transpose(slopes), atol=1e-8)
+        np.testing.assert_allclose(model(q).task[: -model.momenta], np.transpose(slopes), atol=1e-8)
 
 
 @pytest.mark.parametrize("name", OPTIONS)
@@ -76,8 +77,8 @@ def test_last_rows_are_the_angular_momentum_about_the_common_centre(name):
         drift = -(coupling[:3] @ rate) / robot.mass.sum()
         momentum = robot.momentum(q, rate, np.concatenate([drift, np.zeros(3)]))
         np.testing.assert_allclose(momentum[:3], 0.0, atol=1e-9)
-        found = model.scale * model(q).task[-model.turns :] @ rate
-        np.testing.assert_allclose(found, momentum[3:] if model.turns == 3 else momentum[5:], atol=1e-9)
+        found = model.scale * model(q).task[-model.momenta :] @ rate
+        np.testing.assert_allclose(found, momentum[3:] if model.momenta == 3 else momentum[5:], atol=1e-9)
 
 
 @pytest.mark.parametrize("name", OPTIONS)
@@ -128,6 +129,6 @@ def test_compiled_and_symbolic_functions_agree():
     for q in positions:
         expected = [np.array(value) for value in model.symbolic(q)]
         at = model(q)
-        np.testing.assert_allclose(at.tips, expected[0].ravel(), atol=1e-14)
+        np.testing.assert_allclose(at.positions, expected[0].ravel(), atol=1e-14)
         for found, value in zip((at.task, at.angular, at.mass), expected[1:], strict=True):
             np.testing.assert_allclose(found, value, atol=1e-12)

@@ -1,6 +1,6 @@
 """Base twist at zero momentum as compiled code, or by numpy where nothing can be compiled.
 
-CasADi generates the C code from `symbolic.py`. A robot's code is compiled at its first use, in about 0.2 s,
+CasADi generates the C code from `SymbolicRobot`. A robot's code is compiled at its first use, in about 0.2 s,
 once per machine.
 """
 

@@ -80,7 +80,7 @@ class Failure:
 
     Attributes:
         method: name of the planner or solver. reason: a sentence with what failed, when and by how much.
-        residual: largest constraint violation that was left, in the solver's units; infinite if unknown.
+        residual: largest remaining constraint violation, in the solver's units; infinite if unknown.
     """
 
     method: str

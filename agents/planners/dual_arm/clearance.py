@@ -49,7 +49,7 @@ class Links:
         return cls(link, arm, order, end, last)
 
     def segments(self, robot: FloatingRobot, q: Array) -> tuple[Array, Array, Array]:
-        """Begin and end (K, S, 3) of the links in the base frame and the centre of mass (K, 3), m."""
+        """Both ends (K, S, 3) of the links in the base frame and the centre of mass (K, 3), m."""
         k = robot.kinematics(q)
         begin = k.position[:, self.link - 1]
         end = begin + (k.rotation[:, self.link - 1] @ self.end[:, :, None])[..., 0]

@@ -23,14 +23,14 @@ class HeldAttitude:
     """Functions of one robot. Vectors are in the axes of the base; d is 2 for a planar robot, else 3.
 
     Attributes:
-        dimensions: d. turns: number r of angular-momentum components that the joints can change, 1 or 3.
+        dimensions: d. momenta: number r of angular-momentum components that the joints can change, 1 or 3.
         energy: thetadot' M* thetadot, J, on reactionless motion.
-        turning: (r,) angular momentum about the centre of mass with the base at rest, N m s: Ibm~ thetadot
-            of eq. 4 of shah2013.
+        angular_momentum: (r,) angular momentum about the centre of mass with the base at rest, N m s: Ibm~
+            thetadot of eq. 4 of shah2013.
         tilts: number of products for the alignment of the approach axes, 4; none in the plane.
         ending: (4 d + r + tilts,) with parameter across (3, 4): positions of the end-effectors from the
-            system's centre of mass (2 d) m, their velocities (2 d) m/s, `turning` (r) and the products of the
-            approach axes with two columns of `across` each.
+            system's centre of mass (2 d) m, their velocities (2 d) m/s, `angular_momentum` (r) and the
+            products of the approach axes with two columns of `across` each.
         projected: (q, u) -> rate (n), the reactionless part of u.
         accelerated: (q, u, udot) -> that rate and its time derivative along the motion with it.
         positions: q -> end-effectors (6) from the system's centre of mass, axes (6), and the centre of mass
@@ -38,10 +38,10 @@ class HeldAttitude:
     """
 
     dimensions: int
-    turns: int
+    momenta: int
     tilts: int
     energy: Smooth
-    turning: Smooth
+    angular_momentum: Smooth
     ending: Smooth
     projected: ca.Function
     accelerated: ca.Function
@@ -68,10 +68,10 @@ def _build(robot: FloatingRobot) -> HeldAttitude:
     functions = compiled({**_joint_functions(symbolic, arms, base, mass, planar), **motion})
     return HeldAttitude(
         dimensions=2 if planar else 3,
-        turns=1 if planar else 3,
+        momenta=1 if planar else 3,
         tilts=0 if planar else 4,
         energy=Smooth.named(functions, "energy"),
-        turning=Smooth.named(functions, "turning"),
+        angular_momentum=Smooth.named(functions, "angular_momentum"),
         ending=Smooth.named(functions, "ending"),
         projected=functions["projected"],
         accelerated=functions["accelerated"],
@@ -82,7 +82,7 @@ def _build(robot: FloatingRobot) -> HeldAttitude:
 def _motion_functions(
     arms: list[ArmExpressions], base: ca.DM, mass: float, planar: bool, n: int
 ) -> dict[str, ca.Function]:
-    """Functions of `energy`, `turning` and `ending`.
+    """Functions of `energy`, `angular_momentum` and `ending`.
 
     Only contributions of one arm are nonlinear in the joints; the rest are products of a few vectors.
     """
@@ -91,20 +91,20 @@ def _motion_functions(
     linear = ca.sum2(kinetic[1:, :])
     energy = ca.sum2(kinetic[0, :]) - ca.dot(linear, linear) / mass
     moving = ca.SX.sym("moving", 9, count)  # linear and angular momentum, first moment
-    turning, centre, linear = momentum_about_com(moving, base, mass)
-    turning = turning[2] if planar else turning
-    tips = ca.SX.sym("tips", 9, count)  # position, velocity, axis
-    positions = tips[:3, :] - ca.repmat(centre, 1, count)
-    velocities = tips[3:6, :] - ca.repmat(linear / mass, 1, count)
+    momentum, centre, linear = momentum_about_com(moving, base, mass)
+    momentum = momentum[2] if planar else momentum
+    ends = ca.SX.sym("ends", 9, count)  # position, velocity, axis
+    positions = ends[:3, :] - ca.repmat(centre, 1, count)
+    velocities = ends[3:6, :] - ca.repmat(linear / mass, 1, count)
     across = ca.SX.sym("across", 3, 4)
-    tilt = ca.vertcat(*[across[:, 2 * arm : 2 * arm + 2].T @ tips[6:, arm] for arm in range(count)])
-    ending = ca.vertcat(ca.vec(positions[:d, :]), ca.vec(velocities[:d, :]), turning)
+    tilt = ca.vertcat(*[across[:, 2 * arm : 2 * arm + 2].T @ ends[6:, arm] for arm in range(count)])
+    ending = ca.vertcat(ca.vec(positions[:d, :]), ca.vec(velocities[:d, :]), momentum)
     ending = ending if planar else ca.vertcat(ending, tilt)
     momenta = (moving, [arm.moving for arm in arms])
-    end_effectors = (tips, [arm.end_effector for arm in arms])
+    end_effectors = (ends, [arm.end_effector for arm in arms])
     return {
         **composed("energy", energy, [(kinetic, [arm.kinetic for arm in arms])], arms, n, []),
-        **composed("turning", turning, [momenta], arms, n, []),
+        **composed("angular_momentum", momentum, [momenta], arms, n, []),
         **composed("ending", ending, [momenta, end_effectors], arms, n, [across]),
     }
 

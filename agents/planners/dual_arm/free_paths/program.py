@@ -28,8 +28,8 @@ class FreePathProgram:
 
     Its variables are the free coefficients (size - 3) x n, a coefficient's joints side by side; its
     parameters [start (n), positions (2 d) m and velocities times T (2 d) of the end-effectors, across (12, by
-    columns), those of the cost, node by node]; its constraints, in this order: `turning` at the middles,
-    `ending`, then linear ones on rates and accelerations.
+    columns), those of the cost, node by node]; its constraints, in this order: `angular_momentum` at the
+    middles, `ending`, then linear ones on rates and accelerations.
     """
 
     mesh: Mesh
@@ -37,7 +37,7 @@ class FreePathProgram:
     slope: ca.Function  # (variables, parameters) -> constraints, their Jacobian
     joints: int
     goals: int  # number of parameters between start and across: 4 d
-    collocated: int  # number of constraints on `turning`
+    collocated: int  # number of constraints on `angular_momentum`
     ending: int  # number of those on `ending`
 
 
@@ -70,14 +70,14 @@ def build(
 
     extra = [ca.reshape(p[bare:], each, count)] if each else []
     f = ca.dot(cost.value.map(count)(*nodes, *extra).T, weights)
-    turning = ca.vec(model.turning.value.map(between)(*middles))
-    aim = ca.vertcat(goal, ca.MX(model.turns + model.tilts, 1))
+    momentum = ca.vec(model.angular_momentum.value.map(between)(*middles))
+    aim = ca.vertcat(goal, ca.MX(model.momenta + model.tilts, 1))
     ending = model.ending.value(*last, across) - aim
     # Linear rows on free coefficients and on the start: rates and, at the knots, accelerations.
     linear = np.concatenate([mesh.rate_rows()[FIXED - 1 :], mesh.basis(mesh.breaks[1:], 2)])
     rows = ca.DM(csc_matrix(np.kron(linear[:, FIXED:], np.eye(n))))
     offset = ca.mtimes(ca.DM(csc_matrix(np.kron(linear[:, :FIXED].sum(axis=1)[:, None], np.eye(n)))), start)
-    g = ca.vertcat(turning, ending, ca.mtimes(rows, x) + offset)
+    g = ca.vertcat(momentum, ending, ca.mtimes(rows, x) + offset)
 
     slope = cost.slope.map(count)(*nodes, *extra)
     gradient = _gradient(mesh, n, ca.reshape(slope, 2 * n, count) * ca.repmat(weights.T, 2 * n, 1))
@@ -87,7 +87,7 @@ def build(
     bend = _bend(model, mesh, n, bends, (middles, last), across, bend_weight[1])
     slopes = ca.Function("nlp_jac_g", [x, p], [g, slope], ["x", "p"], ["g", "jac_g_x"])
     solver = NonlinearProgram(x, p, f, g, gradient, slope, bend_weight, bend).solver(options)
-    return FreePathProgram(mesh, solver, slopes, n, goals, turning.numel(), ending.numel())
+    return FreePathProgram(mesh, solver, slopes, n, goals, momentum.numel(), ending.numel())
 
 
 def _gradient(mesh: Mesh, n: int, slope: ca.MX) -> ca.MX:
@@ -106,8 +106,8 @@ def _slope(
     linear: Array,
 ) -> ca.MX:
     """Jacobian of the constraints by the coefficients."""
-    terms, free, r = Terms(), mesh.size - FIXED, model.turns
-    turning = ca.vec(model.turning.slope.map(len(mesh.middles))(*middles))  # column by column
+    terms, free, r = Terms(), mesh.size - FIXED, model.momenta
+    momentum = ca.vec(model.angular_momentum.slope.map(len(mesh.middles))(*middles))  # column by column
     ending = ca.vec(model.ending.slope(*last, across))
     row, joint = np.arange(r)[:, None], np.arange(n)[None, :]
     for k, coefficient, basis in _active(mesh, mesh.middles):
@@ -118,11 +118,11 @@ def _slope(
     row = np.arange(outputs)[:, None]
     for _, coefficient, basis in _active(mesh, np.array([1.0])):
         for part in (0, 1):
-            source = turning.numel() + (part * n + joint) * outputs + row
+            source = momentum.numel() + (part * n + joint) * outputs + row
             terms.add(begin + row, coefficient * n + joint, source, basis[part])
     constant = np.kron(linear[:, FIXED:], np.eye(n))
     at = np.nonzero(constant)
-    sources = ca.vertcat(turning, ending, ca.MX(1.0))
+    sources = ca.vertcat(momentum, ending, ca.MX(1.0))
     terms.add(begin + outputs + at[0], at[1], sources.numel() - 1, constant[at])
     return terms.matrix(sources, (begin + outputs + len(constant), n * free))
 
@@ -138,12 +138,12 @@ def _bend(
 ) -> ca.MX:
     """Upper triangle of the Lagrangian's Hessian."""
     middles, last = points
-    between, r = len(mesh.middles), model.turns
+    between, r = len(mesh.middles), model.momenta
     multiplier = ca.reshape(weight[: between * r], r, between)
     outputs = model.ending.value.numel_out(0)
     sources = ca.vertcat(
         cost,
-        ca.vec(model.turning.bend.map(between)(*middles, multiplier)),
+        ca.vec(model.angular_momentum.bend.map(between)(*middles, multiplier)),
         ca.vec(model.ending.bend(*last, across, weight[between * r : between * r + outputs])),
     )
     terms, begin = Terms(), 0

@@ -141,9 +141,9 @@ class FreePathSearch:
 
     def _best(self, ends: Array) -> CapturePlan | Failure:
         """The motion of least energy that is clear; limits may be exceeded slightly."""
-        begins = [self._solver.straight(end) for end in spread(ends, self._starts)]
-        begins += [self._solver.fitted(plan) for plan in self._prescribed]
-        solved = [self._solve(begin) for begin in begins]
+        guesses = [self._solver.straight(end) for end in spread(ends, self._starts)]
+        guesses += [self._solver.fitted(plan) for plan in self._prescribed]
+        solved = [self._solve(guess) for guess in guesses]
         found: list[SplineSolution] = []
         for solution in sorted((s for s in solved if isinstance(s, SplineSolution)), key=lambda s: s.cost):
             if not found or solution.cost > (1.0 + COST_RESOLUTION) * found[-1].cost:
@@ -161,26 +161,26 @@ class FreePathSearch:
         """The best optimum that is clear, or the best motion led around obstacles, from the others before it
         and from clear final configurations."""
         best, tried = _Clear(), list[Gaps]()
-        begins: list[tuple[float, Array]] = []
+        guesses: list[tuple[float, Array]] = []
         for solution in found:
             plan, gap = self._measured(obstacles, solution)
             if gap.least >= obstacles.required:
                 best = _Clear(solution.cost, replace(plan, notes=note))
                 break
             tried.append(gap)
-            begins.append((solution.cost, solution.coefficients))
+            guesses.append((solution.cost, solution.coefficients))
         least = found[0].cost
         if best.plan is None:
             clear = self._clear_ends(obstacles, ends)
             if isinstance(clear, Failure):
                 return clear
             straight = [self._solver.straight(end) for end in spread(clear, self._starts)]
-            begins += [(RETRY_COST_RATIO * least, begin) for begin in straight]
+            guesses += [(RETRY_COST_RATIO * least, guess) for guess in straight]
         seen: list[float] = []
-        for bound, begin in begins:
+        for bound, guess in guesses:
             if best.plan is not None and best.cost <= max(bound, SUFFICIENT_COST_RATIO * least):
                 break
-            self._lead_around(obstacles, begin, best, tried, seen, note)
+            self._lead_around(obstacles, guess, best, tried, seen, note)
         if best.plan is not None:
             return best.plan
         nearest = max(tried, key=lambda gap: gap.least)
@@ -190,7 +190,7 @@ class FreePathSearch:
     def _lead_around(
         self,
         obstacles: Obstacles,
-        begin: Array,
+        guess: Array,
         best: _Clear,
         tried: list[Gaps],
         seen: list[float],
@@ -203,13 +203,13 @@ class FreePathSearch:
             seen: costs of solutions, extended; a cost that was seen before ends the attempt.
         """
         for weight in WEIGHTS:
-            solution = self._solve(begin, obstacles.nearness(weight))
+            solution = self._solve(guess, obstacles.nearness(weight))
             if isinstance(solution, Failure) or (best.plan is not None and solution.cost >= best.cost):
                 return
             if any(abs(solution.cost - other) < COST_RESOLUTION * other for other in seen):
                 return
             seen.append(solution.cost)
-            begin = solution.coefficients
+            guess = solution.coefficients
             plan, gap = self._measured(obstacles, solution)
             if gap.least >= obstacles.required:
                 best.cost, best.plan = solution.cost, replace(plan, notes=f"{note}, led around obstacles")
@@ -243,8 +243,8 @@ class FreePathSearch:
         plan = self._solver.motion(solution)
         return plan, obstacles.gaps(plan.position, self._solver.dense)
 
-    def _solve(self, begin: Array, nearness: Array | None = None) -> SplineSolution | Failure:
-        return self._solver.solve(begin, self._rate, self._acceleration, nearness)
+    def _solve(self, guess: Array, nearness: Array | None = None) -> SplineSolution | Failure:
+        return self._solver.solve(guess, self._rate, self._acceleration, nearness)
 
     def _unsolved(self, ends: Array, failures: list[Failure]) -> Failure:
         """Failure with its cause: limits that are too low, or the solver."""

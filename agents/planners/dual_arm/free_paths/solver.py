@@ -105,7 +105,7 @@ class FreePathSolver:
 
     def solve(
         self,
-        begin: Array,
+        guess: Array,
         rate: float | None,
         acceleration: float | None,
         nearness: Array | None = None,
@@ -124,7 +124,7 @@ class FreePathSolver:
             low_angle, high_angle = (np.tile(side, MESH.size - FIXED) for side in angles.T)
         extra = np.zeros(0) if nearness is None else nearness.ravel()
         result = program.solver(
-            x0=begin[FIXED:].ravel(),
+            x0=guess[FIXED:].ravel(),
             p=np.concatenate([self._parameters, extra]),
             lbg=-high,
             ubg=high,

@@ -16,7 +16,7 @@ def point_functions(model: PathModel, n: int, rows: int, controlled: bool) -> di
     """
     q, qdot, v = (ca.SX.sym(name, size) for name, size in (("q", n), ("qdot", n), ("v", 4)))
     _, task, angular, mass = model.symbolic(q)
-    residual, energy = task @ qdot - ca.vertcat(v, ca.SX(model.turns, 1)), qdot.T @ mass @ qdot
+    residual, energy = task @ qdot - ca.vertcat(v, ca.SX(model.momenta, 1)), qdot.T @ mass @ qdot
     if controlled:
         # zeta: dependent angular velocities along the direction in which the null space changes them.
         columns = [[j for j in range(n) if j != left] for left in range(n)]

@@ -43,7 +43,7 @@ def capture_path(method: str, robot: FloatingRobot, capture: Capture) -> Polynom
     """Polynomial path of a checked capture, or a failure if its end is out of reach."""
     model = PathModel.of(robot)
     d = model.dimensions
-    start = model(capture.start).tips
+    start = model(capture.start).positions
     end = (capture.position - robot.centre_of_mass(robot.kinematics(capture.start)))[:, :d].ravel()
     for arm in range(2):
         distance, reach = float(np.linalg.norm(end[d * arm : d * (arm + 1)])), robot.reach(arm)

@@ -22,7 +22,8 @@ class Matrices:
     """Matrices at one configuration.
 
     Attributes:
-        tips: (2 d,) m, end-effectors from the system's centre of mass; d is 2 in the plane, else 3.
+        positions: (2 d,) m, of the end-effectors from the system's centre of mass; d is 2 in the plane, else
+            3.
         task: (2 d + r, n): end-effector velocities per joint rate with constant attitude (the linear rows of
             J_g in reactionless motion), and Ibm~ of eq. 4 of shah2013 in its last r rows (1 or 3), divided by
             `scale` so that its rows have the unit of a velocity.
@@ -30,7 +31,7 @@ class Matrices:
         mass: (n, n) I_m of eq. 12 in reactionless motion, kg m^2.
     """
 
-    tips: Array
+    positions: Array
     task: Array
     angular: Array
     mass: Array
@@ -41,12 +42,12 @@ class PathModel:
     """Matrices of one robot as a function of the joint angles.
 
     Attributes:
-        dimensions: d. turns: r. scale: kg m, of Ibm~'s rows.
-        symbolic: q -> tips, task, angular, mass as a CasADi function to build on.
+        dimensions: d. momenta: r, number of angular-momentum components. scale: kg m, of Ibm~'s rows.
+        symbolic: q -> positions, task, angular, mass as a CasADi function to build on.
     """
 
     dimensions: int
-    turns: int
+    momenta: int
     scale: float
     symbolic: ca.Function
     _buffers: threading.local
@@ -76,8 +77,8 @@ class PathModel:
         _, call, place, shaped = self._buffers.call
         place[:] = q
         call()
-        tips, task, angular, mass = (np.array(result) for result in shaped)
-        return Matrices(tips[:, 0], task, angular, mass)
+        ends, task, angular, mass = (np.array(result) for result in shaped)
+        return Matrices(ends[:, 0], task, angular, mass)
 
 
 @built_once
@@ -90,23 +91,23 @@ def _build(robot: FloatingRobot) -> PathModel:
     centre = (float(robot.mass[0]) * ca.DM(robot.com[0]) + links @ ca.DM(robot.mass[1:])) / mass
     linear, angular = total[:3], total[3:] - ca.cross(centre, total[:3])
     planar = bool(angular[0].is_zero() and angular[1].is_zero())
-    turning = angular[2] if planar else angular
+    momentum = angular[2] if planar else angular
     energy = symbolic.kinetic_energy(q, qdot, rest) - 0.5 * ca.dot(linear, linear) / mass
     d = 2 if planar else 3
     positions = [
-        symbolic.end_effector_pose(tip)(q)[0] - centre for tip in range(len(robot.end_effector_link))
+        symbolic.end_effector_pose(arm)(q)[0] - centre for arm in range(len(robot.end_effector_link))
     ]
-    tips = ca.vertcat(*[position[:d] for position in positions])
+    ends = ca.vertcat(*[position[:d] for position in positions])
     # Ibm~ has the unit kg m^2; divided by mass times a metre of the arms it is a velocity per rate.
     scale = float(robot.mass[1:].sum())
-    task = ca.vertcat(ca.jacobian(tips, q), ca.jacobian(turning, qdot) / scale)
+    task = ca.vertcat(ca.jacobian(ends, q), ca.jacobian(momentum, qdot) / scale)
     axes = symbolic.kinematics(q)[2]
     rows = []
     for link in robot.end_effector_link:
         carried = ca.DM(robot.carries[:, int(link) - 1]).T
         spin = axes * ca.repmat(carried, 3, 1)
         rows.append(spin[2, :] if planar else spin)
-    outputs = [tips, task, ca.vertcat(*rows), ca.hessian(energy, qdot)[0]]
+    outputs = [ends, task, ca.vertcat(*rows), ca.hessian(energy, qdot)[0]]
     function = ca.Function("along_paths", [q], [ca.densify(value) for value in ca.cse(outputs)])
     ready = compiled({"along_paths": function})["along_paths"]
     return PathModel(d, 1 if planar else 3, scale, function, threading.local(), ready)

@@ -116,7 +116,7 @@ def _build(
     robot: FloatingRobot, points: int, from_rest: bool, accelerated: bool, controlled: bool
 ) -> PrescribedPathProgram:
     model, grid, n = PathModel.of(robot), gauss_grid(points), robot.n_joints
-    rows = model.dimensions * 2 + model.turns + int(controlled)
+    rows = model.dimensions * 2 + model.momenta + int(controlled)
     # Rates are variables of their own, related to the angles by linear equations: derivatives then couple
     # only variables of one point, and are assembled from compiled functions of one point.
     local = point_functions(model, n, rows, controlled)

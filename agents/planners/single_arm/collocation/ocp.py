@@ -88,20 +88,20 @@ class _ReachSearch:
         near = self._near_optimum()
         number = starts - len(near)
         paths = self._paths(ends, max(number, 1), self._seed)
-        begins = near + [self._solver.variables(path) for path in paths[:number]]
-        solved = [self._solver.solve(begin) for begin in begins]
+        guesses = near + [self._solver.variables(path) for path in paths[:number]]
+        solved = [self._solver.solve(guess) for guess in guesses]
         if not _solutions(solved) and self._reach.spheres is not None:
             # A path through the centre of a sphere has no side to be moved to: random ones have.
             detours = self._paths(ends, 2 * DETOURS, self._seed + 1)[1::2]
-            begins += (more := [self._solver.variables(path) for path in detours])
-            solved += [self._solver.solve(begin) for begin in more]
+            guesses += (more := [self._solver.variables(path) for path in detours])
+            solved += [self._solver.solve(guess) for guess in more]
         if not _solutions(solved):
             return self._unsolved(paths[0], [s for s in solved if isinstance(s, Failure)])
-        plan = self._best(_solutions(solved), len(begins))
+        plan = self._best(_solutions(solved), len(guesses))
         if isinstance(plan, Failure) and self._solver.torque_limited:
             # Limits on torques are added where they were violated; with them the guesses may lead elsewhere.
-            again = _solutions([self._solver.solve(begin) for begin in begins])
-            return self._best(again, len(begins)) if again else plan
+            again = _solutions([self._solver.solve(guess) for guess in guesses])
+            return self._best(again, len(guesses)) if again else plan
         return plan
 
     def _paths(self, ends: Array, number: int, seed: int) -> list[Array]:

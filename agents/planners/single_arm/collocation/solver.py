@@ -72,12 +72,12 @@ class ReachSolver:
         attitude = roll_out_base(self._robot, q, rate, float(time[1]) * t)[1][STEPS::STEPS]
         return np.concatenate([coefficients.ravel(), (attitude[:, 1:] / attitude[:, :1]).ravel()])
 
-    def solve(self, begin: Array) -> ReachSolution | Failure:
+    def solve(self, guess: Array) -> ReachSolution | Failure:
         """Solve from variables; the reason of a failure is Ipopt's status."""
         program = self._program()
         low, high = self._constraint_bounds(program)
-        low_x, high_x = self._variable_bounds(program, len(begin))
-        result = program.solver(x0=begin, p=self._parameters(), lbg=low, ubg=high, lbx=low_x, ubx=high_x)
+        low_x, high_x = self._variable_bounds(program, len(guess))
+        result = program.solver(x0=guess, p=self._parameters(), lbg=low, ubg=high, lbx=low_x, ubx=high_x)
         g, x = result["g"].full()[:, 0], result["x"].full()[:, 0]
         # Ipopt relaxes bounds in proportion to their size.
         size = np.minimum(np.abs(low), np.abs(high))

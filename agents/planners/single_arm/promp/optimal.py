@@ -144,8 +144,8 @@ class OptimalPlanner:
         if not keep_attitude:
             return [free]
         rng = np.random.default_rng(0)
-        begins = free.y + PERTURBATION * rng.standard_normal((PERTURBED, *rest.shape))
-        return [minimise(space, bounds, begin, True, rows) for begin in begins]
+        guesses = free.y + PERTURBATION * rng.standard_normal((PERTURBED, *rest.shape))
+        return [minimise(space, bounds, guess, True, rows) for guess in guesses]
 
     def _out_of_reach(self, reach: Reach) -> Failure | None:
         """Failure if the goal is farther than the straight arm reaches."""

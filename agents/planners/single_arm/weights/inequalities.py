@@ -1,4 +1,4 @@
-"""Torque limits and keep-out spheres as rows of the quadratic program, where a motion is close to them."""
+"""Torque limits and keep-out spheres as rows of the quadratic program, at times when they are close."""
 
 import numpy as np
 

@@ -70,7 +70,7 @@ class SqpResult:
 def minimise(
     space: WeightSpace,
     bounds: Bounds,
-    begin: Array,
+    guess: Array,
     keep_attitude: bool,
     rows: tuple[Rows, ...] = (),
     tolerance: float = COST_TOLERANCE,
@@ -82,7 +82,7 @@ def minimise(
     step that does not decrease the exact penalty function enough is corrected to second order, then shortened
     by damping.
     """
-    return _Iterations(space, bounds, rows, keep_attitude, tolerance).run(begin, iterations)
+    return _Iterations(space, bounds, rows, keep_attitude, tolerance).run(guess, iterations)
 
 
 class _Linearised(NamedTuple):
@@ -118,12 +118,12 @@ class _Iterations:
         self._program, self._unit = QuadraticProgram(bounds), np.eye(space.size)
         self._damping, self._fraction, self._penalty = DAMPING, 1.0, 1e-4
 
-    def run(self, begin: Array, iterations: int) -> SqpResult:
+    def run(self, guess: Array, iterations: int) -> SqpResult:
         none = np.zeros((0, self._space.size)), np.zeros(0)
-        nearest = self._program.solve(self._unit, np.zeros(self._space.size), *none, begin)
+        nearest = self._program.solve(self._unit, np.zeros(self._space.size), *none, guess)
         if isinstance(nearest, Failure):
-            return SqpResult(begin, np.inf, np.inf, np.inf, 0, Ending.INFEASIBLE)
-        self._move(begin + nearest[0].reshape(begin.shape))
+            return SqpResult(guess, np.inf, np.inf, np.inf, 0, Ending.INFEASIBLE)
+        self._move(guess + nearest[0].reshape(guess.shape))
         for number in range(1, iterations + 1):
             ending = self._iterate()
             if ending is not None:

@@ -13,8 +13,8 @@ from functools import cached_property
 
 import casadi as ca
 
-from space_envs.dynamics.expressions import BodyExpressions
 from space_envs.dynamics.floating import FloatingRobot
+from space_envs.dynamics.symbolic.expressions import BodyExpressions
 
 
 class SymbolicRobot:

@@ -94,8 +94,8 @@ class BodyExpressions:
         sums = [self._body_momentum(body, *velocity) for body, velocity in enumerate(self.velocities(twist))]
         for link in reversed(range(self.robot.n_joints)):
             parent = int(self.robot.parent[link])
-            p, turning = (self._mounting[link] @ (self._hinge_rotation[link] @ x) for x in sums[link + 1])
-            sums[parent] = (sums[parent][0] + p, sums[parent][1] + turning + ca.cross(self._offset[link], p))
+            p, angular = (self._mounting[link] @ (self._hinge_rotation[link] @ x) for x in sums[link + 1])
+            sums[parent] = (sums[parent][0] + p, sums[parent][1] + angular + ca.cross(self._offset[link], p))
         return ca.vertcat(*sums[0])
 
     def _forces(self, linear: ca.SX, angular: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
@@ -139,8 +139,8 @@ class BodyExpressions:
         for link in reversed(range(self.robot.n_joints)):
             parent, offset = int(self.robot.parent[link]), self._offset[link]
             first, second = moment[link + 1], inertia[link + 1]
-            for turn in (self._hinge_rotation[link], self._mounting[link]):
-                first, second = turn @ first, _symmetric(turn @ second @ turn.T)
+            for rotation in (self._hinge_rotation[link], self._mounting[link]):
+                first, second = rotation @ first, _symmetric(rotation @ second @ rotation.T)
             shift = ca.skew(offset)
             across = shift @ ca.skew(first)
             second = second - across - across.T - float(mass[link + 1]) * (shift @ shift)
