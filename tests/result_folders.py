@@ -10,7 +10,7 @@ import numpy as np
 from synthetic_results import make_record
 
 from space_envs.evaluation.play.episode_file import save_episodes
-from space_envs.evaluation.play.episodes import EpisodeBatch, task_keywords
+from space_envs.evaluation.play.episodes import EpisodeBatch
 from space_envs.evaluation.records.configuration import configuration_hash
 from space_envs.evaluation.records.episode import SCHEMA_VERSION, EpisodeRecord
 from space_envs.evaluation.records.storage import write_records
@@ -80,7 +80,7 @@ def write_folder(
 def made_episodes(records: Sequence[EpisodeRecord], horizon: int = 200) -> EpisodeBatch:
     """Recorded episodes of the records: joints rotate by an angle that says which episode it is."""
     first = records[0]
-    task = make_task(first.env_id, task_keywords(first.entry.task, None))
+    task = make_task(first.env_id, first.entry.task.keywords())
     indices = np.array([record.index for record in records])
     scene = np.zeros((len(records), horizon + 1, task.render_model.nq))
     scene[..., 3] = 1.0

@@ -15,7 +15,8 @@ from space_envs.errors import ConfigurationError
 from space_envs.evaluation.datasets import minari as datasets_minari
 from space_envs.evaluation.datasets.card import plain, read_card, write_card
 from space_envs.evaluation.datasets.recording import check, record
-from space_envs.evaluation.datasets.storage import Dataset, first_difference
+from space_envs.evaluation.datasets.storage import Dataset
+from space_envs.evaluation.datasets.trajectory import first_difference
 from space_envs.evaluation.play.chunks import Chunk
 from space_envs.evaluation.play.entry import EvaluatedTask
 
@@ -143,6 +144,8 @@ def test_an_episode_that_does_not_end_is_refused(recorded):
     whole = recorded[0]
     with pytest.raises(ConfigurationError, match="each episode must end once"):
         Dataset.of({}, [replace(whole, observations=whole.observations[:-1], **cut)])
+    at_the_horizon = replace(whole, truncations=whole.terminations)  # a capture in the last step there is
+    assert len(Dataset.of({}, [at_the_horizon])) == 1
 
 
 @pytest.mark.filterwarnings("ignore:Package space-capture is not installed")

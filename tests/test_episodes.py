@@ -15,7 +15,7 @@ from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError
 from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
 from space_envs.evaluation.play.episode_file import compact, load_episodes, save_episodes
-from space_envs.evaluation.play.episodes import EpisodeBatch, concatenate, task_keywords
+from space_envs.evaluation.play.episodes import EpisodeBatch, concatenate
 from space_envs.evaluation.play.playing import roll_out
 from space_envs.evaluation.play.rollout import Rollout
 from space_envs.evaluation.records.episode import EpisodeRecord
@@ -49,7 +49,7 @@ class Turning:
 def played(env_id: str, variant: str | None = None) -> Rollout:
     """Two short episodes."""
     task = EvaluatedTask(env_id, "easy", "ood")
-    environment = {"env_id": env_id, "control_mode": "joint_velocity", **task_keywords(task, variant)}
+    environment = {"env_id": env_id, "control_mode": "joint_velocity", **task.keywords(variant)}
     return roll_out(
         lambda context: Turning(context.model.nu), environment, "ood", np.array([70, 3]), 0, policy="turning"
     )

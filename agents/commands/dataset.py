@@ -22,7 +22,6 @@ from space_envs.errors import ConfigurationError, unknown_name
 from space_envs.evaluation.datasets.card import read_card
 from space_envs.evaluation.datasets.minari import ROOT_VARIABLE, require_minari
 from space_envs.evaluation.play.entry import EvaluatedTask
-from space_envs.evaluation.play.episodes import task_keywords
 from space_envs.evaluation.records.names import display_name
 from space_envs.evaluation.report.tables.terminal import print_at, width_of
 from space_envs.registration import ENTRIES, make_task
@@ -159,7 +158,7 @@ def _requests(options: argparse.Namespace) -> list[DatasetRequest]:
     ]
     distinct("name of a dataset", [request.id for request in requests])
     for request in requests:
-        check_fit(request.policy, request.task.env_id, task_keywords(request.task, request.variant))
+        check_fit(request.policy, request.task.env_id, request.task.keywords(request.variant))
         request.chunks()  # says what is wrong with the number of episodes
     return requests
 

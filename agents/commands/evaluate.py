@@ -18,7 +18,6 @@ from space_envs.errors import ConfigurationError, positive
 from space_envs.evaluation.harness.evaluation import Evaluation
 from space_envs.evaluation.harness.runner import EVALUATION
 from space_envs.evaluation.play.entry import EvaluatedTask
-from space_envs.evaluation.play.episodes import task_keywords
 from space_envs.evaluation.play.process.limits import TimeLimits
 from space_envs.registration import ENTRIES, make_task
 from space_envs.robots.parameters import VARIANTS
@@ -147,7 +146,7 @@ def _checked(options: argparse.Namespace, arguments: list[str]) -> tuple[Evaluat
         tasks = _tasks(env_id, options)
         policies = choose_policies(options.policy, env_id, env_ids, options.control_mode)
         for policy in policies:
-            check_fit(policy, env_id, task_keywords(tasks[0], options.variant))
+            check_fit(policy, env_id, tasks[0].keywords(options.variant))
         entries += [(task, policy) for task in tasks for policy in policies]
     evaluation = Evaluation(
         tuple(entries),
@@ -178,7 +177,7 @@ def _tasks(env_id: str, options: argparse.Namespace) -> list[EvaluatedTask]:
         EvaluatedTask(env_id, difficulty, split) for difficulty in difficulties for split in options.split
     ]
     for task in tasks:
-        make_task(env_id, task_keywords(task, options.variant))
+        make_task(env_id, task.keywords(options.variant))
     return tasks
 
 

@@ -14,7 +14,6 @@ from space_envs.evaluation.datasets.card import CARD, read_card
 from space_envs.evaluation.datasets.minari import DATA
 from space_envs.evaluation.play.chunks import CHUNK, Chunk
 from space_envs.evaluation.play.entry import EvaluatedTask
-from space_envs.evaluation.play.episodes import task_keywords
 from space_envs.evaluation.play.playing import split_indices
 from space_envs.registration import find
 from space_envs.system.digests import file_digest
@@ -52,7 +51,7 @@ class DatasetRequest:
     @property
     def keywords(self) -> dict[str, Any]:
         """Keywords of `gym.make`, without the id."""
-        return {"control_mode": self.policy.control_mode, **task_keywords(self.task, self.variant)}
+        return {"control_mode": self.policy.control_mode, **self.task.keywords(self.variant)}
 
     def make_env(self) -> CaptureVectorEnv:
         """An environment of one episode."""

@@ -5,10 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from space_envs.envs import CaptureEnv
-from space_envs.evaluation.datasets.storage import Trajectory, first_difference
+from space_envs.evaluation.datasets.trajectory import Trajectory, first_difference, trajectory_of
 from space_envs.evaluation.play.chunks import Chunk
 from space_envs.evaluation.play.playing import roll_out
-from space_envs.evaluation.play.rollout import Rollout
 
 
 @dataclass(frozen=True)
@@ -58,23 +57,6 @@ def record(chunk: Chunk) -> Recorded:
                     continue
             left_out.append(LeftOut(int(rollout.episode[row]), int(rollout.index[row]), reason))
         return Recorded(tuple(kept), tuple(left_out))
-
-
-def trajectory_of(rollout: Rollout, row: int) -> Trajectory:
-    """Trajectory of an episode that was played with actions of 32 bits."""
-    end = int(rollout.length[row])
-    last = np.arange(1, end + 1) == end
-    return Trajectory(
-        episode=int(rollout.episode[row]),
-        index=int(rollout.index[row]),
-        seed=int(rollout.seed[row] + rollout.episode[row]),
-        outcome=str(rollout.outcome[row]),
-        observations=rollout.observation[row, : end + 1],
-        actions=rollout.action[row, :end].astype(np.float32),
-        rewards=rollout.reward[row, :end],
-        terminations=last & (rollout.outcome[row] != "timeout"),
-        truncations=last & (end == rollout.reward.shape[1]),
-    )
 
 
 def check(trajectory: Trajectory, env: CaptureEnv) -> str | None:

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError
+from space_envs.evaluation.datasets.trajectory import Trajectory
 from space_envs.system.files import write_arrays
 from space_envs.system.reading import parse_json, read_arrays
 
@@ -31,33 +32,6 @@ _ARRAYS: dict[str, tuple[str, int]] = {
     "captured": ("bool", 1),
     "outcome": ("str", 1),
 }
-
-
-@dataclass(frozen=True, eq=False)
-class Trajectory:
-    """One episode of T steps.
-
-    Attributes:
-        episode: its number in what was asked for. index: of its goal in the split. seed: of its `reset`.
-        outcome: how it ended.
-        observations: (T + 1, size), the first from `reset`. actions: (T, m) float32 in [-1, 1].
-        rewards: (T,). terminations, truncations: (T,) bool; exactly one of the two is true, in the last step.
-    """
-
-    episode: int
-    index: int
-    seed: int
-    outcome: str
-    observations: Array
-    actions: NDArray[np.float32]
-    rewards: Array
-    terminations: NDArray[np.bool_]
-    truncations: NDArray[np.bool_]
-
-    @property
-    def captured(self) -> bool:
-        """Whether it ended with a capture."""
-        return self.outcome == "captured"
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +93,7 @@ class Dataset:
             raise ConfigurationError("dataset: step_start and observation_start do not divide the arrays")
         last = np.zeros(steps, dtype=bool)
         last[self.step_start[1:] - 1] = True
-        if ((self.terminations ^ self.truncations) != last).any() or (self.terminations & ~last).any():
+        if ((self.terminations | self.truncations) != last).any():
             raise ConfigurationError("dataset: each episode must end once, in its last step")
         if (self.captured != (self.outcome == "captured")).any():
             raise ConfigurationError("dataset: captured and outcome disagree")
@@ -208,24 +182,6 @@ class Dataset:
             return cls(about=about, **arrays)
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise ConfigurationError(f"{path}: not a dataset: {error}") from error
-
-
-def first_difference(one: Trajectory, other: Trajectory) -> str | None:
-    """First difference of another trajectory from one, in any bit, in words; None if there is none."""
-    values = {item.name: (getattr(one, item.name), getattr(other, item.name)) for item in fields(Trajectory)}
-    arrays = {name: pair for name, pair in values.items() if isinstance(pair[0], np.ndarray)}
-    for name, (was, found) in arrays.items():
-        shared = min(len(was), len(found))
-        differ = (was[:shared] != found[:shared]).reshape(shared, -1).any(axis=1)
-        if differ.any():
-            change = np.abs(found[:shared].astype(np.float64) - was[:shared].astype(np.float64)).max()
-            return f"{name} differ from row {int(differ.argmax())} on, by up to {change:.3g}"
-    for name, (was, found) in values.items():
-        if name in arrays and len(was) != len(found):
-            return f"there are {len(found)} {name}, there were {len(was)}"
-        if name not in arrays and was != found:
-            return f"{name} is {found}, was {was}"
-    return None
 
 
 def _starts(lengths: Sequence[int]) -> NDArray[np.int64]:

@@ -5,7 +5,7 @@ from typing import Any
 
 from space_envs.evaluation.play.chunks import CHUNK, Chunk, PolicySource
 from space_envs.evaluation.play.entry import EvaluatedTask
-from space_envs.evaluation.play.episodes import EpisodeBatch, task_keywords
+from space_envs.evaluation.play.episodes import EpisodeBatch
 from space_envs.evaluation.play.playing import split_indices
 from space_envs.evaluation.play.process.limits import TimeLimits
 from space_envs.evaluation.records.episode import SCHEMA_VERSION, EpisodeRecord
@@ -37,7 +37,7 @@ class Evaluation:
         """
         goals: dict[tuple[EvaluatedTask, int], list[int]] = {}
         for task in dict.fromkeys(task for task, _ in self.entries):
-            made = make_task(task.env_id, task_keywords(task, self.variant))
+            made = make_task(task.env_id, task.keywords(self.variant))
             for seed in self.seeds:
                 goals[task, seed] = split_indices(made, task.split, self.episodes, seed).tolist()
         return [

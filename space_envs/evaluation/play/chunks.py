@@ -13,7 +13,6 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
-from space_envs.evaluation.play.episodes import task_keywords
 from space_envs.evaluation.play.process.limits import TimeLimits
 from space_envs.policy import Policy, PolicyContext
 from space_envs.registration import find
@@ -82,7 +81,7 @@ class Chunk:
     @property
     def keywords(self) -> dict[str, Any]:
         """Keywords of the task."""
-        return task_keywords(self.task, self.variant)
+        return self.task.keywords(self.variant)
 
     @property
     def environment(self) -> dict[str, Any]:

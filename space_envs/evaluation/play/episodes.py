@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array, logarithm
 from space_envs.errors import ConfigurationError, positive
-from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
+from space_envs.evaluation.play.entry import LeaderboardEntry
 from space_envs.registration import make_task
 from space_envs.tasks.base import CaptureTask
 from space_envs.tasks.common import Goals
@@ -126,7 +126,7 @@ class EpisodeBatch:
         Raises:
             ConfigurationError: if this version has no such task, or its model has other coordinates.
         """
-        task = make_task(self.entry.task.env_id, task_keywords(self.entry.task, self.variant))
+        task = make_task(self.entry.task.env_id, self.entry.task.keywords(self.variant))
         if task.model.nq != self.scene.shape[2]:
             raise ConfigurationError(
                 f"episodes: {self.entry.task.env_id} has {task.model.nq} coordinates, these have "
@@ -175,12 +175,6 @@ def concatenate(parts: Sequence[AnyEpisodes]) -> AnyEpisodes:
                     f"episodes of different {name} do not go together: {wanted} and {got}"
                 )
     return _mapped(first, np.concatenate, parts)
-
-
-def task_keywords(task: EvaluatedTask, variant: str | None) -> dict[str, Any]:
-    """Keywords of the environment that a task is played in."""
-    usual = {"difficulty": task.difficulty, "split": task.split}
-    return usual if variant is None else {**usual, "variant": variant}
 
 
 def _mapped(first: AnyEpisodes, made: Any, parts: Sequence[AnyEpisodes] | None = None) -> AnyEpisodes:
