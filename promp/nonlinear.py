@@ -119,7 +119,7 @@ def condition_nonlinear(
     here = search.at(unknown)
     penalty_weight, length = 0.0, np.inf
     for iteration in range(1, iterations + 1):
-        inverse = np.linalg.pinv(here.response, rcond=FIXED_FRACTION)
+        inverse = np.asarray(np.linalg.pinv(here.response, rcond=FIXED_FRACTION), dtype=np.float64)
         goal = inverse @ (here.response @ unknown - here.residual)
         length = float(np.linalg.norm(goal - unknown))
         if np.abs(here.residual).max() <= tolerance and length <= STILL:

@@ -3,6 +3,7 @@
 import re
 import subprocess
 import sys
+from collections.abc import Mapping
 from functools import partial
 from xml.etree import ElementTree
 
@@ -123,44 +124,32 @@ def test_claims_are_settled_by_one_rule_for_all():
     assert claims[1].share is None
 
 
-class Words(PageText):
-    """Text of a page that is given as it would be read from a file."""
-
-    def __init__(self, entries: dict) -> None:
-        super().__init__("shah2013", {"LEAST": 2})
-        self._entries = entries
-
-
 def test_claims_get_the_tests_of_their_names_and_sentences_from_the_text():
     entry = {"key": "large", "where": "III", "says": "x is large.", "counted": "At least {{ LEAST }}."}
-    words = Words(
-        {
-            "claims": [
-                entry | {"measured": "x = {{ x | fmt('.1f') }}"},
-                entry | {"key": "other", "measured": "-"},
-            ]
-        }
-    )
+    claims = [entry | {"measured": "x = {{ x | fmt('.1f') }}"}, entry | {"key": "other", "measured": "-"}]
+    text = PageText({"claims": claims}, {"LEAST": 2})
 
-    def large(record) -> bool:
+    def large(record: Mapping) -> bool:
         return record["x"] >= 2
 
-    first, second = rules(words, "claims", [large], lambda record: record)
+    def lost(record: Mapping) -> bool:
+        return True
+
+    first, second = rules(text, "claims", [large], lambda record: record)
     assert (first.counted, first.measured({"x": 3}), first.remark) == ("At least 2.", "x = 3.0", "")
     assert first.test is large and second.test is None
-    with pytest.raises(ValueError, match="without a claim in 'claims': line"):
-        rules(words, "claims", [large, line], lambda record: record)
+    with pytest.raises(ValueError, match="without a claim in 'claims': lost"):
+        rules(text, "claims", [large, lost], lambda record: record)
 
 
 def test_text_is_paragraphs_and_points_with_single_spaces():
-    words = Words(
-        {"texts": {"run": "\n  One {{ n }}\n  line.\n\n  Two.\n\n  - A\n    point.\n  - Another.\n"}}
-    )
-    assert words.paragraphs("texts.run", n=1) == (("One 1 line.", "Two."), ("A point.", "Another."))
+    run = "\n  One {{ n }}\n  line.\n\n  Two.\n\n  - A\n    point.\n  - Another.\n"
+    text = PageText({"texts": {"run": run}}, {})
+    assert text.paragraphs("texts.run", n=1) == (("One 1 line.", "Two."), ("A point.", "Another."))
     with pytest.raises(UndefinedError, match="'n' is undefined"):
-        words.paragraphs("texts.run")
+        text.paragraphs("texts.run")
     with pytest.raises(KeyError):
-        words.fill("texts.ran")
+        text.fill("texts.ran")
 
 
 # Figures and animation

@@ -1,6 +1,7 @@
 """Axes that the figures of both papers share."""
 
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -24,7 +25,9 @@ def shares(values: Array) -> Array:
     return 100 * (np.arange(values.size) + 1) / values.size
 
 
-def place_axes(axes: Axes, labels: Sequence[str], adjustable: str | None = None) -> None:
+def place_axes(
+    axes: Axes, labels: Sequence[str], adjustable: Literal["box", "datalim"] | None = None
+) -> None:
     """Label axes of two coordinates in m, of equal scale."""
     axes.set_aspect("equal", adjustable=adjustable)
     axes.set(xlabel=labels[0], ylabel=labels[1])

@@ -5,7 +5,7 @@ import tomllib
 from collections.abc import Iterable, Mapping
 from functools import reduce
 from math import degrees
-from typing import Any
+from typing import Any, Self
 
 import jinja2
 
@@ -13,17 +13,22 @@ from space_envs.evaluation.report.templating import read_template
 
 
 class PageText:
-    """Entries of `templates/PAPER.toml`, filled with values where they are read.
+    """Entries of a page's text, filled with values where they are read.
 
     Args:
-        paper: name of the file. constants: values that every entry may show.
+        entries: strings, and lists and tables of them. constants: values that every entry may show.
     """
 
-    def __init__(self, paper: str, constants: Mapping[str, Any]) -> None:
-        self._entries = tomllib.loads(read_template(f"{paper}.toml", "reproduce"))
+    def __init__(self, entries: Mapping[str, Any], constants: Mapping[str, Any]) -> None:
+        self._entries = entries
         self._environment = jinja2.Environment(undefined=jinja2.StrictUndefined)
         self._environment.globals |= constants
         self._environment.filters |= {"fmt": format, "each": _each, "deg": degrees}
+
+    @classmethod
+    def of(cls, paper: str, constants: Mapping[str, Any]) -> Self:
+        """The text of a paper's page, from `templates/PAPER.toml`."""
+        return cls(tomllib.loads(read_template(f"{paper}.toml", "reproduce")), constants)
 
     def raw(self, name: str) -> Any:
         """The entry of a dotted name as it is in the file."""

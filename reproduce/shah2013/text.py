@@ -6,4 +6,4 @@ from reproduce.shah2013.measures import SAMPLES
 from reproduce.shah2013.methods import ACCELERATION
 
 CONSTANTS = {name: value for name, value in vars(thresholds).items() if name.isupper()}
-TEXT = PageText("shah2013", {"SAMPLES": SAMPLES, "ACCELERATION": ACCELERATION, **CONSTANTS})
+TEXT = PageText.of("shah2013", {"SAMPLES": SAMPLES, "ACCELERATION": ACCELERATION, **CONSTANTS})

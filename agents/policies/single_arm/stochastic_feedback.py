@@ -71,7 +71,8 @@ class StochasticFeedback:
             non_negative(name, value)
         n, phase = promp.n_dof, np.linspace(0.0, 1.0, count + 1)
         basis = np.stack([promp.basis.value(phase), promp.basis.derivative(phase) / duration], axis=1)
-        state = _held_states(*np.einsum("kcb,ib->cki", basis, promp.mean), period)
+        position, rate = np.einsum("kcb,ib->cki", basis, promp.mean)
+        state = _held_states(position, rate, period)
         rank = promp.factor.deviations.size
         directions = promp.factor.directions.reshape(n, promp.basis.size, rank)
         varied = np.einsum("kcb,ibr->kcir", basis, directions).reshape(count + 1, 2 * n, rank)

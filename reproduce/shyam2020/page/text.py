@@ -7,7 +7,7 @@ from reproduce.shyam2020.sampling import SHOWN
 from reproduce.shyam2020.steps import LOCKED_STARTS, SPHERE_RADIUS
 
 CONSTANTS = {name: value for name, value in vars(thresholds).items() if name.isupper()}
-TEXT = PageText(
+TEXT = PageText.of(
     "shyam2020",
     {
         "SPHERE_RADIUS": SPHERE_RADIUS,
