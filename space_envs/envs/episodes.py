@@ -1,4 +1,5 @@
-"""Bookkeeping of N episodes: what was observed last, how long each has lasted, how each stands or ended."""
+"""Bookkeeping of N episodes, and the infos that follow from it: in those of the vector environment a key has
+an array, and with a leading underscore the mask of the rows that have it."""
 
 import copy
 from typing import Any
@@ -160,3 +161,24 @@ class EpisodeTracker:
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Take over a snapshot of as many episodes of the same task."""
         vars(self).update(snapshot)
+
+
+def masked(info: dict[str, Any], rows: NDArray[np.bool_]) -> dict[str, Any]:
+    """A copy of a vector info, present in `rows` only."""
+    return {
+        key: rows.copy()
+        if key.startswith("_")
+        else masked(value, rows)
+        if isinstance(value, dict)
+        else value.copy()
+        for key, value in info.items()
+    }
+
+
+def first_row(info: dict[str, Any]) -> dict[str, Any]:
+    """Row 0 of a vector info, without its presence masks, as plain Python values."""
+    return {
+        key: first_row(value) if isinstance(value, dict) else value.item(0)
+        for key, value in info.items()
+        if not key.startswith("_")
+    }

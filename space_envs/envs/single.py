@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array
 from space_envs.envs.actions import action_array
-from space_envs.envs.infos import first_row
+from space_envs.envs.episodes import first_row
 from space_envs.envs.keywords import EnvKeywords, explicit_keywords
 from space_envs.envs.vector import METADATA, CaptureVectorEnv
 from space_envs.errors import ActionError, ConfigurationError, UnknownKeywordError, shown

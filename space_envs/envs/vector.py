@@ -10,11 +10,10 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from space_envs.control import MODES
-from space_envs.drives import Drive
 from space_envs.dynamics.rotations import Array
 from space_envs.envs.actions import checked_actions
-from space_envs.envs.episodes import EpisodeTracker
-from space_envs.envs.infos import masked
+from space_envs.envs.controlled import ControlledSimulation
+from space_envs.envs.episodes import EpisodeTracker, masked
 from space_envs.envs.keywords import RENDER_MODES, EnvKeywords, EnvOptions, explicit_keywords
 from space_envs.envs.limits import checked_num_envs
 from space_envs.envs.pictures import Pictures
@@ -22,7 +21,6 @@ from space_envs.envs.seeds import Seeds
 from space_envs.envs.starts import choose_start, rows_to_reset
 from space_envs.errors import ConfigurationError, ResetNeededError, unknown_name
 from space_envs.registration import find
-from space_envs.simulation import Simulation
 
 METADATA: dict[str, Any] = {"render_modes": [*RENDER_MODES], "render_fps": 10}
 _AUTORESET = {mode.name.lower(): mode for mode in AutoresetMode}
@@ -95,25 +93,18 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
             "render_fps": max(1, round(1.0 / self.task.control_period)),
             "autoreset_mode": autoreset_mode,
         }
-        self._simulate(options.threads)
-        self.episodes = EpisodeTracker(self.task, self.num_envs)
-        self._seeds = Seeds(self.num_envs)
-        self._spec: EnvSpec | None = None
-        self._started = False
-
-    def _simulate(self, threads: int | None) -> None:
-        """Make the simulation, its drives and the spaces that follow from them."""
-        self.simulation = Simulation(self.task.model, self.num_envs, threads)
-        limits = self.task.parameters
-        self.drive = Drive(
-            self.simulation, self.task.control_period, limits.rate_limit, limits.acceleration_limit
-        )
-        self.mode = MODES[self.control_mode](self.drive)
+        self._controlled = ControlledSimulation(self.task, self.num_envs, control_mode, options.threads)
+        self.simulation, self.drive = self._controlled.simulation, self._controlled.drive
+        self.mode = self._controlled.mode
         bound = self.task.layout.bound
         self.single_observation_space = gym.spaces.Box(-bound, bound, dtype=np.float64)
         self.single_action_space = gym.spaces.Box(-1.0, 1.0, (self.mode.size,), np.float32)
         self.observation_space = _batched(self.single_observation_space, self.num_envs)
         self.action_space = _batched(self.single_action_space, self.num_envs)
+        self.episodes = EpisodeTracker(self.task, self.num_envs)
+        self._seeds = Seeds(self.num_envs)
+        self._spec: EnvSpec | None = None
+        self._started = False
 
     # Gymnasium's attributes ----------------------------------------------------------------------------
 
@@ -188,18 +179,9 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         self._seeds = seeds
         if not len(rows):
             return
-        simulation = self.simulation
-        simulation.reset(rows)
-        simulation.scale_base(rows, start.goals.mass_scale)
-        self.task.place(simulation, rows, start.goals)
-        simulation.joint_position[rows] = start.goals.joint_position
-        if start.joint_velocity is not None:
-            simulation.joint_velocity[rows] = start.joint_velocity
-            simulation.set_base_velocity(rows)
-        simulation.refresh(rows)
-        self.drive.reset(rows)
+        self._controlled.begin(rows, start)
         self.episodes.begin(rows, start)
-        self.episodes.observe_start(rows, self.task.observe(simulation.sensors, self.episodes.time))
+        self.episodes.observe_start(rows, self.task.observe(self.simulation.sensors, self.episodes.time))
 
     # Step ----------------------------------------------------------------------------------------------
 
@@ -224,8 +206,9 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         episodes = self.episodes
         ended = episodes.ended
         episodes.count(clipped, ended)
-        touched = self._advance(action, None if ended is None else np.flatnonzero(~ended))
-        observation, diverged = self._observe(ended)
+        running = None if ended is None else np.flatnonzero(~ended)
+        touched = self._controlled.advance(action, running, episodes.watched)
+        observation, diverged = self._controlled.observe(episodes.time, episodes.observation, ended)
         terms, attitude = episodes.judge(observation, action, diverged, touched)
         if ended is not None:
             terms[ended] = 0.0
@@ -244,41 +227,6 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
             self.render()
         return episodes.observation.copy(), terms.sum(axis=1), terminated, truncated, info
 
-    def _advance(self, action: Array, running: NDArray[np.int64] | None) -> NDArray[np.int64] | None:
-        """Simulate a control period of running rows (k,), or of all.
-
-        Returns:
-            Codes (N,) of what was touched in it; None if contacts do not end an episode.
-        """
-        simulation, task = self.simulation, self.task
-        self.drive.begin()
-        simulation.ctrl[:] = self.mode.torques(action)
-        before = simulation.sensors.copy() if self.episodes.watched else None
-        simulation.step(task.substeps, running)
-        if before is None:
-            return None
-        if running is None:
-            return task.collided(before, simulation.sensors)
-        touched = np.zeros(self.num_envs, dtype=np.int64)
-        if len(running):
-            touched[running] = task.collided(before[running], simulation.sensors[running])
-        return touched
-
-    def _observe(self, ended: NDArray[np.bool_] | None) -> tuple[Array, NDArray[np.bool_] | None]:
-        """Observations (N, size), the previous ones of rows that ended before or diverge now.
-
-        Also (N,) bool, which simulations diverged; None if none did.
-        """
-        episodes = self.episodes
-        observation = self.task.observe(self.simulation.sensors, episodes.time)
-        if ended is not None:
-            observation[ended] = episodes.observation[ended]
-        if not self.simulation.warned() and np.isfinite(observation).all():
-            return observation, None
-        diverged = self.simulation.diverged() | ~np.isfinite(observation).all(axis=1)
-        observation[diverged] = episodes.observation[diverged]
-        return observation, diverged
-
     def _reset_same_step(self, done: NDArray[np.bool_], info: dict[str, Any]) -> dict[str, Any]:
         """Reset the done rows; their observation and info move to `final_obs` and `final_info`."""
         final = np.full(self.num_envs, None, dtype=object)
@@ -295,16 +243,14 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         """State of a copy that goes on exactly as the original; batches and windows are made again."""
         return {
             "arguments": self._arguments,
-            "simulation": self.simulation.snapshot(),
-            "drive": self.drive.snapshot(),
+            "controlled": self._controlled.snapshot(),
             "episodes": self.episodes.snapshot(),
             "own": {name: copy.deepcopy(getattr(self, name)) for name in _COPIED},
         }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__init__(**state["arguments"])
-        self.simulation.restore(state["simulation"])
-        self.drive.restore(state["drive"])
+        self._controlled.restore(state["controlled"])
         self.episodes.restore(state["episodes"])
         for name, value in state["own"].items():
             setattr(self, name, value)
