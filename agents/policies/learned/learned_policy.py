@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from agents.policies.base import BasePolicy
 from agents.policies.learned.features import FeatureView
 from agents.policies.learned.network import Network
 from agents.policies.learned.policy_file import PolicyFile, load_policy_file
+from space_envs.dynamics.rotations import Array
 from space_envs.errors import PolicyError, unknown_name
 from space_envs.policy import DEFAULT_CONTROL_MODE, Needs, PolicyContext
 
@@ -19,8 +20,8 @@ POLICY_FILE = "policy.npz"  # in a run's folder: the best policy on the validati
 _SHIPPED = files("agents") / "data" / "policies"
 
 
-class NetworkPolicy:
-    """Acts by a network; it keeps no state.
+class NetworkPolicy(BasePolicy):
+    """Acts by a network.
 
     Args:
         context: of the environment it acts in.
@@ -32,22 +33,15 @@ class NetworkPolicy:
     def __init__(
         self, context: PolicyContext, seed: int, network: Network, view: FeatureView | None = None
     ) -> None:
-        self.network = network
-        self._check, self._view = context.check_observation, view
+        super().__init__(context, seed)
+        self.network, self.view = network, view
         self._generator = np.random.default_rng(seed)
 
-    def predict(
-        self,
-        observation: NDArray,
-        state: Any = None,
-        episode_start: NDArray[np.bool_] | None = None,
-        deterministic: bool = True,
-    ) -> tuple[NDArray[np.float64], Any]:
-        """Actions (N, m) in [-1, 1] for observations (N, size), and the state as it was given."""
-        observation = self._check(observation)
-        inputs = observation if self._view is None else self._view(observation)
+    def actions(self, observation: Array, state: Any, deterministic: bool) -> Array:
+        """Actions (N, m) in [-1, 1], the mean ones or drawn."""
+        inputs = observation if self.view is None else self.view(observation)
         generator = None if deterministic else self._generator
-        return self.network.actions(inputs, generator).astype(np.float64), state
+        return self.network.actions(inputs, generator).astype(np.float64)
 
 
 class LearnedPolicy(NetworkPolicy):
