@@ -112,13 +112,9 @@ def improvement_plot(rows: Sequence[Row], metric: str, found: Improvement) -> Pl
     paired = found.paired[cells] | np.eye(count, dtype=bool)
     how = "Goal by goal" if paired.any() else "Over all pairs of episodes"
     caption = (
-        f"Probability in percent that the row's policy has a better {column.title} than the column's. Bold: the "
-        f"95 % interval excludes 50. {'Goal by goal' if paired.any() else 'Over all pairs of episodes'}, over "
-        + (
-            "those that both captured, whose number stands in each cell."
-            if cost
-            else "all that were evaluated."
-        )
+        f"Probability in percent that the row's policy has a better {column.title} than the column's. Bold: "
+        f"the 95 % interval excludes 50. {how}, over "
+        + ("those that both captured, whose number stands in each cell." if cost else "all of them.")
     )
     height = 1.3 + (0.1 + 0.15 * matrix.lines) * count
     panel = draw_panel(f"improvement-{metric}", matrix.draw, matrix.alt(), width=LONE, height=height)
