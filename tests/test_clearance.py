@@ -187,7 +187,7 @@ def test_the_gripper_stops_counting_while_it_grapples() -> None:
     np.testing.assert_allclose(shares, [[1.0, 1.0], [0.85, 0.25], [0.7, 0.0]])
 
 
-def test_a_turning_target_turns_freely_forwards_and_backwards() -> None:
+def test_a_tumbling_target_is_torque_free_forwards_and_backwards() -> None:
     inertia, spin = np.array([1.0, 2.0, 3.0]), np.array([0.05, -0.03, 0.06])
     quaternion, centre = exponential(np.array([0.4, 0.1, -0.3])), np.array([1.0, 2.0, 3.0])
     times = np.array([3.0, 0.0, 8.0, 20.0, 13.7])

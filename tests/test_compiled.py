@@ -33,7 +33,7 @@ def fresh(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
 
 @pytest.fixture(params=["compiled", "numpy"])
-def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+def implementation(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     if request.param == "numpy":
         monkeypatch.setenv("CC", "no-such-compiler")
     return request.param
@@ -55,7 +55,7 @@ def test_same_numbers_as_numpy(name: str) -> None:
 
 
 @quiet
-def test_results_do_not_depend_on_the_batch(way: str) -> None:
+def test_results_do_not_depend_on_the_batch(implementation: str) -> None:
     robot, _ = robot_and_model("single arm")
     q, qdot = samples("single arm", 40, 100)
     twist, cost = base_twist(robot, q, qdot), trajectory_cost(robot, q, qdot, 0.1)
@@ -67,7 +67,7 @@ def test_results_do_not_depend_on_the_batch(way: str) -> None:
 
 
 @quiet
-def test_any_layout_of_arrays(way: str) -> None:
+def test_any_layout_of_arrays(implementation: str) -> None:
     robot, _ = robot_and_model("single arm")
     q, qdot = samples("single arm", 6, 5)
     twist = base_twist(robot, q, qdot)
@@ -84,7 +84,7 @@ def test_any_layout_of_arrays(way: str) -> None:
 
 
 @pytest.mark.parametrize("lacking", ["compiler", "any compiler", "cache", "home"])
-def test_fall_back_says_once_what_is_missing(
+def test_fall_back_warns_once_with_the_reason(
     lacking: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     if lacking == "compiler":

@@ -141,7 +141,7 @@ def planted(key_source: str, tmp_path: Path) -> Path:
 @needs_owners
 @pytest.mark.skipif(not HAS_COMPILER, reason="what is planted has to be compiled")
 @pytest.mark.parametrize("opened", ["nothing", "folder", "file", "folder above", "link"])
-def test_what_others_can_write_is_not_loaded(
+def test_files_that_others_can_write_are_not_loaded(
     opened: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("TMPDIR", str(tmp_path / "temporary"))

@@ -146,7 +146,7 @@ def test_gradient_by_finite_differences() -> None:
     np.testing.assert_allclose(numeric, gradient, rtol=1e-4, atol=1e-5 * np.abs(gradient).max())
 
 
-def test_elastic_program_solves_what_no_motion_can_keep() -> None:
+def test_elastic_program_distributes_unavoidable_violations() -> None:
     """Two bounds that exclude each other are broken by the same share; one that can be kept is kept."""
     rows = np.zeros((3, 2, 1))
     rows[0, :, 0] = [1.0, -1.0]
@@ -202,7 +202,7 @@ def test_limits_are_kept(heavy: dict[str, Any], light: dict[str, Any]) -> None:
             assert np.abs(horizon.rates(times)).max() < 1.02 * RATE
 
 
-def test_feedback_is_what_does_it(light: dict[str, Any]) -> None:
+def test_feedback_is_necessary(light: dict[str, Any]) -> None:
     """The first plan alone, carried out exactly on the lighter satellite, misses by more."""
     controller = Controller(ARM, LIMITS, 1.0, LIBRARY)
     goals = TASK.goals("validation", np.array(GOALS))
@@ -228,7 +228,7 @@ def _scaled_inertia(inertia: Array) -> Array:
     return scaled
 
 
-def test_meets_a_moving_goal() -> None:
+def test_follows_a_moving_goal() -> None:
     """On the model, the end-effector stays with a goal that drifts and turns once it has met it."""
     goals = TASK.goals("validation", np.array([8]))
     twist = np.array([0.004, -0.003, 0.002, 0.0, 0.003, 0.004])
@@ -266,7 +266,7 @@ def test_goal_out_of_reach_is_a_typed_failure() -> None:
     assert failure.cause is Cause.OUT_OF_REACH
 
 
-def test_policy_rests_and_says_why_where_there_is_no_plan() -> None:
+def test_policy_rests_with_a_failure_where_there_is_no_plan() -> None:
     env = make(1)
     policy = NMPC(PolicyContext.from_env(env.unwrapped))
     observation, _ = env.reset(seed=0, options={"index": np.array([8])})

@@ -87,14 +87,14 @@ def test_all_known_goals(number: int, keep_attitude: bool) -> None:
 
 
 @pytest.mark.parametrize("keep_attitude", [False, True])
-def test_limits_are_kept_between_nodes_too(keep_attitude: bool) -> None:
+def test_limits_are_satisfied_between_nodes_too(keep_attitude: bool) -> None:
     reach = reach_of(4, keep_attitude)
     violation = check_motion(reach, drives(), planned(reach, drives()))
     # They bind: without them the motion would be another.
     assert max(violation["rate"] / 0.3, violation["acceleration"] / 0.25) > -1e-2
 
 
-def test_torque_limit_binds_where_accelerations_are_large() -> None:
+def test_torque_limit_is_active_where_accelerations_are_large() -> None:
     reach = reach_of(4, True)
     limits = replace(drives(), torque=30.0)
     motion = planned(reach, limits)
@@ -103,7 +103,7 @@ def test_torque_limit_binds_where_accelerations_are_large() -> None:
     assert motion.cost > planned(reach, drives()).cost * (1.0 - 1e-3)
 
 
-def test_a_limit_passed_by_more_than_it_is_stays_a_limit() -> None:
+def test_a_limit_violated_by_more_than_itself_stays_positive() -> None:
     """Between the nodes a torque may be passed by more than its limit, which must not turn negative."""
     reach = reach_of(2).checked(robot())
     solver = ReachSolver(robot(), reach, drives())
@@ -122,13 +122,13 @@ def test_coriolis_forces_are_limited_on_their_own() -> None:
     check_motion(reach, limits, planned(reach, limits))
 
 
-def test_links_stay_out_of_balls() -> None:
+def test_links_stay_out_of_spheres() -> None:
     bare, limits = reach_of(2), replace(drives(), torque=None)
     motion = planned(bare, limits)
     q, qdot, _ = motion.sample(np.linspace(0.0, 4.0, 101))
     place, turn = roll_out_base(robot(), q, qdot, 0.04)
-    tip = place[-1] + rotate(turn[-1], robot().end_effector_pose(q[-1])[0])
-    reach = replace(bare, spheres=np.array([[*(tip + [0.08, 0.0, 0.0]), 0.1]]))
+    end_effector = place[-1] + rotate(turn[-1], robot().end_effector_pose(q[-1])[0])
+    reach = replace(bare, spheres=np.array([[*(end_effector + [0.08, 0.0, 0.0]), 0.1]]))
     assert check(MODEL, robot(), reach, limits, motion).violation["clearance"] > 0.05
     clear = planned(reach, limits)
     check_motion(reach, limits, clear)
@@ -160,7 +160,7 @@ def test_tracked_in_the_simulation_it_ends_where_it_was_planned() -> None:
         ({"spheres": np.array([[*KNOWN[0]["position"], 0.1]])}, Limits(), Cause.CLEARANCE),  # at the goal
     ],
 )
-def test_refusals_say_why(changes: dict, limits: Limits, cause: Cause) -> None:
+def test_failures_name_cause_and_figures(changes: dict, limits: Limits, cause: Cause) -> None:
     failure = plan_ocp(MODEL, robot(), replace(reach_of(0), **changes), limits, starts=2)
     assert isinstance(failure, Failure)
     assert failure.cause is cause, failure
@@ -172,9 +172,9 @@ def test_bad_arguments_are_refused() -> None:
         plan_ocp(MODEL, robot(), reach_of(0), starts=0)
 
 
-@pytest.mark.parametrize(("loads", "balls"), [((), 2), ((True, False), 0)])
-def test_derivatives_of_the_program_agree_with_differences(loads: tuple[bool, ...], balls: int) -> None:
-    program = ReachProgram.of(robot(), OptionalConstraints(True, loads, balls))
+@pytest.mark.parametrize(("loads", "spheres"), [((), 2), ((True, False), 0)])
+def test_derivatives_of_the_program_agree_with_differences(loads: tuple[bool, ...], spheres: int) -> None:
+    program = ReachProgram.of(robot(), OptionalConstraints(True, loads, spheres))
     rng = np.random.default_rng(0)
     solver = program.solver
     x = 0.2 * rng.standard_normal(solver.size1_in("x0"))
@@ -182,7 +182,7 @@ def test_derivatives_of_the_program_agree_with_differences(loads: tuple[bool, ..
     slope = solver.get_function("nlp_jac_g")
     gradient = solver.get_function("nlp_grad_f")
     hessian = solver.get_function("nlp_hess_l")
-    way = rng.standard_normal(x.shape)
+    direction = rng.standard_normal(x.shape)
     weight = rng.standard_normal(slope.size1_out(0))
 
     def at(where: np.ndarray) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
@@ -190,14 +190,16 @@ def test_derivatives_of_the_program_agree_with_differences(loads: tuple[bool, ..
         f, pull = gradient(where, p)
         return float(f), pull.full()[:, 0], g.full()[:, 0], jacobian.full()
 
-    high, low, here = at(x + 1e-6 * way), at(x - 1e-6 * way), at(x)
+    high, low, here = at(x + 1e-6 * direction), at(x - 1e-6 * direction), at(x)
     scale = np.abs(here[1]).max()
-    assert (high[0] - low[0]) / 2e-6 == pytest.approx(here[1] @ way, rel=1e-5, abs=1e-6 * scale)
+    assert (high[0] - low[0]) / 2e-6 == pytest.approx(here[1] @ direction, rel=1e-5, abs=1e-6 * scale)
     difference = (high[2] - low[2]) / 2e-6
-    np.testing.assert_allclose(here[3] @ way, difference, rtol=1e-5, atol=1e-6 * np.abs(difference).max())
+    np.testing.assert_allclose(
+        here[3] @ direction, difference, rtol=1e-5, atol=1e-6 * np.abs(difference).max()
+    )
     if loads:
         return  # whose curvature is left out of the Hessian
-    bend = ca.triu2symm(hessian(x, p, 1.7, weight)).full() @ way
+    bend = ca.triu2symm(hessian(x, p, 1.7, weight)).full() @ direction
     slopes = [1.7 * side[1] + side[3].T @ weight for side in (high, low)]
     np.testing.assert_allclose(
         bend, (slopes[0] - slopes[1]) / 2e-6, rtol=1e-4, atol=1e-5 * np.abs(bend).max()

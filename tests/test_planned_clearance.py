@@ -1,4 +1,4 @@
-"""Planners and the bodies that links may not touch: other motions, or a refusal that says why."""
+"""Planners and obstacles: clear motions, or typed failures."""
 
 from dataclasses import replace
 from typing import Any
@@ -38,7 +38,7 @@ def outcomes(env: CaptureVectorEnv, policy: Any, observation: Any) -> Any:
 
 
 @pytest.mark.parametrize("name", ["minimum_jerk", "promp_mean"])
-def test_motions_through_the_satellite_are_planned_anew(name: str) -> None:
+def test_motions_through_the_satellite_are_replanned(name: str) -> None:
     _, context, observation = begun(SINGLE, N)
     assert context.contacts is not None
     blind = make_policy(name, replace(context, contacts=None), 0)
@@ -63,7 +63,7 @@ def test_motions_through_the_satellite_are_planned_anew(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["minimum_jerk", "mpc", "promp", "promp_optimal", "promp_demonstrated"])
-def test_without_a_clear_motion_the_arm_rests_and_says_why(name: str) -> None:
+def test_without_a_clear_motion_the_arm_rests_with_a_failure(name: str) -> None:
     env, context, observation = begun(SINGLE, 2)
     assert context.contacts is not None
     large = replace(context.contacts.shape, half=1.2)  # the elbow is within
@@ -81,7 +81,7 @@ def test_without_a_clear_motion_the_arm_rests_and_says_why(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["minimum_jerk", "mpc", "promp_mean", "promp", "promp_optimal"])
-def test_among_spheres_planners_capture_or_say_what_is_in_the_way(name: str) -> None:
+def test_among_spheres_planners_capture_or_name_the_obstacle(name: str) -> None:
     rollout = roll_out(
         lambda context: make_policy(name, context, 0), {"env_id": CLUTTERED}, "validation", np.arange(12), 0
     )
@@ -111,7 +111,7 @@ def test_spheres_count_where_they_are_and_not_where_nothing_ends_an_episode() ->
     assert blind.predict(observation)[1].failures[0] is None
 
 
-def test_nmpc_brakes_before_what_it_would_touch_and_goes_on_when_that_is_gone() -> None:
+def test_nmpc_brakes_before_an_obstacle_and_continues_without_it() -> None:
     env, context, observation = begun(SINGLE, 1)
     policy = make_policy("nmpc", context, 0)
     action, state = policy.predict(observation)

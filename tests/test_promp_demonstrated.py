@@ -1,4 +1,4 @@
-"""ProMPs fitted to optimal motions: goals, limits and costs of their plans, and ways around spheres."""
+"""ProMPs fitted to optimal motions: goals, limits and costs of their plans, and motions around spheres."""
 
 from dataclasses import replace
 from functools import cache
@@ -68,7 +68,7 @@ def assert_within_limits(plan: ReachPlan) -> None:
     assert violation["end_rate"] < 1e-9
 
 
-def test_plans_meet_goals_within_limits_and_beat_linear_quadratic_demonstrations() -> None:
+def test_plans_reach_goals_within_limits_at_less_cost_than_demonstrations() -> None:
     env = CaptureVectorEnv("SpaceCapture/SingleArm-v0", GOALS)
     context = PolicyContext.from_env(env)
     observation, _ = env.reset(options={"split": "validation", "index": np.arange(GOALS)})
@@ -85,7 +85,7 @@ def test_plans_meet_goals_within_limits_and_beat_linear_quadratic_demonstrations
     assert np.median(share) < 0.7
 
 
-def test_attitude_is_kept_where_it_is_asked_for() -> None:
+def test_attitude_constraint_is_satisfied() -> None:
     plans = [planner(True).plan(reach_of(number, True)) for number in range(GOALS)]
     solved = [number for number, plan in enumerate(plans) if isinstance(plan, ReachPlan)]
     assert len(solved) >= 0.6 * GOALS
@@ -109,7 +109,7 @@ def test_samples_are_worth_drawing_and_several_groups_too() -> None:
     assert np.median(best / costs(groups=1)) < 1.0
 
 
-def test_samples_of_the_conditioned_promp_meet_the_goal() -> None:
+def test_samples_of_the_conditioned_promp_reach_the_goal() -> None:
     reach = reach_of(1)
     space, bounds, _ = planner().planner.setting(reach)
     for found in planner().distributions(reach, space, bounds).found:
@@ -128,8 +128,8 @@ def test_moving_to_another_start_is_conditioning_on_it() -> None:
         planner().priors(reach, space)[0] for reach, space in zip((at_home, moved), spaces, strict=True)
     ]
     # Starts that vary by the quietest functions, independently of the rest.
-    ways = np.kron(np.eye(7), spaces[0].shapes.fixed[:, :2])
-    wide = ProMP(priors[0].mean, priors[0].covariance + 0.04 * ways @ ways.T)
+    directions = np.kron(np.eye(7), spaces[0].shapes.fixed[:, :2])
+    wide = ProMP(priors[0].mean, priors[0].covariance + 0.04 * directions @ directions.T)
     found = wide.condition_on([ViaPoint(0.0, start, rate, duration=10.0)])
     np.testing.assert_allclose(found.mean, priors[1].mean, atol=1e-6)
     np.testing.assert_allclose(found.covariance, priors[1].covariance, atol=1e-7)
@@ -144,7 +144,7 @@ def test_goals_out_of_reach_are_refused() -> None:
     assert any(letter.isdigit() for letter in failure.reason)
 
 
-def test_gaps_on_the_way_are_those_of_another_roll_out() -> None:
+def test_clearances_agree_with_an_independent_roll_out() -> None:
     reach = cluttered(0).checked(robot())
     space, _, _ = planner().planner.setting(reach)
     assert reach.spheres is not None
@@ -159,7 +159,7 @@ def test_gaps_on_the_way_are_those_of_another_roll_out() -> None:
         np.testing.assert_allclose(gap, expected[:: 400 // (len(gap) - 1)], atol=3e-3)
 
 
-def test_ways_around_spheres_are_clear_and_within_limits() -> None:
+def test_motions_around_spheres_are_clear_and_within_limits() -> None:
     avoiding = AvoidingPlanner(robot(), model_limits(), shipped_library(False))
     blind = []
     for number in range(3):
@@ -171,7 +171,7 @@ def test_ways_around_spheres_are_clear_and_within_limits() -> None:
     assert max(blind) > 0.01  # a motion that does not look runs into a sphere
 
 
-def test_a_sphere_around_the_goal_is_a_collision_that_is_told() -> None:
+def test_a_sphere_around_the_goal_is_a_typed_collision() -> None:
     reach = reach_of(3)
     blocked = replace(reach, spheres=np.append(reach.position, 0.2)[None])
     failure = AvoidingPlanner(robot(), model_limits(), shipped_library(False)).plan(blocked)

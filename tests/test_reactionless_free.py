@@ -166,7 +166,7 @@ def check_plan(kind: str, capture: Capture, limits: Limits, plan: CapturePlan) -
 # Plans ------------------------------------------------------------------------------------------------
 
 
-def test_canonical_case_is_no_dearer_than_a_motion_known_to_exist() -> None:
+def test_canonical_case_needs_no_more_energy_than_a_known_motion() -> None:
     limits = Limits(robot_of("planar").range, rate=0.3, acceleration=0.1, torque=60.0)
     plan = planned("planar", CANONICAL, limits)
     assert plan.energy <= 1.02 * KNOWN_ENERGY
@@ -179,9 +179,9 @@ def test_canonical_case_is_no_dearer_than_a_motion_known_to_exist() -> None:
     assert max(plan.violation[name] for name in ("end_position", "end_velocity", "base_rate")) < 1e-9
 
 
-def test_canonical_case_with_the_arms_kept_apart() -> None:
-    # The arms of the cheapest motion cross; apart they have to go another way, which costs 2.5 J s, or 13.4
-    # where the solver settles in another optimum.
+def test_canonical_case_with_clearance_between_the_arms() -> None:
+    # The arms of the optimal motion cross; with clearance between them it costs 2.5 J s, or 13.4 where the
+    # solver settles in another optimum.
     limits = Limits(robot_of("planar").range, rate=0.3, acceleration=0.1, torque=60.0)
     around = Surroundings()
     plan = planned("planar", CANONICAL, limits, around)
@@ -208,7 +208,7 @@ def test_spatial_plans_reach_places_velocities_and_axes() -> None:
         assert gap.least > 0.0
 
 
-def test_limits_of_any_size_are_kept() -> None:
+def test_limits_of_any_size_are_satisfied() -> None:
     free = planned("planar", CANONICAL, Limits())
     energies = [free.energy]
     for changes in ({"rate": 0.06}, {"acceleration": 0.01}, {"torque": 0.5}):
@@ -230,7 +230,7 @@ def test_other_durations_scale_the_motion() -> None:
     np.testing.assert_allclose(fast.position, slow.position, atol=1e-4)
 
 
-def test_motion_is_led_around_a_target_in_its_way() -> None:
+def test_motion_is_led_around_a_target_on_its_path() -> None:
     free = planned("planar", CANONICAL, drives("planar"))
     robot, middle = robot_of("planar"), len(free.time) // 2
     # A small box where arm 2 passes halfway, away from start and end.
@@ -268,7 +268,7 @@ def still_at(centre: list[float]) -> Surroundings:
 
 
 @pytest.mark.parametrize(
-    ("capture", "limits", "around", "cause", "said"),
+    ("capture", "limits", "around", "cause", "message"),
     [
         (replace(CANONICAL, position=3.0 * CANONICAL.position), {}, None, Cause.OUT_OF_REACH, "reach"),
         (
@@ -285,13 +285,13 @@ def still_at(centre: list[float]) -> Surroundings:
         (CANONICAL, {}, still_at([2.0, 0.7, 0.0]), Cause.CLEARANCE, "end"),
     ],
 )
-def test_failures_are_typed_and_say_why(
-    capture: Capture, limits: dict, around: Surroundings | None, cause: Cause, said: str
+def test_failures_have_cause_and_reason(
+    capture: Capture, limits: dict, around: Surroundings | None, cause: Cause, message: str
 ) -> None:
     found = plan_free(robot_of("planar"), capture, drives("planar", **limits), around)
     assert isinstance(found, Failure), found
     assert (found.cause, found.method) == (cause, "reactionless_free")
-    assert said in found.reason
+    assert message in found.reason
 
 
 def test_a_malformed_capture_is_refused() -> None:
@@ -335,7 +335,7 @@ def test_held_attitude_is_the_floating_robot_on_reactionless_motion(kind: str) -
 def test_derivatives_of_the_functions_agree_with_differences(kind: str) -> None:
     model, n = HeldAttitude.of(robot_of(kind)), robot_of(kind).n_joints
     random = np.random.default_rng(4)
-    y, way = random.normal(size=(2, 2 * n))
+    y, direction = random.normal(size=(2, 2 * n))
     for f, extra in (
         (model.energy, []),
         (model.angular_momentum, []),
@@ -348,12 +348,12 @@ def test_derivatives_of_the_functions_agree_with_differences(kind: str) -> None:
             value, slope = (part(point[:n], point[n:], *extra).full() for part in (f.value, f.slope))
             return value[:, 0], slope
 
-        (high, high_slope), (low, low_slope) = at(y + 1e-6 * way), at(y - 1e-6 * way)
-        np.testing.assert_allclose(at(y)[1] @ way, (high - low) / 2e-6, rtol=1e-6, atol=1e-6)
+        (high, high_slope), (low, low_slope) = at(y + 1e-6 * direction), at(y - 1e-6 * direction)
+        np.testing.assert_allclose(at(y)[1] @ direction, (high - low) / 2e-6, rtol=1e-6, atol=1e-6)
         bend = f.bend(y[:n], y[n:], *extra, weight).full()
         np.testing.assert_allclose(bend, bend.T, atol=1e-10)
         expected = weight @ (high_slope - low_slope) / 2e-6
-        np.testing.assert_allclose(bend @ way, expected, rtol=1e-6, atol=1e-5)
+        np.testing.assert_allclose(bend @ direction, expected, rtol=1e-6, atol=1e-5)
 
 
 def test_derivatives_of_the_program_agree_with_differences() -> None:
@@ -361,23 +361,23 @@ def test_derivatives_of_the_program_agree_with_differences() -> None:
     random = np.random.default_rng(5)
     for program in (free, clear):
         sizes = program.solver.size1_in("x0"), program.solver.size1_in("p"), program.solver.size1_out("g")
-        x, way = random.normal(size=(2, sizes[0]))
+        x, direction = random.normal(size=(2, sizes[0]))
         p, multiplier = 0.3 * random.normal(size=sizes[1]), random.normal(size=sizes[2])
         parts = [program.solver.get_function(f"nlp_{name}") for name in ("grad_f", "jac_g", "hess_l")]
 
         def at(point: Array, p: Array = p, parts: list = parts) -> list[Array]:
             return [out.full() for part in parts[:2] for out in part(point, p)]
 
-        high, low, here = at(x + 1e-6 * way), at(x - 1e-6 * way), at(x)
+        high, low, here = at(x + 1e-6 * direction), at(x - 1e-6 * direction), at(x)
         scale = np.abs(here[1]).max()
         rise = float((high[0] - low[0]).item()) / 2e-6
-        assert rise == pytest.approx(float((here[1].T @ way).item()), rel=1e-5, abs=1e-6 * scale)
-        np.testing.assert_allclose(here[3] @ way, (high[2] - low[2])[:, 0] / 2e-6, rtol=1e-5, atol=1e-3)
+        assert rise == pytest.approx(float((here[1].T @ direction).item()), rel=1e-5, abs=1e-6 * scale)
+        np.testing.assert_allclose(here[3] @ direction, (high[2] - low[2])[:, 0] / 2e-6, rtol=1e-5, atol=1e-3)
         if program is free:  # the cost of nearness has Gauss and Newton's approximation only
             bend = ca.triu2symm(parts[2](x, p, 1.7, multiplier)).full()
             slopes = [1.7 * side[1][:, 0] + side[3].T @ multiplier for side in (high, low)]
             np.testing.assert_allclose(
-                bend @ way, (slopes[0] - slopes[1]) / 2e-6, rtol=1e-4, atol=1e-6 * np.abs(bend).max()
+                bend @ direction, (slopes[0] - slopes[1]) / 2e-6, rtol=1e-4, atol=1e-6 * np.abs(bend).max()
             )
 
 

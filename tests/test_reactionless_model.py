@@ -82,7 +82,7 @@ def test_last_rows_are_the_angular_momentum_about_the_common_centre(name):
 
 
 @pytest.mark.parametrize("name", OPTIONS)
-def test_reactionless_means_that_the_base_does_not_turn(name):
+def test_reactionless_rates_do_not_rotate_the_base(name):
     robot, model, positions, rates = states(name)
     for q, rate in zip(positions, rates, strict=True):
         kept = reactionless(model, q, rate)

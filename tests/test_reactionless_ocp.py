@@ -83,24 +83,26 @@ def cost_beside(
         now = end_effectors(robot, q)
         rows = np.concatenate([now.linear[:, :, :2].reshape(-1, 4, 6), now.turning[:, 2:]], axis=1)
         mass = np.array(mass_of(np.ascontiguousarray(q.T))).reshape(6, -1, 6).transpose(1, 0, 2)
-        way = np.linalg.svd(rows)[2][:, -1]
-        way = way * np.sign(np.linalg.det(np.concatenate([rows, way[:, None]], axis=1)))[:, None]
-        pushed = (mass @ way[..., None])[..., 0]
-        way = way / np.sqrt((pushed * way).sum(axis=1))[:, None]
-        pushed = (mass @ way[..., None])[..., 0]
+        direction = np.linalg.svd(rows)[2][:, -1]
+        direction = (
+            direction * np.sign(np.linalg.det(np.concatenate([rows, direction[:, None]], axis=1)))[:, None]
+        )
+        pushed = (mass @ direction[..., None])[..., 0]
+        direction = direction / np.sqrt((pushed * direction).sum(axis=1))[:, None]
+        pushed = (mass @ direction[..., None])[..., 0]
         some = np.linalg.pinv(rows) @ np.append(path.velocity(time), 0.0)
-        return some - way * (pushed * some).sum(axis=1)[:, None], way, mass
+        return some - direction * (pushed * some).sum(axis=1)[:, None], direction, mass
 
     half = 0.5 * capture.duration / steps
     at, rate, _ = plan.sample(half * np.arange(2 * steps + 1))
     control = np.empty(2 * steps + 1)
     for k in range(len(control)):
-        _, way, mass = split(at[k : k + 1], k * half)
-        control[k] = way[0] @ mass[0] @ rate[k]
+        _, direction, mass = split(at[k : k + 1], k * half)
+        control[k] = direction[0] @ mass[0] @ rate[k]
 
     def law(q: Array, k: int) -> tuple[Array, Array]:
-        least, way, mass = split(q, k * half)
-        found = least + way * (control[k] + bumps[k])[:, None]
+        least, direction, mass = split(q, k * half)
+        found = least + direction * (control[k] + bumps[k])[:, None]
         return found, (found * (mass @ found[..., None])[..., 0]).sum(axis=1)
 
     q, total, h = np.tile(capture.start, (bumps.shape[1], 1)), np.zeros(bumps.shape[1]), 2 * half
@@ -138,7 +140,7 @@ def test_from_rest_starts_at_rest_and_keeps_the_acceleration_bound_between_nodes
 
 
 def test_control_is_stationary():
-    """Bumps of the control, either way, cost more: to first order nothing, to second order something."""
+    """Changes of the control of either sign cost more, to second order only."""
     time = np.linspace(0.0, 20.0, 481)
     size = 0.02
     shapes = [np.exp(-(((time - centre) / 2.0) ** 2)) for centre in (3.0, 9.0, 15.0)]
@@ -171,7 +173,7 @@ def test_never_worse_than_the_methods_that_do_not_look_ahead(seed):
     np.testing.assert_allclose(place[-1], capture.position, atol=1e-6)
 
 
-def test_joint_and_rate_bounds_are_kept_between_nodes():
+def test_joint_and_rate_bounds_are_satisfied_between_nodes():
     robot, free = robot_of(), canonical_plan()
     _, q, rate, _ = dense(free)
     fastest = float(np.abs(rate).max())
@@ -181,7 +183,7 @@ def test_joint_and_rate_bounds_are_kept_between_nodes():
     assert plan.energy > free.energy
 
 
-def test_control_bound_is_kept():
+def test_control_bound_is_satisfied():
     robot, free = robot_of(), canonical_plan()
     assert free.zeta is not None
     bound = 0.8 * float(np.linalg.norm(free.zeta, axis=1).max())

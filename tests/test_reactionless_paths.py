@@ -79,7 +79,7 @@ def task_rows(robot: FloatingRobot, q: Array) -> Array:
 
 
 @given(start=lengths, end=lengths, first=speeds, last=speeds, duration=st.floats(0.5, 60.0))
-def test_polynomial_meets_its_ends(start, end, first, last, duration):
+def test_polynomial_has_its_end_conditions(start, end, first, last, duration):
     path = scalar_path(start, end, first, last, duration)
     ends = np.array([0.0, duration])
     np.testing.assert_allclose(path.position(ends)[:, 0], [start, end], atol=1e-9 * (1 + duration))
@@ -132,13 +132,13 @@ def test_an_integration_of_its_own_agrees(method):
     def law(time: float, q: Array) -> Array:
         rows = task_rows(robot, q)
         some = np.linalg.pinv(rows) @ np.append(path.velocity(time), 0.0)
-        way = np.linalg.svd(rows)[2][-1]
+        direction = np.linalg.svd(rows)[2][-1]
         if method == "reactionless":
             spin = end_effectors(robot, q).angular[:, 2]
             metric = spin.T @ spin
         else:
             metric = np.array(mass(q))
-        return some - way * (way @ metric @ some) / (way @ metric @ way)
+        return some - direction * (direction @ metric @ some) / (direction @ metric @ direction)
 
     # Up to 12 s, where coarse steps are still good to 1e-6.
     q, steps, h = START, 120, 0.1
@@ -180,16 +180,18 @@ def test_local_choice_is_the_minimum_of_eq_12():
         velocity, metric = 0.1 * rng.normal(size=4), np.array(mass(q))
         at = model(q)
         some, null = split(at, velocity)
-        way = np.linalg.svd(task_rows(robot, q))[2][-1]
-        assert np.abs(null.ravel() @ way) == pytest.approx(1.0, abs=1e-9)
+        direction = np.linalg.svd(task_rows(robot, q))[2][-1]
+        assert np.abs(null.ravel() @ direction) == pytest.approx(1.0, abs=1e-9)
 
-        def cost(share: Array, some: Array = some, way: Array = way, metric: Array = metric) -> float:
-            rate = some + way * share[0]
+        def cost(
+            share: Array, some: Array = some, direction: Array = direction, metric: Array = metric
+        ) -> float:
+            rate = some + direction * share[0]
             return float(rate @ metric @ rate)
 
         searched = minimize(cost, np.zeros(1), method="BFGS", options={"gtol": 1e-9})
         found = some + null @ least_energy(at, some, null)
-        np.testing.assert_allclose(found, some + way * searched.x[0], atol=1e-6 * np.abs(found).max())
+        np.testing.assert_allclose(found, some + direction * searched.x[0], atol=1e-6 * np.abs(found).max())
         assert found @ metric @ found <= searched.fun * (1.0 + 1e-12)
 
 
@@ -238,7 +240,7 @@ def test_sample_interpolates_and_differentiates():
 
 
 @pytest.mark.parametrize("method", PLANNERS)
-def test_out_of_reach_is_said(method):
+def test_out_of_reach_is_a_typed_failure(method):
     found = PLANNERS[method](robot_of(), canonical(position=GOALS + np.array([3.0, 0.0, 0.0])))
     assert isinstance(found, Failure)
     assert (found.method, found.cause) == (method, Cause.OUT_OF_REACH)
@@ -246,7 +248,7 @@ def test_out_of_reach_is_said(method):
 
 
 @pytest.mark.parametrize("method", PLANNERS)
-def test_singular_path_is_said(method):
+def test_singular_path_is_a_typed_failure(method):
     """The goal of arm 1 is within the sum of its links, yet not with where the rest has to be."""
     goals = GOALS.copy()
     robot = robot_of()
@@ -260,7 +262,7 @@ def test_singular_path_is_said(method):
 
 
 @pytest.mark.parametrize("method", PLANNERS)
-def test_joint_limit_is_said(method):
+def test_joint_limit_is_a_typed_failure(method):
     plan = canonical_plan(method)
     low, high = plan.position.min(axis=0), plan.position.max(axis=0)
     joint = int((high - START).argmax())

@@ -102,16 +102,16 @@ def test_compiled_derivatives_agree_with_differences(name: str) -> None:
 
 @settings(max_examples=15, deadline=None)
 @given(st.integers(0, 10_000))
-def test_what_a_motion_does_is_differentiated_exactly(seed: int) -> None:
+def test_costs_and_goal_errors_are_differentiated_exactly(seed: int) -> None:
     space, y = space_of(seed)
     at = space.disturbance(y[None])
     # At half a turn a rotation vector jumps to the other side, and close to it differences lose their digits.
     assume(all(np.linalg.norm(at.goal_error[0, part]) < np.pi - 0.01 for part in (slice(3, 6), slice(6, 9))))
-    way = np.random.default_rng(seed + 1).standard_normal(y.shape)
-    high, low = (space.disturbance((y + sign * 1e-6 * way)[None]) for sign in (1, -1))
+    direction = np.random.default_rng(seed + 1).standard_normal(y.shape)
+    high, low = (space.disturbance((y + sign * 1e-6 * direction)[None]) for sign in (1, -1))
     for name, derivative in (("residual", "residual_slope"), ("goal_error", "goal_slope")):
         difference = (getattr(high, name) - getattr(low, name))[0] / 2e-6
-        slope = getattr(at, derivative)[0] @ way.ravel()
+        slope = getattr(at, derivative)[0] @ direction.ravel()
         np.testing.assert_allclose(slope, difference, atol=1e-6 * max(1.0, np.abs(slope).max()))
     cost, miss = space.values(y[None])
     assert cost == pytest.approx(at.cost, rel=1e-12)
@@ -132,16 +132,18 @@ def test_torque_and_sphere_rows_agree_with_differences() -> None:
             broken = low > 1e-3
             assert broken.any()
             assert rows.violation(y) == pytest.approx(missing.sum(), rel=1e-9)
-            way = np.random.default_rng(0).standard_normal(y.shape)
-            sides = [rows.violation(y + sign * 1e-6 * way) for sign in (1, -1)]
+            direction = np.random.default_rng(0).standard_normal(y.shape)
+            sides = [rows.violation(y + sign * 1e-6 * direction) for sign in (1, -1)]
             # The base's pose is taken as straight between intervals, which its derivative is not quite.
-            expected = -(matrix[low > 0.0] @ way.ravel()).sum()
+            expected = -(matrix[low > 0.0] @ direction.ravel()).sum()
             assert (sides[0] - sides[1]) / 2e-6 == pytest.approx(expected, rel=2e-3)
         else:
-            way = np.random.default_rng(0).standard_normal(y.shape)
-            high, lower = (rows.linear(y + sign * 1e-6 * way, at, 1.0)[1] for sign in (1, -1))
+            direction = np.random.default_rng(0).standard_normal(y.shape)
+            high, lower = (rows.linear(y + sign * 1e-6 * direction, at, 1.0)[1] for sign in (1, -1))
             assert len(high) == len(lower) == len(low)
-            np.testing.assert_allclose(-(high - lower) / 2e-6, matrix @ way.ravel(), rtol=1e-4, atol=1e-4)
+            np.testing.assert_allclose(
+                -(high - lower) / 2e-6, matrix @ direction.ravel(), rtol=1e-4, atol=1e-4
+            )
 
 
 def test_roll_out_is_that_of_numpy() -> None:
@@ -187,8 +189,8 @@ def test_steps_keep_bounds_and_equations_and_are_least(seed: int) -> None:
     # No feasible direction of descent among many: the problem is convex.
     here = 0.5 * step @ hessian @ step + gradient @ step
     null = np.linalg.svd(equations)[2][1:]
-    for way in rng.standard_normal((200, 5)) @ null:
-        other = step + 0.05 * way
+    for direction in rng.standard_normal((200, 5)) @ null:
+        other = step + 0.05 * direction
         if bounds.excess(other.reshape(2, 3)).max() <= 0.0:
             assert 0.5 * other @ hessian @ other + gradient @ other > here - 1e-4 * abs(here) - 1e-6
 
@@ -225,7 +227,7 @@ def test_known_goals_cost_hardly_more_than_is_known(number: int, keep_attitude: 
 
 
 @pytest.mark.parametrize("keep_attitude", [False, True])
-def test_limits_of_the_model_are_kept(keep_attitude: bool) -> None:
+def test_limits_of_the_model_are_satisfied(keep_attitude: bool) -> None:
     for number in range(len(KNOWN)):
         reach = reach_of(number, keep_attitude)
         plan = planner(keep_attitude, True).plan(reach)
@@ -241,7 +243,7 @@ def test_limits_of_the_model_are_kept(keep_attitude: bool) -> None:
         assert not keep_attitude or violation["end_attitude"] < np.deg2rad(0.05)
 
 
-def test_torque_limit_binds_and_is_kept() -> None:
+def test_torque_limit_is_active_and_satisfied() -> None:
     model, bare = single_arm_model(), planner(False, True).plan(reach_of(1))
     assert isinstance(bare, ReachPlan)
     most = 60.0 + check(model, robot(), reach_of(1), model_limits(), bare).violation["torque"]
@@ -314,7 +316,7 @@ def test_from_a_moving_start() -> None:
         ({"duration": 0.5}, Limits(rate=0.3, acceleration=0.25), Cause.INFEASIBLE),
     ],
 )
-def test_refusals_say_why(changes: dict, limits: Limits, cause: Cause) -> None:
+def test_failures_name_cause_and_figures(changes: dict, limits: Limits, cause: Cause) -> None:
     failure = OptimalPlanner(robot(), limits).plan(replace(reach_of(0), **changes))
     assert isinstance(failure, Failure)
     assert failure.cause is cause, failure
