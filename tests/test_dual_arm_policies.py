@@ -69,7 +69,8 @@ def test_resolved_rate_keeps_clear_on_hard_goals(env_id: str, goals: int) -> Non
         for policy in (Blind, ReactionlessRate)
     )
     count = {
-        name: [each.outcome.count(name) for each in (blind, seeing)] for name in ("collision", "captured")
+        name: [np.count_nonzero(each.outcome == name) for each in (blind, seeing)]
+        for name in ("collision", "captured")
     }
     assert count["collision"][0] >= 5 and count["collision"][1] == 0
     assert count["captured"][1] >= count["captured"][0] + 3

@@ -11,7 +11,9 @@ import pytest
 from package_of_the_docs import commands, forget, installed
 
 from agents.commands.evaluate import main as evaluate
+from space_envs.evaluation.harness import policy_times
 from space_envs.evaluation.records.storage import read_records, records_without_timing
+from space_envs.evaluation.replay import videos
 
 ENV_ID = "MyCapture/Sprint-v0"
 POLICY = "my_capture.policies:Straight"
@@ -38,9 +40,9 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     folder = tmp_path_factory.mktemp("extending")
     with installed(folder), pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        patch.setattr("space_envs.evaluation.play.runner.ROUNDS", 1)
-        patch.setattr("space_envs.evaluation.replay.exports.WIDTH", 160)
-        patch.setattr("space_envs.evaluation.replay.exports.HEIGHT", 120)
+        patch.setattr(policy_times, "ROUNDS", 1)
+        patch.setattr(videos, "WIDTH", 160)
+        patch.setattr(videos, "HEIGHT", 120)
         for words in commands():
             assert run(words) == 0, words
         yield folder
@@ -58,8 +60,9 @@ def test_records_have_the_plain_id(ran: Path) -> None:
     captured = {name: [r.captured for r in records if r.policy == name] for name in ("gjm", POLICY)}
     assert captured[POLICY] == [True] * 2 and len(captured["gjm"]) == 2
     for record in records:
-        assert record.metrics["steps"] <= 100  # its horizon
-        assert 0.0 < record.metrics["closest"] <= record.metrics["position_error"]
+        steps, closest, last = (record.metrics[name] for name in ("steps", "closest", "position_error"))
+        assert steps is not None and steps <= 100  # its horizon
+        assert closest is not None and last is not None and 0.0 < closest <= last
 
 
 def test_the_reward_has_the_term_and_the_tables_the_metric(ran: Path) -> None:
