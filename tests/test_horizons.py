@@ -65,7 +65,7 @@ def test_two_horizons_must_agree(make):
         make(*ids, horizon=5, max_episode_steps=4)
     for bad in (0, -2, 2.5, True, "4", 10**400):
         with pytest.raises(SpaceEnvsError, match="max_episode_steps must be|horizon must be"):
-            make(*ids, max_episode_steps=bad)
+            make(*ids, max_episode_steps=bad)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("keywords", [{"horizon": 6}, {"max_episode_steps": 6}, {"max_episode_steps": 300}])
