@@ -9,12 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from space_envs.evaluation.replay.replay import Replay
-from space_envs.evaluation.replay.solids import Solid, geom_solid
+from space_envs.evaluation.replay.surfaces import rgba, surfaces
 
 _SHOWN_GROUPS = 3  # groups 0 to 2 are those that MuJoCo shows by itself
 _OVERVIEW = "overview"
-_GROUT = 0.025  # of a tile's side, the edge around it
-_ABOVE = 0.001  # m, a tile above what it lies on
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,13 +64,11 @@ def make_scene(model: mujoco.MjModel) -> ReplayScene:
     shown = [
         geom
         for geom in range(model.ngeom)
-        if model.geom_bodyid[geom] > 0
-        and model.geom_group[geom] < _SHOWN_GROUPS
-        and _rgba(model, geom)[3] > 0
+        if model.geom_bodyid[geom] > 0 and model.geom_group[geom] < _SHOWN_GROUPS and rgba(model, geom)[3] > 0
     ]
-    shown.sort(key=lambda geom: _rgba(model, geom)[3] < 1)
+    shown.sort(key=lambda geom: rgba(model, geom)[3] < 1)
     bodies = tuple(sorted({int(model.geom_bodyid[geom]) for geom in shown}))
-    parts = [part for geom in shown for part in _parts(model, geom)]
+    parts = [part for geom in shown for part in surfaces(model, geom)]
     counts = [len(part.solid.vertices) for part in parts]
     starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
     eye, centre, fovy = _view(model)
@@ -111,91 +107,6 @@ def make_motion(replay: Replay, scene: ReplayScene) -> ReplayMotion:
         position[step], quaternion[step] = data.xpos[bodies], data.xquat[bodies]
     first = model.body_geomadr[bodies]
     return ReplayMotion(position, quaternion, model.geom_rbound[first] / shared.geom_rbound[first])
-
-
-@dataclass(frozen=True, eq=False)
-class _Part:
-    solid: Solid  # in the frame of its body
-    body: int
-    colour: NDArray[np.float64]  # (4,)
-    gloss: float
-
-
-def _parts(model: mujoco.MjModel, geom: int) -> Iterable[_Part]:
-    """A geom's surface, and tiles on the two larger sides of a box whose material is tiled."""
-    colour, gloss = _rgba(model, geom), _gloss(model, geom)
-    body = int(model.geom_bodyid[geom])
-    tile = _tile(model, geom)
-    if tile is None:
-        return [_Part(_placed(model, geom, geom_solid(model, geom)), body, colour, gloss)]
-    inner, edge, repeat = tile
-    solids = [
-        (geom_solid(model, geom), edge),
-        (_tiles(model.geom_size[geom], repeat), inner),
-    ]
-    return [
-        _Part(_placed(model, geom, solid), body, np.append(rgb, colour[3]), gloss) for solid, rgb in solids
-    ]
-
-
-def _placed(model: mujoco.MjModel, geom: int, solid: Solid) -> Solid:
-    rotation = np.empty(9)
-    mujoco.mju_quat2Mat(rotation, model.geom_quat[geom])
-    rotation = rotation.reshape(3, 3)
-    return Solid(
-        solid.vertices @ rotation.T + model.geom_pos[geom], solid.normals @ rotation.T, solid.triangles
-    )
-
-
-def _rgba(model: mujoco.MjModel, geom: int) -> NDArray[np.float64]:
-    material = model.geom_matid[geom]
-    return np.array(model.geom_rgba[geom] if material < 0 else model.mat_rgba[material], dtype=float)
-
-
-def _gloss(model: mujoco.MjModel, geom: int) -> float:
-    material = model.geom_matid[geom]
-    return 0.3 if material < 0 else float(model.mat_specular[material] * model.mat_shininess[material])
-
-
-def _tile(
-    model: mujoco.MjModel, geom: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[int, int]] | None:
-    """Colours (3,) of the middle and of the edge of a box's texture, and how often it repeats."""
-    material = model.geom_matid[geom]
-    texture = -1 if material < 0 else int(model.mat_texid[material, mujoco.mjtTextureRole.mjTEXROLE_RGB])
-    if texture < 0 or model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_BOX:
-        return None
-    height, width, channels = (
-        int(a[texture]) for a in (model.tex_height, model.tex_width, model.tex_nchannel)
-    )
-    start = int(model.tex_adr[texture])
-    picture = (
-        model.tex_data[start : start + height * width * channels].reshape(height, width, channels) / 255.0
-    )
-    across, along = (max(1, round(float(times))) for times in model.mat_texrepeat[material])
-    return picture[height // 2, width // 2, :3], picture[0, 0, :3], (across, along)
-
-
-def _tiles(half: NDArray[np.float64], repeat: tuple[int, int]) -> Solid:
-    """Rectangles just above the two largest sides of a box of half lengths (3,)."""
-    thin = int(np.argmin(half))
-    first, second = (thin + 1) % 3, (thin + 2) % 3
-    # The texture's first repetition runs along x where the box lies flat.
-    across, along = repeat if first == 0 else repeat[::-1]
-    vertices, normals, triangles = [], [], []
-    for sign in (-1.0, 1.0):
-        for column in range(across):
-            for row in range(along):
-                corner = np.zeros((4, 3))
-                u = np.array([column + _GROUT, column + 1 - _GROUT]) / across * 2 - 1
-                v = np.array([row + _GROUT, row + 1 - _GROUT]) / along * 2 - 1
-                corner[:, first], corner[:, second] = u[[0, 1, 1, 0]], v[[0, 0, 1, 1]]
-                corner *= half
-                corner[:, thin] = sign * (half[thin] + _ABOVE)
-                triangles.append(np.array([(0, 1, 2), (0, 2, 3)]) + 4 * len(vertices))
-                vertices.append(corner[:: int(sign)])
-                normals.append(np.tile(sign * np.eye(3)[thin], (4, 1)))
-    return Solid(np.concatenate(vertices), np.concatenate(normals), np.concatenate(triangles))
 
 
 def _end_effectors(
