@@ -1,5 +1,6 @@
-"""Short roll-outs of policies on the single arm."""
+"""Roll-outs of policies, for the tests of what is recorded."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,10 +14,17 @@ SINGLE = "SpaceCapture/SingleArm-v0"
 
 
 def rollout_of(
-    name: str, episodes: int = 6, apart: bool = False, split: str = "test", **keywords: Any
+    name: str,
+    episodes: int | Sequence[int] = 6,
+    env_id: str = SINGLE,
+    split: str = "test",
+    mode: str | None = None,
+    apart: bool = False,
+    **keywords: Any,
 ) -> tuple[Rollout, Any]:
-    """The first goals of a split, and the task."""
-    task = make_task(SINGLE, keywords)
-    policy = resolve_policy(name)
-    environment = {"env_id": SINGLE, "control_mode": policy.control_mode, **keywords}
-    return roll_out(policy.factory(0), environment, split, np.arange(episodes), 0, apart=apart), task
+    """Episodes of a policy on the first goals of a split, or on those of these numbers, and the task."""
+    policy = resolve_policy(name, mode)
+    environment = {"env_id": env_id, "control_mode": policy.control_mode, **keywords}
+    goals = np.arange(episodes) if isinstance(episodes, int) else np.asarray(episodes)
+    rollout = roll_out(policy.factory(0), environment, split, goals, 0, apart=apart)
+    return rollout, make_task(env_id, keywords)

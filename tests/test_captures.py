@@ -1,13 +1,11 @@
 """No built-in policy captures through a body: states of captures, seen by MuJoCo's own distances."""
 
-from functools import partial
-
 import numpy as np
 import pytest
 from distance_oracle import Oracle
+from rollouts import rollout_of
 
-from agents.policies.registry import control_mode, make_policy, policies_for
-from space_envs.evaluation.play.playing import roll_out
+from agents.policies.registry import policies_for
 from space_envs.evaluation.play.rollout import Rollout
 from space_envs.registration import ENTRIES
 
@@ -20,12 +18,7 @@ CLUTTERED = "SpaceCapture/SingleArmCluttered-v0"
 
 def played(env_id: str, name: str, difficulty: str, goals: int) -> Rollout:
     """Validation episodes of a built-in policy."""
-    environment = {
-        "env_id": env_id,
-        "difficulty": difficulty,
-        "control_mode": control_mode(name),
-    }
-    return roll_out(partial(make_policy, name, seed=0), environment, "validation", np.arange(goals), 0)
+    return rollout_of(name, goals, env_id, "validation", difficulty=difficulty)[0]
 
 
 def least_gap(oracle: Oracle, rollout: Rollout) -> float:

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 from dual_arm_goals import IDS, task_of
+from rollouts import rollout_of
 
 from agents.commands.evaluate import main
 from agents.planners.common.plans import Cause
@@ -32,9 +33,7 @@ every_id = pytest.mark.parametrize("env_id", IDS)
 
 def played(env_id: str, name: str, goals: Any, mode: str | None = None, **keywords: Any) -> Rollout:
     """Episodes of a policy on validation goals."""
-    policy = resolve_policy(name, mode)
-    environment = {"env_id": env_id, "control_mode": policy.control_mode, **keywords}
-    return roll_out(policy.factory(0), environment, "validation", np.asarray(goals), 0)
+    return rollout_of(name, goals, env_id, "validation", mode, **keywords)[0]
 
 
 # Policies ---------------------------------------------------------------------------------------------

@@ -3,13 +3,11 @@
 import mujoco
 import numpy as np
 import pytest
+from rollouts import rollout_of
 
-from agents.policies.resolve import resolve_policy
 from space_envs.dynamics.rotations import angle_between
 from space_envs.envs import CaptureVectorEnv
-from space_envs.evaluation.play.playing import roll_out
 from space_envs.evaluation.records.metrics import episode_metrics
-from space_envs.registration import make_task
 
 SINGLE, PLANAR = "SpaceCapture/SingleArm-v0", "SpaceCapture/DualArmPlanar-v0"
 FINER = 5  # steps of the independent simulation in one of the environment's
@@ -17,10 +15,7 @@ FINER = 5  # steps of the independent simulation in one of the environment's
 
 def played(env_id, policy, split="test", episodes=3, control_mode=None, **keywords):
     """Recorded episodes of a policy, their metrics and the task."""
-    policy = resolve_policy(policy)
-    environment = {"env_id": env_id, "control_mode": control_mode or policy.control_mode, **keywords}
-    rollout = roll_out(policy.factory(0), environment, split, np.arange(episodes), 0)
-    task = make_task(env_id, keywords)
+    rollout, task = rollout_of(policy, episodes, env_id, split, control_mode, **keywords)
     return rollout, episode_metrics(rollout, task), task
 
 

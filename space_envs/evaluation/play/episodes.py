@@ -97,7 +97,7 @@ class EpisodeBatch:
     @property
     def time(self) -> Array:
         """Times (T + 1,) of the states, s."""
-        return self.period * np.arange(self.scene.shape[1])
+        return self.period * np.arange(self.scene.shape[1], dtype=np.float64)
 
     def row(self, seed: int, episode: int) -> int:
         """Row of an episode.

@@ -89,7 +89,7 @@ class RolloutRecorder:
         for row in np.flatnonzero(running & (self._outcome == "collision")):
             self._reason[row] = f"{info['collision'][row]} touched"
         for row in np.flatnonzero(step.refused):
-            self.lose(row, f"the action held NaN or infinity at step {step.number}")
+            self.lose(int(row), f"the action held NaN or infinity at step {step.number}")
         # A simulation that diverged has started over by itself: the state before is the last true one.
         moved = running & (self._outcome != "diverged")
         self._integrals.add(moved)

@@ -89,7 +89,7 @@ def replay_of(
         index=record.index,
         outcome=record.outcome,
         reason=record.explanation,
-        time=episodes.time[until],
+        time=episodes.time[until].astype(np.float64),
         attitude=episodes.attitude[row, until].astype(np.float64),
         distance=episodes.position_error[row, until].astype(np.float64),
         scene=episodes.scene[row, until].astype(np.float64),
