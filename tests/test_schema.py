@@ -128,11 +128,11 @@ def test_what_the_class_refuses_the_schema_refuses(record: str) -> None:
         assert not VALIDATOR.is_valid(other)
 
 
-@pytest.mark.parametrize("name", [*PLAIN, "timing", "checksum"])
 @pytest.mark.parametrize("record", RECORDS)
-def test_null_is_accepted_by_both_or_by_neither(record: str, name: str) -> None:
-    values = json.loads(RECORDS[record].to_json()) | {name: None}
-    assert VALIDATOR.is_valid(values) == (accepted_by_class(values) and name != "checksum")
+def test_null_is_accepted_by_both_or_by_neither(record: str) -> None:
+    for name in (*PLAIN, "timing", "checksum"):
+        values = json.loads(RECORDS[record].to_json()) | {name: None}
+        assert VALIDATOR.is_valid(values) == (accepted_by_class(values) and name != "checksum"), name
 
 
 def test_captured_outcome_and_time_agree() -> None:
