@@ -99,7 +99,8 @@ def loops(rounds: int) -> PlanarMotion:
     q, qdot = np.tile(robot.home, (NODES, 1)), np.zeros((NODES, robot.n_joints))
     q[:, :2] += LOOP * np.concatenate([np.cos(phase) - 1.0, np.sin(phase)], axis=1)
     qdot[:, :2] = LOOP * slope * np.concatenate([-np.sin(phase), np.cos(phase)], axis=1)
-    return PlanarMotion(*(np.concatenate([x[:1], *[x[1:]] * rounds]) for x in (q, qdot)), dt)
+    positions, rates = (np.concatenate([x[:1], *[x[1:]] * rounds]) for x in (q, qdot))
+    return PlanarMotion(positions, rates, dt)
 
 
 def _integrated(rates: Callable[[int, Array, float], Array]) -> PlanarMotion:
