@@ -40,7 +40,7 @@ TOLERANCES = {
 
 @dataclass
 class _Clear:
-    """Progress of the search for a clear motion: the best one with its cost, and clearances of the others."""
+    """Best clear motion so far, with its cost."""
 
     cost: float = np.inf
     plan: CapturePlan | None = None

@@ -71,7 +71,7 @@ class Assembly:
         self.linear, self.clearances = (0, 0), 0
 
     def program(self) -> NonlinearProgram:
-        """Assemble all blocks."""
+        """Assemble the program from all its blocks."""
         summed = self._add_defects()
         self._add_end()
         linear = self._add_linear()
