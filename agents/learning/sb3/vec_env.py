@@ -130,8 +130,7 @@ class NativeVecEnv(VecEnv):
         if (episodes["index"] < 0).any():
             raise ConfigurationError("episodes whose goals were given as numbers cannot be stored")
         return {
-            "simulation": state["simulation"],
-            "drive": state["drive"],
+            **state["controlled"],
             "episodes": {name: episodes[name] for name in _STORED},
             "split": episodes["split"].tolist(),
             "generators": [generator.bit_generator.state for generator in seeds.generators],
@@ -154,8 +153,8 @@ class NativeVecEnv(VecEnv):
             generator.bit_generator.state = stored
         seeds = Seeds(self.num_envs, tuple(zip(generators, snapshot["seeds"], strict=True)))
         own = state["own"] | {"_seeds": seeds, "_started": True}
-        simulated = {name: snapshot[name] for name in ("simulation", "drive")}
-        self.env.__setstate__({**state, **simulated, "episodes": episodes, "own": own})
+        controlled = {name: snapshot[name] for name in state["controlled"]}
+        self.env.__setstate__({**state, "controlled": controlled, "episodes": episodes, "own": own})
         self._return, self._length = snapshot["return"].copy(), snapshot["length"].copy()
 
     def close(self) -> None:
