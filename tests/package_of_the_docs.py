@@ -43,6 +43,8 @@ def installed(folder: Path) -> Iterator[None]:
         patch.syspath_prepend(folder)
         patch.setenv("PYTHONPATH", str(folder), prepend=":")
         get_reusable_executor().shutdown()  # processes that were started before know another path
-        yield
-    forget()
-    get_reusable_executor().shutdown()
+        try:
+            yield
+        finally:
+            forget()
+            get_reusable_executor().shutdown()

@@ -149,7 +149,7 @@ def test_options_given_several_times_add_up_and_replace_the_default() -> None:
         options = parser.parse_args(words)
         assert options.policy == ["hold", "random", "gjm"] and options.env == ["a", "b", "c"]
         assert parser.parse_args([]).policy in (["all"], ["experts"])  # the default stays as it was
-    options = evaluate.parser().parse_args(["--split", "test", "--split", "ood"])
-    assert (options.split, options.difficulty) == (["test", "ood"], ["medium"])
+    options = evaluate.parser().parse_args(["--split", "test", "--split", "ood", "--difficulty", "easy"])
+    assert (options.split, options.difficulty) == (["test", "ood"], ["easy"])
     assert dataset.parser().parse_args(["--format", "npz", "--format", "minari"]).format == ["npz", "minari"]
     assert show.parser().parse_args(["out", "--task", "a", "--task", "b"]).task == ["a", "b"]
