@@ -220,7 +220,15 @@ def test_a_full_disk_and_signals_end_in_one_line(number: signal.Signals, tmp_pat
     assert "Traceback" not in full.stderr
     assert "the same command with --resume goes on from here" in full.stderr
     again = [*arguments[:-1], str(tmp_path / "again"), "--episodes", "256"]
-    process = subprocess.Popen(again, cwd=ROOT, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
+    process = subprocess.Popen(
+        again,
+        cwd=ROOT,
+        stderr=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        text=True,
+        # Shells start jobs in the background with SIGINT ignored, which children inherit.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
     while not (tmp_path / "again" / "run.json").exists():
         time.sleep(0.01)
     process.send_signal(number)

@@ -26,7 +26,7 @@ from space_envs.evaluation.report.tables.markdown import to_markdown
 from space_envs.evaluation.report.tables.terminal import to_terminal
 from space_envs.evaluation.results.result import EvaluationResult
 from space_envs.metric import Display, Metric
-from space_envs.registration import ENTRIES, Entry
+from space_envs.registration import ENTRIES, RegisteredTask
 from space_envs.tasks.single_arm import SingleArmTask
 
 OWN = "Own/Watched-v0"
@@ -57,7 +57,7 @@ class WatchedTask(SingleArmTask):
 
 @pytest.fixture(autouse=True)
 def registered(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(ENTRIES, OWN, Entry(OWN, WatchedTask, __name__))
+    monkeypatch.setitem(ENTRIES, OWN, RegisteredTask(OWN, WatchedTask, __name__))
 
 
 def records(count: int = 4) -> list[EpisodeRecord]:

@@ -118,7 +118,7 @@ def test_exact_ends_are_exact_and_cost_the_fit_least():
 
 def test_more_functions_than_samples_need_a_ridge():
     positions = np.random.default_rng(3).standard_normal((2, 6, 1))
-    with pytest.raises(PrompError, match="6 samples .* do not determine 10 weights"):
+    with pytest.raises(PrompError, match="6 values .* do not determine 10 weights"):
         regress_weights(positions, basis=GaussianBasis(), ridge=0.0)
     weights = regress_weights(positions, basis=GaussianBasis(), ridge=1e-9)
     fitted = np.einsum("tb,dnb->dtn", GaussianBasis().value(np.linspace(0, 1, 6)), weights)
