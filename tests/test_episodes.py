@@ -260,7 +260,8 @@ def test_damaged_files_name_themselves(tmp_path: Path) -> None:
         {"more": np.zeros(3)},
         {"length": np.array([9, 9, 9])},
     ):
-        np.savez(path, **{name: value for name, value in (arrays | changes).items() if value is not None})
+        altered: dict[str, Any] = {k: v for k, v in (arrays | changes).items() if v is not None}
+        np.savez(path, **altered)
         with pytest.raises(ConfigurationError, match=r"a\.npz: not a file of episodes"):
             load_episodes(path)
     for content in (b"", b"no archive", whole[: len(whole) // 2], whole[:-30]):

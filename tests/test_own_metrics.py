@@ -6,7 +6,7 @@ import json
 import re
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -78,7 +78,7 @@ def test_values_are_computed_after_those_of_every_task() -> None:
         "peak_attitude base_angular_impulse kinetic_energy_integral mechanical_work peak_power "
         "linear_momentum_drift angular_momentum_drift episode_return"
     ).split()
-    episodes = SimpleNamespace(
+    episodes: Any = SimpleNamespace(
         torque=np.array([[[1.0, -3.0]] * 2, [[2.0, 0.0]] * 2]),
         qvel=np.zeros((count, 3, 8)),
         index=np.arange(count),
@@ -150,7 +150,7 @@ def test_numbers_of_a_task_that_is_not_registered_are_shown_by_their_names(
 
 @pytest.mark.parametrize("metrics", [(METRICS[0],), (WatchedTask.metrics[0],) * 2])
 def test_two_metrics_of_one_name_are_refused(metrics: tuple[Metric, ...]) -> None:
-    episodes = SimpleNamespace(index=[0], torque=np.ones((1, 1, 1)))
+    episodes: Any = SimpleNamespace(index=[0], torque=np.ones((1, 1, 1)))
     task = SimpleNamespace(metrics=metrics, control_period=0.1)
     with pytest.raises(ConfigurationError, match="two metrics of the name"):
         episode_metrics(episodes, task)  # type: ignore[arg-type]

@@ -168,7 +168,9 @@ def test_zeta_zero_is_coordinate_partitioning():
         expected = np.linalg.solve(jg, np.concatenate([velocity, spins]))
         at = model(q)
         some, null = split(at, velocity)
-        found = some + null @ zeta_zero(at, some, null)
+        share = zeta_zero(at, some, null)
+        assert not isinstance(share, Failure), share
+        found = some + null @ share
         np.testing.assert_allclose(found, expected, atol=1e-8 * np.abs(expected).max())
     assert tried >= 10
 
@@ -190,7 +192,9 @@ def test_local_choice_is_the_minimum_of_eq_12():
             return float(rate @ metric @ rate)
 
         searched = minimize(cost, np.zeros(1), method="BFGS", options={"gtol": 1e-9})
-        found = some + null @ least_energy(at, some, null)
+        share = least_energy(at, some, null)
+        assert not isinstance(share, Failure), share
+        found = some + null @ share
         np.testing.assert_allclose(found, some + direction * searched.x[0], atol=1e-6 * np.abs(found).max())
         assert found @ metric @ found <= searched.fun * (1.0 + 1e-12)
 
@@ -219,7 +223,9 @@ def test_local_needs_least_at_each_instant():
     for q, rate in zip(plan.position[20::40], plan.rate[20::40], strict=True):
         at = model(q)
         some, null = split(at, (at.task @ rate)[:4])
-        best = some + null @ least_energy(at, some, null)
+        share = least_energy(at, some, null)
+        assert not isinstance(share, Failure), share
+        best = some + null @ share
         assert best @ at.mass @ best <= rate @ at.mass @ rate * (1.0 + 1e-9)
 
 
