@@ -1,4 +1,4 @@
-"""Time of the costs of eq. 20 of 100 trajectories of 100 points on one core."""
+"""Time to compute the base disturbance (eq. 20) of 100 trajectories of 100 points on one core."""
 
 import os
 import sys
@@ -102,7 +102,8 @@ def main() -> None:
         [method, f"{duration:.2f}", f"{1e3 * duration / samples:.3f}", f"{duration / limit:.1f}"]
         for method, duration in rows.items()
     ]
-    print(f"Eq. 20 costs of {options.trajectories} trajectories of {options.points} points, one core used.\n")
+    count = f"{options.trajectories} trajectories of {options.points} points"
+    print(f"Base disturbance (eq. 20) of {count}, one core used.\n")
     print(f"{machine_class()}, casadi {version('casadi')}\n")
     print(markdown_table(["method", "ms", "microseconds per point", "times the limit"], cells))
     difference = np.abs(base_twist(robot, q, qdot) - robot.base_twist(q, qdot)).max()

@@ -64,7 +64,7 @@ def run(options: argparse.Namespace) -> None:
         save_prior(options.fit, fit_prior(made), provenance(config, options.seed, options.count))
     print(f"{len(made.kind)} demonstrations in {options.output / 'demonstrations.npz'}")
     print(f"{made.attempt.sum()} drawings were not fit to learn from and were drawn again")
-    print(f"mean eq. 20 cost: {1e4 * made.cost.mean():.1f} cm^2/s (c = 1 m/rad)")
+    print(f"mean base disturbance (eq. 20): {1e4 * made.cost.mean():.1f} cm^2/s (c = 1 m/rad)")
     if options.fit is not None:
         print(f"prior in {options.fit}")
 

@@ -70,7 +70,7 @@ class Progress:
             f"{self.settings.algorithm:>4} {steps:>9,} steps {self.budget.wall:>6.0f} s   "
             f"captured {100 * result.captured:5.1f} %   return {result.episode_return:6.2f}   "
             f"attitude {result.final_attitude:5.2f} deg   "
-            f"eq. 20 cost {1e4 * result.attitude_cost:.1f} cm^2/s   "
+            f"base disturbance (eq. 20) {1e4 * result.attitude_cost:.1f} cm^2/s   "
             f"{result.seconds:4.1f} s an episode"
         )
 

@@ -53,7 +53,7 @@ def run(options: argparse.Namespace) -> None:
         for setting in options.setting:
             recipe = LibraryRecipe(setting == "kept", limits == "limited", options.seed)
             made = generate(options.output, recipe, jobs=options.jobs, progress=True)
-            cost = f"median eq. 20 cost {1e4 * np.median(made.cost):.2f} cm^2/s"
+            cost = f"median base disturbance (eq. 20) {1e4 * np.median(made.cost):.2f} cm^2/s"
             print(f"{options.output / recipe.name}: {len(made.cost)} motions, {cost}")
 
 

@@ -50,7 +50,7 @@ def _draw_bars(axes: Axes, shown: Array) -> None:
         ha="center",
         arrowprops={"arrowstyle": "-", "color": INK, "lw": 0.7},
     )
-    axes.set(xlabel="trajectory", ylabel="eq. 20 cost [cm²/s]")
+    axes.set(xlabel="trajectory", ylabel="base disturbance (eq. 20) [cm²/s]")
     axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))
     axes.grid(axis="y")
 
@@ -61,7 +61,8 @@ def _draw_spread(axes: Axes, planned: PlannedGoal, cost: Array) -> None:
     for number, key in enumerate(name for name in COMPARED if name in planned.courses):
         value, method = 1e4 * planned.courses[key].cost, METHODS[key]
         axes.axvline(value, color=method.colour, lw=1.8, ls=DASHES[number % 3], label=method.name)
-    axes.set(xlabel="eq. 20 cost [cm²/s]", ylabel="samples", xlim=(0, None), ylim=(0, 1.75 * top))
+    axes.set(xlabel="base disturbance (eq. 20) [cm²/s]", ylabel="samples")
+    axes.set(xlim=(0, None), ylim=(0, 1.75 * top))
     axes.yaxis.set_major_locator(MaxNLocator(6, integer=True))
     axes.legend(fontsize=8, loc="upper right")
 
