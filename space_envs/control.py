@@ -93,7 +93,7 @@ class EndEffectorVelocity:
         model, planar = drive.simulation.model, drive.simulation.planar
         sites = [model.site(i) for i in range(model.nsite) if model.site(i).name.startswith("end_effector")]
         starts = [int(model.sensor(f"{site.name}_position").adr[0]) for site in sites]
-        self._tips = [
+        self._end_effectors = [
             (int(site.bodyid[0]), slice(start, start + 3)) for site, start in zip(sites, starts, strict=True)
         ]
         self._rows = np.array([0, 1, 5]) if planar else np.arange(6)
@@ -106,9 +106,9 @@ class EndEffectorVelocity:
         ahead.update()
         simulation = ahead.simulation
         parts = []
-        for body, point in self._tips:
+        for body, point in self._end_effectors:
             parts += simulation.batch.jac(body, simulation.sensors[:, point])
-        rows = np.concatenate([self._rows + 6 * tip for tip in range(len(self._tips))])
+        rows = np.concatenate([self._rows + 6 * index for index in range(len(self._end_effectors))])
         jacobian = np.concatenate(parts, axis=1)[:, rows]
         b = simulation.n_base
         joints = slice(b, b + simulation.n_joints)
@@ -144,15 +144,15 @@ class Reactionless:
         if not simulation.planar:
             # For small angles twice the vector part is the rotation vector, in base axes too.
             attitude = 2.0 * attitude[:, 1:] * np.copysign(1.0, attitude[:, :1])
-        wanted = -ATTITUDE_GAIN * attitude
+        base_rate = -ATTITUDE_GAIN * attitude
 
-        def projected(rate: Array, free: Array) -> Array:
-            return reactionless_projection(rotation_map, rate, wanted, free, _REGULARISATION)
+        def projected(rate: Array, adjustable: Array) -> Array:
+            return reactionless_projection(rotation_map, rate, base_rate, adjustable, _REGULARISATION)
 
         command = np.minimum(np.maximum(action * self.scale, low), high)
         rate = projected(command, np.ones_like(command))
-        free = ((rate >= low) & (rate <= high)).astype(np.float64)
-        rate = projected(np.minimum(np.maximum(rate, low), high), free)
+        adjustable = ((rate >= low) & (rate <= high)).astype(np.float64)
+        rate = projected(np.minimum(np.maximum(rate, low), high), adjustable)
         # Whatever still exceeds a limit is scaled as a whole, which stays in the null space.
         bound = np.where(rate > 0.0, high, -low)
         excess = (np.abs(rate) / np.maximum(bound, 1e-9)).max(axis=1, keepdims=True)

@@ -179,7 +179,7 @@ CASES: dict[str, Callable[[int], Any]] = {
     "reactionless_projection": lambda n: reactionless.reactionless_projection(
         numbers(n, 3, 14), numbers(n, 14)
     ),
-    "axis_turn": lambda n: reactionless.axis_turn(numbers(n, 3), numbers(n, 3)),
+    "axis_rotation": lambda n: reactionless.axis_rotation(numbers(n, 3), numbers(n, 3)),
     "reach": lambda n: tuple(
         reactionless.reach(arms("Spatial"), numbers(n, 14), numbers(n, 2, 3), numbers(n, 2, 3))
     ),

@@ -81,7 +81,7 @@ def cost_beside(
 
     def split(q: Array, time: float) -> tuple[Array, Array, Array]:
         now = end_effectors(robot, q)
-        rows = np.concatenate([now.linear[:, :, :2].reshape(-1, 4, 6), now.turning[:, 2:]], axis=1)
+        rows = np.concatenate([now.linear[:, :, :2].reshape(-1, 4, 6), now.base_angular[:, 2:]], axis=1)
         mass = np.array(mass_of(np.ascontiguousarray(q.T))).reshape(6, -1, 6).transpose(1, 0, 2)
         direction = np.linalg.svd(rows)[2][:, -1]
         direction = (

@@ -75,7 +75,7 @@ def split(at: Matrices, velocity: Array) -> tuple[Array, Array]:
 def task_rows(robot: FloatingRobot, q: Array) -> Array:
     """[J_g linear; Ibm~ up to a factor] (5, 6) by the numpy mathematics."""
     now = end_effectors(robot, q)
-    return np.concatenate([now.linear[:, :2].reshape(4, 6), now.turning[2:]])
+    return np.concatenate([now.linear[:, :2].reshape(4, 6), now.base_angular[2:]])
 
 
 @given(start=lengths, end=lengths, first=speeds, last=speeds, duration=st.floats(0.5, 60.0))
@@ -162,7 +162,7 @@ def test_zeta_zero_is_coordinate_partitioning():
             continue
         tried += 1
         velocity = rng.normal(size=4)
-        turning = now.turning[2] @ np.linalg.inv(jg)  # I_be~ up to a factor; independent ones first here
+        turning = now.base_angular[2] @ np.linalg.inv(jg)  # I_be~ up to a factor; independent ones first here
         independent, dependent = turning[:4], turning[None, 4:]
         spins = -np.linalg.pinv(dependent) @ (independent[None] @ velocity)
         expected = np.linalg.solve(jg, np.concatenate([velocity, spins]))

@@ -105,7 +105,7 @@ def free_direction(robot: FloatingRobot, position: Array) -> Array:
 def task_rows(robot: FloatingRobot, position: Array) -> Array:
     """[J_g linear; I_bm~ up to a factor] (K, 5, 6): constraints of v and w0 = 0 on the joint rates."""
     now = end_effectors(robot, position)
-    return np.concatenate([now.linear[..., :2, :].reshape(-1, 4, 6), now.turning[..., 2:, :]], axis=-2)
+    return np.concatenate([now.linear[..., :2, :].reshape(-1, 4, 6), now.base_angular[..., 2:, :]], axis=-2)
 
 
 def record(plan: CapturePlan, course: Curves, case: CaptureCase) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """Momentum-level mathematics of free-floating robots, batched (numpy) and symbolic (CasADi).
 
-`space_envs.dynamics.symbolic` is not imported from here: it needs CasADi, which takes its time to load.
+`space_envs.dynamics.symbolic` is not imported from here: it needs CasADi, which is slow to import.
 """
 
 from space_envs.codegen.libraries import NoCompiledCodeWarning

@@ -1,4 +1,4 @@
-"""Momentum and kinetic energy of every body, from recorded states: the audit of a simulation."""
+"""Momentum and kinetic energy of every body from recorded states, to verify a simulation."""
 
 from dataclasses import dataclass
 
@@ -45,13 +45,15 @@ def body_motion(
     spin, rates = qvel[..., 3:6], qvel[..., 6:]
     velocity = rotate(conjugate(quaternion), qvel[..., :3])
     k = robot.kinematics(q)
-    # Everything in base axes first; row 0 is the base.
+    # All quantities in base axes first; row 0 is the base.
     rotation = np.concatenate([np.broadcast_to(np.eye(3), (*q.shape[:-1], 1, 3, 3)), k.rotation], axis=-3)
     com = np.concatenate([np.broadcast_to(robot.com[0], (*q.shape[:-1], 1, 3)), k.com], axis=-2)
-    turning = k.axis * rates[..., None]  # contribution of each joint to the links that it carries
-    moving = -cross(turning, k.position)
+    joint_omega = k.axis * rates[..., None]  # angular velocity that each joint adds to the links it carries
+    moving = -cross(joint_omega, k.position)
     carried = robot.carries.T  # links by joints
-    omega = np.concatenate([np.zeros((*q.shape[:-1], 1, 3)), carried @ turning], axis=-2) + spin[..., None, :]
+    omega = (
+        np.concatenate([np.zeros((*q.shape[:-1], 1, 3)), carried @ joint_omega], axis=-2) + spin[..., None, :]
+    )
     at_origin = np.concatenate([np.zeros((*q.shape[:-1], 1, 3)), carried @ moving], axis=-2)
     speed = at_origin + velocity[..., None, :] + cross(omega, com)
     inertia = rotation @ robot.inertia @ rotation.swapaxes(-1, -2)
@@ -61,10 +63,10 @@ def body_motion(
     linear = scale * robot.mass[:, None] * speed
     energy = 0.5 * (linear * speed).sum(axis=(-1, -2)) + 0.5 * (own * omega).sum(axis=(-1, -2))
     energy = energy + 0.5 * (robot.rotor_inertia * rates**2).sum(axis=-1)
-    turn = to_matrix(quaternion)[..., None, :, :]
-    inertial_com = position[..., None, :] + (turn @ com[..., None])[..., 0]
-    inertial_linear = (turn @ linear[..., None])[..., 0]
-    inertial_own = (turn @ own[..., None])[..., 0]
+    attitude = to_matrix(quaternion)[..., None, :, :]
+    inertial_com = position[..., None, :] + (attitude @ com[..., None])[..., 0]
+    inertial_linear = (attitude @ linear[..., None])[..., 0]
+    inertial_own = (attitude @ own[..., None])[..., 0]
     return BodyMotion(
         linear=inertial_linear,
         angular=inertial_own + cross(inertial_com, inertial_linear),
@@ -82,15 +84,15 @@ def momentum_drifts(motion: BodyMotion) -> tuple[Array, Array]:
 
 
 def momentum_drift(motion: BodyMotion) -> tuple[Array, Array]:
-    """Drift of total momentum over time, and what it is measured against.
+    """Drift of total momentum over time, absolute and relative.
 
     Args:
         motion: of states (..., T, .) along a trajectory.
 
     Returns:
         drift (...,): largest change of total linear (N s) or angular (N m s) momentum since the start.
-        ratio (...,): the same divided by the largest momentum of its kind that a single body carried, or by
-        1 N s, 1 N m s where that is larger.
+        ratio (...,): the drift divided by the largest momentum of its kind of any single body, or by 1 N s or
+        1 N m s, whichever is larger.
     """
     drifts, ratios = momentum_drifts(motion), []
     for drift, each in zip(drifts, (motion.linear, motion.angular), strict=True):

@@ -12,7 +12,7 @@ _PAIRS = np.array([[0, 1], [0, 2], [1, 2]])
 def segment_distance(a: Array, b: Array, c: Array, d: Array) -> Array:
     """Least distance (...) of the segments from a to b and from c to d, each (..., 3), m.
 
-    The least over both segments is at a pair of inner points, which are at right angles to both, or at an end
+    The minimum is at two inner points whose connecting line is perpendicular to both segments, or at an end
     of one of them.
     """
     ends = [point_segment(x, c, d) for x in (a, b)] + [point_segment(x, a, b) for x in (c, d)]
@@ -40,7 +40,7 @@ def point_segment(point: Array, a: Array, b: Array) -> Array:
 def box_distance(a: Array, b: Array, half: Array) -> Array:
     """Signed distance (...) of the segment from a to b, each (..., 3), from a box, in the box's frame, m.
 
-    Negative in the box, where it is the depth of the segment's deepest point.
+    Negative where the segment enters the box: minus the depth of its deepest point.
 
     Args:
         half: (3,) or (..., 3), half sides of the box, m.
@@ -57,8 +57,8 @@ def box_distance(a: Array, b: Array, half: Array) -> Array:
 def _outside(a: Array, b: Array, half: Array) -> Array:
     """Distance (...) of the segment from the box, 0 where they meet.
 
-    The slope of half its square along the segment is linear between the places where the segment's line
-    passes a face's plane, and never falls.
+    The derivative of half the squared distance along the segment never decreases, and is linear between the
+    points where the segment's line crosses the planes of the faces.
     """
     along = b - a
     safe = np.where(np.abs(along) > _TINY, along, _TINY)

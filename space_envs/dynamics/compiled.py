@@ -1,4 +1,4 @@
-"""Base twist at zero momentum as compiled code, or by numpy where nothing can be compiled.
+"""Base twist at zero momentum: compiled code, or numpy where no compiler is available.
 
 CasADi generates the C code from `SymbolicRobot`. A robot's code is compiled at its first use, in about 0.2 s,
 once per machine.
@@ -13,7 +13,7 @@ from space_envs.codegen.once import built_once
 from space_envs.dynamics.floating import FloatingRobot
 from space_envs.dynamics.rotations import Array
 
-if TYPE_CHECKING:  # CasADi takes its time to load
+if TYPE_CHECKING:  # CasADi is slow to import
     from space_envs.codegen.functions import Batched
 
 
@@ -27,7 +27,7 @@ def base_twist(robot: FloatingRobot, q: Array, qdot: Array) -> Array:
         q, qdot: (..., n) rad and rad/s; their leading shapes are broadcast.
 
     Warns:
-        NoCompiledCodeWarning: once a process, if numpy is used, saying what is missing.
+        NoCompiledCodeWarning: once per process, if numpy is used; the message says why.
     """
     function = _compiled_twist(robot)
     if function is None:
@@ -45,7 +45,7 @@ def _compiled_twist(robot: FloatingRobot) -> "Batched | None":
     function = batched({"base_twist": SymbolicRobot(robot).base_twist}, optimise=True)["base_twist"]
     if not function.compiled:
         return None
-    # A compiler is not part of the project: its output is checked before it is trusted.
+    # The compiler is not part of the project, so its output is checked against numpy before it is used.
     q = robot.home + np.linspace(-1.0, 1.0, 5)[:, None] * np.arange(1, robot.n_joints + 1)
     expected = robot.base_twist(q, np.cos(q))
     if not np.abs(function(q, np.cos(q))[0] - expected).max() < 1e-9 * np.abs(expected).max():

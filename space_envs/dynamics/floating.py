@@ -1,8 +1,8 @@
 """Momentum-level mathematics of a free-floating robot, batched over configurations.
 
-All quantities are in the axes of the base frame (the satellite's) unless said otherwise; they do not depend
-on where the base is. A twist is [v; w]: linear velocity of the base origin, then angular velocity. Momentum
-is [p; L] with L about the base origin.
+All quantities are in the axes of the base frame (the satellite's) unless stated otherwise; they do not
+depend on the pose of the base. A twist is [v; w]: linear velocity of the base origin, then angular velocity.
+Momentum is [p; L] with L about the base origin.
 """
 
 from collections.abc import Callable
@@ -14,7 +14,7 @@ import numpy as np
 from space_envs.dynamics.rotations import Array, cross
 from space_envs.dynamics.tree import RobotTree
 
-_BLOCK = 2048  # samples; more does not fit in the cache, fewer leave the loops short
+_BLOCK = 2048  # samples: more do not fit into the cache, fewer make the loops too short
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Kinematics:
 
 @dataclass(frozen=True, eq=False)
 class FloatingRobot(RobotTree):
-    """The momentum-level mathematics of a robot; `RobotTree` says what is known about it."""
+    """Momentum-level mathematics of a robot, whose parameters are those of `RobotTree`."""
 
     @cached_property
     def _hinge_terms(self) -> tuple[Array, Array, Array]:
@@ -56,7 +56,7 @@ class FloatingRobot(RobotTree):
     def momentum_matrices(self, q: Array) -> tuple[Array, Array]:
         """Base inertia H_b (..., 6, 6) and coupling inertia H_bm (..., 6, n): [p; L] = H_b xi + H_bm qdot.
 
-        Eq. 7b of shyam2020 with the linear part kept (docs/physics.md says why), by composite bodies.
+        Eq. 7b of shyam2020 including the linear part (docs/physics.md explains why), by composite bodies.
         """
         base, coupling = self._by_blocks(q, self._momentum_matrices, (6, 6), (6, self.n_joints))
         return base, coupling
@@ -68,7 +68,7 @@ class FloatingRobot(RobotTree):
 
         Samples along the last axis make every operation a long loop over contiguous numbers, and a block
         stays in the cache: three times as fast as stacks of small matrices. Only products and sums of
-        single numbers are used in there, so that a sample's result does not depend on its neighbours.
+        single numbers are used in it, so that a sample's result does not depend on its neighbours.
         """
         q = self.joint_array(q)
         flat = q.reshape(-1, self.n_joints)
@@ -82,8 +82,8 @@ class FloatingRobot(RobotTree):
     def _kinematics(self, q: Array) -> tuple[Array, Array, Array, Array]:
         """Fields of `Kinematics` with the samples along the last axis."""
         still, sine, cosine = self._hinge_terms
-        turn = q[:, None, None]
-        rotation = still + np.sin(turn) * sine + (1.0 - np.cos(turn)) * cosine  # in the parent, so far
+        angle = q[:, None, None]
+        rotation = still + np.sin(angle) * sine + (1.0 - np.cos(angle)) * cosine  # in the parent
         position = np.empty((self.n_joints, 3, q.shape[-1]))
         for link, parent in enumerate(self.parent):
             offset = self.offset[link][:, None]
@@ -98,7 +98,7 @@ class FloatingRobot(RobotTree):
 
     def _momentum_matrices(self, q: Array) -> tuple[Array, Array]:
         rotation, position, axis, com = self._kinematics(q)
-        # Mass, first moment and inertia about the base origin of every body; then of all that it carries.
+        # Mass, first moment and inertia about the base origin of every body, then of its whole subtree.
         body_mass = self.mass[:, None, None]
         place = np.empty((self.n_joints + 1, 3, q.shape[-1]))
         place[0], place[1:] = self.com[0][:, None], com
@@ -153,21 +153,23 @@ class FloatingRobot(RobotTree):
         moving = coupling @ self.joint_array(qdot, "joint rates")[..., None]
         return (base @ np.asarray(twist)[..., None] + moving)[..., 0]
 
-    def end_effector_pose(self, q: Array, tip: int = 0) -> tuple[Array, Array]:
+    def end_effector_pose(self, q: Array, index: int = 0) -> tuple[Array, Array]:
         """Position (..., 3) m and rotation (..., 3, 3) of an end-effector in the base frame."""
         k = self.kinematics(q)
-        upper = k.rotation[..., self.end_effector_link[tip] - 1, :, :]
-        position = k.position[..., self.end_effector_link[tip] - 1, :] + upper @ self.end_effector_offset[tip]
-        return position, upper @ self.end_effector_mounting[tip]
+        upper = k.rotation[..., self.end_effector_link[index] - 1, :, :]
+        position = (
+            k.position[..., self.end_effector_link[index] - 1, :] + upper @ self.end_effector_offset[index]
+        )
+        return position, upper @ self.end_effector_mounting[index]
 
-    def end_effector_jacobians(self, q: Array, tip: int = 0) -> tuple[Array, Array]:
+    def end_effector_jacobians(self, q: Array, index: int = 0) -> tuple[Array, Array]:
         """Jacobians J_s (..., 6, 6) of the base twist and J_m (..., 6, n) of the joint rates.
 
         The end-effector's inertial velocity, in base axes, is J_s xi + J_m qdot (eq. 7a of shyam2020).
         """
         k = self.kinematics(q)
-        link = self.end_effector_link[tip] - 1
-        point = k.position[..., link, :] + k.rotation[..., link, :, :] @ self.end_effector_offset[tip]
+        link = self.end_effector_link[index] - 1
+        point = k.position[..., link, :] + k.rotation[..., link, :, :] @ self.end_effector_offset[index]
         linear = cross(k.axis, point[..., None, :] - k.position)
         arm = np.concatenate([linear, k.axis], axis=-1).swapaxes(-1, -2) * self.carries[:, link]
         base = np.zeros((*point.shape[:-1], 6, 6))
@@ -175,16 +177,16 @@ class FloatingRobot(RobotTree):
         base[..., :3, 3:] = -_skew(point)
         return base, arm
 
-    def generalized_jacobian(self, q: Array, tip: int = 0) -> Array:
+    def generalized_jacobian(self, q: Array, index: int = 0) -> Array:
         """J* (..., 6, n), base axes: end-effector velocity per joint rate at zero momentum (eq. 8)."""
-        base, arm = self.end_effector_jacobians(q, tip)
+        base, arm = self.end_effector_jacobians(q, index)
         return arm + base @ self.base_map(q)
 
     def centre_of_mass(self, kinematics: Kinematics) -> Array:
         """Centre of mass (..., 3) of the whole robot in the base frame, m."""
         return (self.mass[1:] @ kinematics.com + self.mass[0] * self.com[0]) / self.mass.sum()
 
-    def reach(self, tip: int = 0) -> float:
+    def reach(self, index: int = 0) -> float:
         """Largest distance of an end-effector from the system's centre of mass over all configurations, m.
 
         At rest the floating arm is a fixed arm with shorter links whose shoulder is the centre of mass (the
@@ -192,12 +194,12 @@ class FloatingRobot(RobotTree):
         cannot stretch it fully only make the true reach smaller.
         """
         total = self.mass.sum()
-        chain = [int(self.end_effector_link[tip])]
+        chain = [int(self.end_effector_link[index])]
         while chain[-1] != 0:
             chain.append(int(self.parent[chain[-1] - 1]))
-        # Body-fixed vectors whose sum is (tip - system centre of mass); one per body.
+        # Body-fixed vectors whose sum is (end-effector - system centre of mass); one per body.
         vectors = -(self.mass / total)[:, None] * self.com
-        vectors[chain[0]] += self.end_effector_offset[tip]
+        vectors[chain[0]] += self.end_effector_offset[index]
         for link in range(1, self.n_joints + 1):
             outboard = self.carries[link - 1] @ self.mass[1:] / total
             vectors[self.parent[link - 1]] += (float(link in chain) - outboard) * self.offset[link - 1]
@@ -215,7 +217,7 @@ def _skew(v: Array) -> Array:
     return out
 
 
-# The three below have samples along the last axis: vectors (..., 3, samples), matrices (..., 3, 3, samples).
+# Below, samples lie along the last axis: vectors (..., 3, samples), matrices (..., 3, 3, samples).
 
 
 def _apply(matrix: Array, vector: Array) -> Array:

@@ -18,13 +18,13 @@ _LARGEST_STEP = 0.06  # rad
 
 class EndEffectors(NamedTuple):
     """End-effectors of a robot: position (..., k, 3) m, approach axis z (..., k, 3), and their Jacobians at
-    zero momentum, linear and angular (..., k, 3, n); turning (..., 3, n) is W."""
+    zero momentum, linear and angular (..., k, 3, n); base_angular (..., 3, n) is W, that of the base."""
 
     position: Array
     axis: Array
     linear: Array
     angular: Array
-    turning: Array
+    base_angular: Array
 
 
 def end_effectors(robot: FloatingRobot, q: Array, kinematics: Kinematics | None = None) -> EndEffectors:
@@ -49,76 +49,76 @@ def end_effectors(robot: FloatingRobot, q: Array, kinematics: Kinematics | None 
 def reactionless_rates(
     now: EndEffectors,
     velocity: Array,
-    turn: Array | None = None,
+    angular_velocity: Array | None = None,
     base_rate: Array | None = None,
     posture: Array | None = None,
     damping: float = 0.03,
     weight: float = 0.5,
 ) -> Array:
-    """Joint rates (..., n) rad/s that move the end-effectors as nearly as possible as asked, at a base rate.
+    """Joint rates (..., n) rad/s that move the end-effectors as close as possible to the command.
 
-    The base rate is exact, whatever the damping: eq. 9 of shah2013 with a damped inverse.
+    The base rate is met exactly for any damping: eq. 9 of shah2013 with a damped inverse.
 
     Args:
-        now: of `end_effectors`. velocity: (..., k, 3) m/s of the end-effectors, inertial but in base axes.
-        turn: (..., k, 3) rad/s, angular velocity across the approach axis; None leaves it free.
+        now: from `end_effectors`. velocity: (..., k, 3) m/s of the end-effectors, inertial, in base axes.
+        angular_velocity: (..., k, 3) rad/s, perpendicular to the approach axis; None does not constrain it.
         base_rate: (..., 3) rad/s of the base; None is zero.
-        posture: (..., n) rad/s of the joints in the directions that are free; None is rest.
-        damping: of the inverse, in m/rad. weight: m/rad, of rotation against displacement.
+        posture: (..., n) rad/s preferred joint rates, in the remaining null space; None is zero.
+        damping: of the inverse, m/rad. weight: of rotation relative to displacement, m/rad.
     """
-    n = now.turning.shape[-1]
-    batch, asked = now.turning.shape[:-2], 3 * now.position.shape[-2]
-    square = now.turning @ now.turning.swapaxes(-1, -2) + _TINY * np.eye(3)
-    back = now.turning.swapaxes(-1, -2) @ np.linalg.inv(square)
-    # Applied twice: the small regularisation leaves a share of _TINY / W W' of the rotation, then its square.
-    null = np.eye(n) - back @ now.turning
-    null = null - back @ (now.turning @ null)
-    rows = now.linear.reshape(*batch, asked, n)
-    wanted = velocity.reshape(*batch, asked)
-    if turn is not None:
+    n = now.base_angular.shape[-1]
+    batch, n_rows = now.base_angular.shape[:-2], 3 * now.position.shape[-2]
+    square = now.base_angular @ now.base_angular.swapaxes(-1, -2) + _TINY * np.eye(3)
+    back = now.base_angular.swapaxes(-1, -2) @ np.linalg.inv(square)
+    # Applied twice: the regularisation passes a share _TINY / W W' of the rotation, then its square.
+    null = np.eye(n) - back @ now.base_angular
+    null = null - back @ (now.base_angular @ null)
+    rows = now.linear.reshape(*batch, n_rows, n)
+    command = velocity.reshape(*batch, n_rows)
+    if angular_velocity is not None:
         across = np.eye(3) - now.axis[..., :, None] * now.axis[..., None, :]
-        rows = np.concatenate([rows, weight * (across @ now.angular).reshape(*batch, asked, n)], axis=-2)
-        wanted = np.concatenate([wanted, weight * turn.reshape(*batch, asked)], axis=-1)
+        rows = np.concatenate([rows, weight * (across @ now.angular).reshape(*batch, n_rows, n)], axis=-2)
+        command = np.concatenate([command, weight * angular_velocity.reshape(*batch, n_rows)], axis=-1)
     given = np.zeros((*batch, n)) if base_rate is None else (back @ base_rate[..., None])[..., 0]
     if posture is not None:
         given = given + (null @ posture[..., None])[..., 0]
-    rest = wanted - (rows @ given[..., None])[..., 0]
-    free = rows @ null
-    inner = free @ free.swapaxes(-1, -2) + damping**2 * np.eye(rows.shape[-2])
-    return given + (free.swapaxes(-1, -2) @ np.linalg.solve(inner, rest[..., None]))[..., 0]
+    rest = command - (rows @ given[..., None])[..., 0]
+    reduced = rows @ null
+    inner = reduced @ reduced.swapaxes(-1, -2) + damping**2 * np.eye(rows.shape[-2])
+    return given + (reduced.swapaxes(-1, -2) @ np.linalg.solve(inner, rest[..., None]))[..., 0]
 
 
 def reactionless_projection(
-    turning: Array,
+    base_angular: Array,
     rate: Array,
     base_rate: Array | None = None,
-    free: Array | None = None,
+    adjustable: Array | None = None,
     regularisation: float = _TINY,
 ) -> Array:
-    """Joint rates (..., n) nearest to others with which the base rotates at `base_rate` (..., w).
+    """Joint rates (..., n) nearest to given ones for which the base rotates at `base_rate` (..., w).
 
     Args:
-        turning: (..., w, n), angular velocity of the base per joint rate; w is 3, or 1 in the plane.
-        rate: (..., n) rad/s. base_rate: rad/s, in the axes of `turning`; None is zero.
-        free: (..., n), 1 for the joints that may change and 0 for the others; None lets all change.
+        base_angular: (..., w, n), angular velocity of the base per joint rate; w is 3, or 1 in the plane.
+        rate: (..., n) rad/s. base_rate: rad/s, in the axes of `base_angular`; None is zero.
+        adjustable: (..., n), 1 for joints whose rates may change and 0 for the others; None is all.
         regularisation: added to W W'.
     """
-    missing = -(turning @ rate[..., None])[..., 0]
+    error = -(base_angular @ rate[..., None])[..., 0]
     if base_rate is not None:
-        missing = base_rate + missing
-    through = turning if free is None else turning * free[..., None, :]
-    square = through @ turning.swapaxes(-1, -2) + regularisation * np.eye(turning.shape[-2])
-    return rate + (through.swapaxes(-1, -2) @ np.linalg.solve(square, missing[..., None]))[..., 0]
+        error = base_rate + error
+    used = base_angular if adjustable is None else base_angular * adjustable[..., None, :]
+    square = used @ base_angular.swapaxes(-1, -2) + regularisation * np.eye(base_angular.shape[-2])
+    return rate + (used.swapaxes(-1, -2) @ np.linalg.solve(square, error[..., None]))[..., 0]
 
 
-def axis_turn(axis: Array, wanted: Array) -> Array:
+def axis_rotation(axis: Array, goal: Array) -> Array:
     """Rotation vectors (..., 3), rad, that rotate unit vectors (..., 3) onto others by the smaller angle."""
-    normal = cross(axis, wanted)
+    normal = cross(axis, goal)
     sine = np.sqrt((normal * normal).sum(axis=-1, keepdims=True))
-    cosine = (axis * wanted).sum(axis=-1, keepdims=True)
+    cosine = (axis * goal).sum(axis=-1, keepdims=True)
     opposite = (sine < 1e-9) & (cosine < 0.0)
     if opposite.any():
-        # Any perpendicular will do.
+        # The axis of a rotation by pi is any perpendicular.
         least = np.eye(3)[np.abs(axis).argmin(axis=-1)]
         other = cross(axis, least)
         other = other / np.sqrt((other * other).sum(axis=-1, keepdims=True))
@@ -137,24 +137,24 @@ class Reached(NamedTuple):
 def reach(robot: FloatingRobot, start: Array, position: Array, axis: Array | None = None) -> Reached:
     """Roll out a reactionless motion that takes the end-effectors to points at rest.
 
-    The base keeps its attitude and starts at the origin; steps are of second order, so the motion that is
-    approximated is reactionless all along. A goal that it reaches can be reached.
+    The base starts at the origin and does not rotate. Steps are of second order, so the approximated motion
+    is reactionless throughout: a goal that it reaches is reachable.
 
     Args:
         start: (K, n) rad. position: (K, k, 3) m, inertial frame. axis: (K, k, 3) approach axes, or None.
     """
     q = np.array(start, dtype=np.float64)
     origin = robot.centre_of_mass(robot.kinematics(q))
-    turn = None
+    rotation = None
     for _ in range(_STEPS):
-        now, left, turn = _residual(robot, q, origin, position, axis)
-        change = reactionless_rates(now, 0.3 * left, None if turn is None else 0.3 * turn)
+        now, residual, rotation = _residual(robot, q, origin, position, axis)
+        change = reactionless_rates(now, 0.3 * residual, None if rotation is None else 0.3 * rotation)
         change *= np.minimum(_LARGEST_STEP / np.maximum(np.abs(change).max(axis=-1), 1e-12), 1.0)[:, None]
-        # The step is projected at its middle.
+        # Each step is projected with the map at its midpoint.
         q = q + reactionless_projection(robot.base_map(q + 0.5 * change)[..., 3:, :], change)
-    _, left, turn = _residual(robot, q, origin, position, axis)
-    distance = np.sqrt((left * left).sum(axis=-1)).max(axis=-1)
-    angle = np.zeros(len(q)) if turn is None else np.sqrt((turn * turn).sum(axis=-1)).max(axis=-1)
+    _, residual, rotation = _residual(robot, q, origin, position, axis)
+    distance = np.sqrt((residual * residual).sum(axis=-1)).max(axis=-1)
+    angle = np.zeros(len(q)) if rotation is None else np.sqrt((rotation * rotation).sum(axis=-1)).max(axis=-1)
     return Reached(q, distance, angle)
 
 
@@ -163,6 +163,6 @@ def _residual(
 ) -> tuple[EndEffectors, Array, Array | None]:
     kinematics = robot.kinematics(q)
     now = end_effectors(robot, q, kinematics)
-    # The common centre of mass stays, so the base moves against what it does in the base frame.
+    # The system's centre of mass is at rest, so the base moves opposite to it as seen in the base frame.
     base = (origin - robot.centre_of_mass(kinematics))[:, None]
-    return now, position - (now.position + base), None if axis is None else axis_turn(now.axis, axis)
+    return now, position - (now.position + base), None if axis is None else axis_rotation(now.axis, axis)

@@ -13,7 +13,7 @@ def tumble(quaternion: Array, angular_velocity: Array, inertia: Array, times: Ar
     Args:
         quaternion: (..., 4) body to inertial at time 0. angular_velocity: (..., 3) rad/s, inertial axes.
         inertia: (3,) principal moments along the body's axes, kg m^2; only their ratios matter.
-        times: (T,) s, monotonic from any sign; time 0 need not be among them.
+        times: (T,) s, monotonic, of any sign; time 0 need not be among them.
 
     Returns:
         Quaternions (..., T, 4) and angular velocities (..., T, 3) in inertial axes.
@@ -21,7 +21,7 @@ def tumble(quaternion: Array, angular_velocity: Array, inertia: Array, times: Ar
     inertia = np.asarray(inertia, dtype=np.float64)
     batch = np.broadcast_shapes(quaternion.shape[:-1], angular_velocity.shape[:-1])
     attitude = np.broadcast_to(quaternion, (*batch, 4))
-    # Angular momentum stays what it is in inertial axes, so that one vector is all there is to integrate.
+    # Angular momentum is constant in inertial axes, so only the attitude is integrated.
     local = rotate(conjugate(attitude), np.broadcast_to(angular_velocity, (*batch, 3)))
     momentum = rotate(attitude, inertia * local)
 

@@ -5,7 +5,7 @@ import numpy as np
 from space_envs.dynamics.floating import FloatingRobot
 from space_envs.dynamics.rotations import Array, rotate
 
-_TINY = 1e-12  # m^2, keeps a link of no length from dividing zero by zero
+_TINY = 1e-12  # m^2, avoids 0 / 0 for a link of zero length
 
 
 def link_ends(robot: FloatingRobot, q: Array, base_position: Array, base_quaternion: Array) -> Array:

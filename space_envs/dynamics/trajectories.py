@@ -43,8 +43,8 @@ def roll_out_base(
     """Base pose along a joint trajectory at zero momentum.
 
     Second order in dt: the twist is taken as linear between nodes, and the pose is the exponential of its
-    integral with the commutator that belongs to it (Magnus), so that it is exact where the twist is
-    constant.
+    integral with the commutator of the Magnus expansion, which is exact for a constant
+    twist.
 
     Args:
         q, qdot: (..., T, n) rad and rad/s at times 0, dt, ..., (T - 1) dt.
@@ -91,13 +91,13 @@ def _exponential_se3(displacement: Array) -> tuple[Array, Array]:
     v, w = displacement[..., :3], displacement[..., 3:]
     angle = np.sqrt(np.sum(w * w, axis=-1, keepdims=True))
     half = np.sinc(angle / (2 * np.pi))
-    # (1 - cos) / angle^2 and (angle - sin) / angle^3, the latter by series where it would cancel.
+    # (1 - cos) / angle^2 and (angle - sin) / angle^3, the latter by its series near zero.
     first = 0.5 * half**2
     small = angle < 1e-2
     safe = np.where(small, 1.0, angle)
     second = np.where(small, 1.0 / 6.0 - angle**2 / 120.0, (safe - np.sin(safe)) / safe**3)
-    turned = cross(w, v)
-    return v + first * turned + second * cross(w, turned), exponential(w)
+    rotated = cross(w, v)
+    return v + first * rotated + second * cross(w, rotated), exponential(w)
 
 
 def minimum_jerk(start: Array, end: Array, duration: float, nodes: int) -> tuple[Array, Array, float]:

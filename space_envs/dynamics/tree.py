@@ -1,4 +1,4 @@
-"""A free-floating robot as numbers: a tree of hinged links, read out of a compiled MuJoCo model."""
+"""A free-floating robot as numbers: a tree of hinged links, read from a compiled MuJoCo model."""
 
 import hashlib
 from dataclasses import dataclass, fields
@@ -15,7 +15,7 @@ from space_envs.errors import ConfigurationError
 
 @dataclass(frozen=True, eq=False)
 class RobotTree:
-    """A base that floats, in space or in the plane z = 0, and links on hinges, in any tree.
+    """A free-floating base, in space or in the plane z = 0, and a tree of links on hinges.
 
     Body 0 is the base; link i = 1..n carries joint i - 1. A robot in the plane is one in space whose motion
     never leaves the plane: twists and momenta keep six components, three of which are zero.
@@ -48,7 +48,7 @@ class RobotTree:
     home: Array
 
     def __post_init__(self) -> None:
-        # Compiled kernels are kept per content, so the content must stay what it is.
+        # Compiled code is cached by content, so the content must not change.
         for field in fields(self):
             array = getattr(self, field.name).copy()
             array.setflags(write=False)
@@ -61,7 +61,7 @@ class RobotTree:
         base: str = "satellite",
         end_effectors: tuple[str, ...] = ("end_effector",),
     ) -> Self:
-        """Read the robot whose base body is `base` out of a compiled model.
+        """Read the robot whose base body is `base` from a compiled model.
 
         Raises:
             ConfigurationError: if there is no such body, site or keyframe, the base does not float, a
@@ -117,7 +117,7 @@ class RobotTree:
 
     @cached_property
     def fingerprint(self) -> str:
-        """SHA-256 of all that the robot is, for caches."""
+        """SHA-256 of all parameters of the robot, for caches."""
         digest = hashlib.sha256()
         for field in fields(self):
             array = getattr(self, field.name)
@@ -136,7 +136,7 @@ class RobotTree:
                 body = int(self.parent[body - 1])
         return carries
 
-    def joint_array(self, values: Array, what: str = "joint positions") -> Array:
+    def joint_array(self, values: Array, name: str = "joint positions") -> Array:
         """The values as float64 of shape (..., n).
 
         Raises:
@@ -144,7 +144,7 @@ class RobotTree:
         """
         values = np.asarray(values, dtype=np.float64)
         if values.ndim == 0 or values.shape[-1] != self.n_joints:
-            raise ConfigurationError(f"{what} must have shape (..., {self.n_joints}), got {values.shape}")
+            raise ConfigurationError(f"{name} must have shape (..., {self.n_joints}), got {values.shape}")
         return values
 
 

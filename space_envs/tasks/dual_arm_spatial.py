@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from space_envs.dynamics.reactionless import axis_turn
+from space_envs.dynamics.reactionless import axis_rotation
 from space_envs.dynamics.rotations import Array, exponential, rotation_angle
 from space_envs.robots.dual_arm import DualArmOptions, dual_arm_model
 from space_envs.robots.parameters import DUAL_ARM_SPATIAL
@@ -142,7 +142,7 @@ class DualArmSpatialTask(TumblingTargetTask):
         axes, ways = (
             observation[:, _SLICES[name]].reshape(n, 2, 3) for name in ("end_effector_axis", "goal_axis")
         )
-        observation[:, _SLICES["axis_error"]] = axis_turn(axes, ways).reshape(n, 6)
+        observation[:, _SLICES["axis_error"]] = axis_rotation(axes, ways).reshape(n, 6)
         observation[:, -1] = time
         return observation
 

@@ -10,7 +10,7 @@ from agents.policies.dual_arm.observed import Reader
 from agents.policies.needs import RENDEZVOUS
 from space_envs.drives import braking_rates
 from space_envs.dynamics.reactionless import (
-    axis_turn,
+    axis_rotation,
     end_effectors,
     reactionless_projection,
     reactionless_rates,
@@ -49,7 +49,7 @@ def track_rates(reader: Reader, observation: Array) -> Array:
     rotation = None
     if ahead.axis is not None:
         rotation = _slowed(
-            GAIN * axis_turn(now.axis, rotate(to_base[:, None], ahead.axis[:, 0])), ANGULAR_SPEED
+            GAIN * axis_rotation(now.axis, rotate(to_base[:, None], ahead.axis[:, 0])), ANGULAR_SPEED
         )
     middle = 0.5 * (context.joint_limits[:, 0] + context.joint_limits[:, 1])
     rate = reactionless_rates(

@@ -46,9 +46,9 @@ class BodyExpressions:
             forces[parent] = sums[0] + force, sums[1] + moment + ca.cross(self._offset[link], force)
         return torque
 
-    def generalized_jacobian(self, tip: int) -> ca.SX:
+    def generalized_jacobian(self, index: int) -> ca.SX:
         """Twist (6, n) of an end-effector per joint rate at zero momentum."""
-        position, rotation = self.end_effector(tip)
+        position, rotation = self.end_effector(index)
         rotations = [  # The axial vector of (dR/dq_j) R^T is the angular velocity of a unit rate of joint j.
             ca.inv_skew(ca.reshape(ca.jacobian(ca.vec(rotation), self.q[j]), 3, 3) @ rotation.T)
             for j in range(self.robot.n_joints)
@@ -65,12 +65,12 @@ class BodyExpressions:
             rotation.append(rotation[parent] @ self._mounting[link] @ self._hinge_rotation[link])
         return rotation, position
 
-    def end_effector(self, tip: int) -> tuple[ca.SX, ca.SX]:
+    def end_effector(self, index: int) -> tuple[ca.SX, ca.SX]:
         """Position and rotation of an end-effector in the base frame."""
         rotation, position = self.poses()
-        link = int(self.robot.end_effector_link[tip])
-        point = position[link] + rotation[link] @ ca.DM(self.robot.end_effector_offset[tip])
-        return point, rotation[link] @ ca.DM(_snapped(self.robot.end_effector_mounting[tip]))
+        link = int(self.robot.end_effector_link[index])
+        point = position[link] + rotation[link] @ ca.DM(self.robot.end_effector_offset[index])
+        return point, rotation[link] @ ca.DM(_snapped(self.robot.end_effector_mounting[index]))
 
     def velocities(self, twist: ca.SX) -> list[tuple[ca.SX, ca.SX]]:
         """Velocity of every body frame's origin and its angular velocity, in that body's axes."""
@@ -173,7 +173,7 @@ class BodyExpressions:
 
 
 def _about(axis: Array, angle: ca.SX) -> ca.SX:
-    """Rotation matrix about a unit axis; entries that the axis leaves at 0 or 1 are structural."""
+    """Rotation matrix about a unit axis; entries that are always 0 or 1 are structural."""
     along = np.outer(axis, axis)
     skew = ca.sparsify(ca.skew(ca.DM(axis)))
     return (
@@ -184,9 +184,9 @@ def _about(axis: Array, angle: ca.SX) -> ca.SX:
 
 
 def _snapped(matrix: Array) -> Array:
-    """Entries within rounding of -1, 0 or 1 made exact, which keeps expressions sparse.
+    """Entries within rounding of -1, 0 or 1, replaced by these values: expressions then stay sparse.
 
-    Models store quarter turns as quaternions, whose matrices are exact to 2e-16 only.
+    Models store rotations by pi/2 as quaternions, whose matrices are exact to 2e-16 only.
     """
     nearest = np.round(matrix)
     return np.where((np.abs(matrix - nearest) < 1e-15) & (np.abs(nearest) <= 1.0), nearest, matrix)

@@ -61,20 +61,20 @@ class SymbolicRobot:
         """q, qdot -> twist (6) at zero momentum; `space_envs.dynamics.base_twist` compiles it."""
         return self._function("base_twist", ["q", "qdot"], ["twist"], [self._bodies.free_twist])
 
-    def end_effector_pose(self, tip: int = 0) -> ca.Function:
+    def end_effector_pose(self, index: int = 0) -> ca.Function:
         """q -> position (3) m and rotation (3, 3) of an end-effector in the base frame."""
         return self._function(
-            "end_effector_pose", ["q"], ["position", "rotation"], list(self._bodies.end_effector(tip))
+            "end_effector_pose", ["q"], ["position", "rotation"], list(self._bodies.end_effector(index))
         )
 
-    def generalized_jacobian(self, tip: int = 0) -> ca.Function:
+    def generalized_jacobian(self, index: int = 0) -> ca.Function:
         """q -> jacobian (6, n), base axes: end-effector [v; w] per joint rate at zero momentum."""
-        jacobian = self._bodies.generalized_jacobian(tip)
+        jacobian = self._bodies.generalized_jacobian(index)
         return self._function("generalized_jacobian", ["q"], ["jacobian"], [jacobian])
 
     @cached_property
     def kinetic_energy(self) -> ca.Function:
-        """q, qdot, twist -> energy, J, with that of the rotors."""
+        """q, qdot, twist -> energy, J, including the rotors."""
         inputs = ["q", "qdot", "twist"]
         return self._function("kinetic_energy", inputs, ["energy"], [self._bodies.energy(self._bodies.twist)])
 
@@ -87,7 +87,7 @@ class SymbolicRobot:
 
     @cached_property
     def reduced_mass(self) -> ca.Function:
-        """q -> mass (n, n) that the joints feel at zero momentum (I_m of eq. 12 of shah2013)."""
+        """q -> mass (n, n) seen by the joints at zero momentum (I_m of eq. 12 of shah2013)."""
         mass = ca.hessian(self._bodies.energy(self._bodies.free_twist), self._bodies.qdot)[0]
         return self._function("reduced_mass", ["q"], ["mass"], [mass])
 

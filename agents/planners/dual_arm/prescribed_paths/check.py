@@ -80,7 +80,9 @@ def null_velocities(robot: FloatingRobot, q: Array, qdot: Array) -> Array:
     """Part (K, 2) of the planar robot's dependent angular velocities in the null space of eq. 9, rad/s: the
     projector times zeta, which is the part of zeta that has an effect."""
     now = end_effectors(robot, q)
-    rows = np.concatenate([now.linear[..., :2, :].reshape(len(q), 4, q.shape[1]), now.turning[:, 2:]], axis=1)
+    rows = np.concatenate(
+        [now.linear[..., :2, :].reshape(len(q), 4, q.shape[1]), now.base_angular[:, 2:]], axis=1
+    )
     null = np.linalg.svd(rows)[2][:, -1]  # of five rows on six joints
     direction = (now.angular[..., 2, :] @ null[..., None])[..., 0]
     length = np.sqrt((direction * direction).sum(axis=1, keepdims=True))

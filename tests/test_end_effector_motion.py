@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from space_envs.dynamics import FloatingRobot, reactionless, roll_out_base
 from space_envs.dynamics.reactionless import (
     EndEffectors,
-    axis_turn,
+    axis_rotation,
     end_effectors,
     reach,
     reactionless_projection,
@@ -52,7 +52,7 @@ def asked(kind: str, now: EndEffectors, rng: np.random.Generator, k: int = 3) ->
     turn = np.cross(now.axis, rng.normal(scale=0.1, size=(k, 2, 3)))  # across the approach axes
     return {
         "velocity": in_plane(kind, rng.normal(scale=0.1, size=(k, 2, 3))),
-        "turn": turn if kind == "spatial" else None,
+        "angular_velocity": turn if kind == "spatial" else None,
         "base_rate": turns(kind, rng.normal(scale=0.01, size=(k, 3))),
         "posture": rng.normal(scale=0.05, size=(k, n)),
     }
@@ -62,14 +62,14 @@ def asked(kind: str, now: EndEffectors, rng: np.random.Generator, k: int = 3) ->
 def test_tips_are_the_poses_and_generalised_jacobians_of_each_end_effector(kind: str) -> None:
     robot, q = robot_of(kind), drawn(kind, np.random.default_rng(0))
     now = end_effectors(robot, q)
-    for tip in range(2):
-        position, rotation = robot.end_effector_pose(q, tip)
-        np.testing.assert_allclose(now.position[:, tip], position, atol=1e-12)
-        np.testing.assert_allclose(now.axis[:, tip], rotation[..., 2], atol=1e-12)
-        jacobian = robot.generalized_jacobian(q, tip)
-        np.testing.assert_allclose(now.linear[:, tip], jacobian[:, :3], atol=1e-12)
-        np.testing.assert_allclose(now.angular[:, tip], jacobian[:, 3:], atol=1e-12)
-    np.testing.assert_allclose(now.turning, robot.base_map(q)[:, 3:], atol=1e-12)
+    for index in range(2):
+        position, rotation = robot.end_effector_pose(q, index)
+        np.testing.assert_allclose(now.position[:, index], position, atol=1e-12)
+        np.testing.assert_allclose(now.axis[:, index], rotation[..., 2], atol=1e-12)
+        jacobian = robot.generalized_jacobian(q, index)
+        np.testing.assert_allclose(now.linear[:, index], jacobian[:, :3], atol=1e-12)
+        np.testing.assert_allclose(now.angular[:, index], jacobian[:, 3:], atol=1e-12)
+    np.testing.assert_allclose(now.base_angular, robot.base_map(q)[:, 3:], atol=1e-12)
     # Of any batch shape.
     for name, value in now._asdict().items():
         np.testing.assert_array_equal(getattr(end_effectors(robot, q[1]), name), value[1])
@@ -85,10 +85,10 @@ def test_the_base_turns_exactly_as_asked_whatever_the_damping(
     now = end_effectors(robot_of(kind), drawn(kind, rng))
     wanted = asked(kind, now, rng)
     if bare:
-        wanted |= {"base_rate": None, "posture": None, "turn": None}
+        wanted |= {"base_rate": None, "posture": None, "angular_velocity": None}
     rate = reactionless_rates(now, **wanted, damping=damping, weight=weight)
     base = np.zeros((3, 3)) if bare else wanted["base_rate"]
-    np.testing.assert_allclose((now.turning @ rate[..., None])[..., 0], base, atol=1e-10)
+    np.testing.assert_allclose((now.base_angular @ rate[..., None])[..., 0], base, atol=1e-10)
 
 
 @every_kind
@@ -101,15 +101,15 @@ def test_with_little_damping_it_is_the_least_solution_of_all_constraints(kind: s
     posture = wanted["posture"]
     rate = reactionless_rates(now, **wanted, damping=1e-7)
     for row in range(3):
-        rows, right = [now.turning[row]], [wanted["base_rate"][row]]
-        for tip in range(2):
-            rows.append(now.linear[row, tip])
-            right.append(wanted["velocity"][row, tip])
-            if wanted["turn"] is not None:
-                axis = now.axis[row, tip]
+        rows, right = [now.base_angular[row]], [wanted["base_rate"][row]]
+        for index in range(2):
+            rows.append(now.linear[row, index])
+            right.append(wanted["velocity"][row, index])
+            if wanted["angular_velocity"] is not None:
+                axis = now.axis[row, index]
                 across = np.linalg.svd(axis[None])[2][1:]  # two directions across the axis
-                rows.append(across @ now.angular[row, tip])
-                right.append(across @ wanted["turn"][row, tip])
+                rows.append(across @ now.angular[row, index])
+                right.append(across @ wanted["angular_velocity"][row, index])
         matrix, vector = np.concatenate(rows), np.concatenate(right)
         if np.linalg.svd(matrix)[1][: 5 if kind == "planar" else 13].min() < 0.02:
             continue
@@ -124,7 +124,7 @@ def test_with_little_damping_it_is_the_least_solution_of_all_constraints(kind: s
 def test_keeping_the_attitude_changes_rates_as_little_as_possible(kind: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
     robot = robot_of(kind)
-    turning = end_effectors(robot, drawn(kind, rng)).turning
+    turning = end_effectors(robot, drawn(kind, rng)).base_angular
     rate = rng.normal(scale=0.1, size=(3, robot.n_joints))
     base = turns(kind, rng.normal(scale=0.01, size=(3, 3)))
     for given_base in (None, base):
@@ -147,7 +147,7 @@ def test_axis_turns_are_the_shortest(seed: int, angle: float, length: int) -> No
     normal = np.cross(axis, rng.normal(size=3))
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     wanted = rotate(exponential(angle * normal), axis)
-    turn = axis_turn(axis, wanted)
+    turn = axis_rotation(axis, wanted)
     np.testing.assert_allclose(np.linalg.norm(turn, axis=-1), angle, atol=2e-8)
     np.testing.assert_allclose(rotate(exponential(turn), axis), wanted, atol=2e-8)
     np.testing.assert_allclose((turn * axis).sum(axis=-1), 0.0, atol=2e-8)
@@ -157,7 +157,7 @@ def test_axis_turns_are_the_shortest(seed: int, angle: float, length: int) -> No
 def test_axis_turn_of_opposite_and_of_equal_axes(axis: Array) -> None:
     axes = np.stack([axis, axis, [0.0, 1.0, 0.0]])
     wanted = np.stack([-axis, axis, [1.0, 0.0, 0.0]])
-    turn = axis_turn(axes, wanted)
+    turn = axis_rotation(axes, wanted)
     assert np.isfinite(turn).all()
     np.testing.assert_allclose(np.linalg.norm(turn, axis=-1), [np.pi, 0.0, np.pi / 2], atol=1e-12)
     np.testing.assert_allclose(rotate(exponential(turn), axes), wanted, atol=1e-8)
