@@ -18,13 +18,13 @@ def names() -> list[str]:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run them, each in a process of its own since some choose processor cores; returns the exit status."""
+    """Run the benchmarks, each in its own process since some pin cores; returns the exit status."""
     parser = Parser(
         prog="python -m benchmarks",
-        description="Run benchmarks and print their tables. python -m benchmarks.NAME --help says more.",
+        description="Run benchmarks and print their tables. Options: python -m benchmarks.NAME --help.",
     )
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(names())}; default all")
-    parser.add_argument("--list", action="store_true", help="say what each one measures, and stop")
+    parser.add_argument("--list", action="store_true", help="print what each benchmark measures, and stop")
     options = parser.parse_args(arguments)
     for name in options.names:
         if name not in names():

@@ -1,4 +1,4 @@
-"""Arguments that benchmarks share, refused before anything runs."""
+"""Types of the benchmarks' arguments; invalid values are refused before anything runs."""
 
 import argparse
 import shutil
@@ -49,7 +49,7 @@ def check_goals(env_id: str, split: str, goals: int) -> None:
     """Refuse more goals than a split has.
 
     Raises:
-        ConfigurationError: naming how many there are.
+        ConfigurationError: with the number of goals in the split.
     """
     size = make_task(env_id, {}).split_size(split)
     if goals > size:

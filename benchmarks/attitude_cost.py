@@ -28,7 +28,7 @@ TARGET = 10.0  # ms
 
 
 def best_time(function: Callable[[], object], repeats: int) -> float:
-    """Shortest of some runs, ms: the one that other work on the machine disturbed least."""
+    """Shortest time of several runs, ms: the run that other work on the machine disturbed least."""
     times = []
     for _ in range(repeats):
         start = time.perf_counter()
@@ -74,7 +74,9 @@ def main() -> None:
     parser = Parser(prog="python -m benchmarks.attitude_cost", description=__doc__)
     parser.add_argument("--trajectories", type=whole, default=100)
     parser.add_argument("--points", type=whole, default=100)
-    parser.add_argument("--repeats", type=whole, default=50, help="the best of so many runs is printed")
+    parser.add_argument(
+        "--repeats", type=whole, default=50, help="number of runs, of which the fastest is printed"
+    )
     options = parser.parse_args()
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})

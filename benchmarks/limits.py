@@ -1,7 +1,7 @@
-"""Drives and momentum against the control period, at the largest time step: what is refused, and why.
+"""Momentum drift, joint rates and joint limits against the control period, at the largest time step.
 
-Full strokes in every control mode: half of the episodes reverse them, half draw others, after one control
-period, 0.2, 0.5, 2 or 3 s. Each figure is the worst of the four modes.
+Full-scale actions in every control mode: after one control period, 0.2, 0.5, 2 or 3 s, half of the episodes
+reverse the action and half draw another one. Each figure is the worst of the four modes.
 """
 
 import sys
@@ -22,7 +22,13 @@ from space_envs.registration import make_task
 from space_envs.system.command_line import Parser, exit_status
 
 PERIODS = (0.1, 0.2, 0.3, 0.5, 1.0)  # s
-HOLDS = (0.0, 0.2, 0.5, 2.0, 3.0)  # s that an action is held, by episode in turn, one control period at least
+HOLDS = (
+    0.0,
+    0.2,
+    0.5,
+    2.0,
+    3.0,
+)  # s, how long actions are held; episodes cycle through them; at least one control period
 SECONDS = 20.0
 
 
@@ -30,8 +36,9 @@ class WorstFigures(NamedTuple):
     """Worst figures of some episodes.
 
     Attributes:
-        drift: of total momentum, to what a body carried. rate: largest, to its limit.
-        distance: least, of a joint from the end of its range, rad; negative beyond it.
+        drift: of total momentum, relative to the largest momentum of a body.
+        rate: largest joint rate, relative to its limit.
+        distance: smallest distance of a joint from the end of its range, rad; negative beyond it.
     """
 
     drift: float
@@ -40,7 +47,7 @@ class WorstFigures(NamedTuple):
 
 
 def full_strokes(env: CaptureVectorEnv, seed: int) -> Iterator[Array]:
-    """Actions (E, m) of one control step after the other."""
+    """Actions (E, m) of successive control steps."""
     rng, period = np.random.default_rng(seed), env.task.control_period
     hold = np.maximum(1, np.rint(np.resize(HOLDS, env.num_envs) / period)).astype(int)
     reverses = (np.arange(env.num_envs) % 2 == 0)[:, None]
@@ -55,7 +62,7 @@ def full_strokes(env: CaptureVectorEnv, seed: int) -> Iterator[Array]:
 def run(
     robot: SimulatedRobot, mode: str, period: float, timestep: float, episodes: int, seed: int
 ) -> WorstFigures:
-    """Episodes under full strokes."""
+    """Worst figures of episodes with full-scale actions."""
     env = environment(robot, mode, episodes, seed, control_period=period, timestep=timestep)
     motion = simulate(env, full_strokes(env, seed))
     if motion.diverged:

@@ -1,4 +1,4 @@
-"""A satellite whose mass and inertia are not what the planner knows: feedback against following a plan."""
+"""Feedback against plan following under unmodelled errors of the satellite's mass and inertia."""
 
 import sys
 
@@ -24,10 +24,12 @@ ALLOWED = 0.3  # deg, final attitude error
 
 
 def play(name: str, scale: float, goals: NDArray[np.int64], split: str) -> dict[str, Array]:
-    """Episodes on medium goals with the satellite's mass and inertia scaled; arrays (K,).
+    """Results (K,) of episodes on medium goals with the satellite's mass and inertia scaled, by name.
 
-    position, rotation, attitude: errors at the end of the planned motion, m, deg and deg. captured; final:
-    attitude error at the end of the episode, deg. planned: whether there was a plan.
+    Returns:
+        position, rotation, attitude: errors at the end of the planned motion, m, deg and deg.
+        captured: whether the episode ended with a capture. final: attitude error at its end, deg.
+        planned: whether there was a plan.
     """
     n = len(goals)
     env = CaptureVectorEnv(ENV, n, split=split, autoreset_mode="disabled")
@@ -37,18 +39,18 @@ def play(name: str, scale: float, goals: NDArray[np.int64], split: str) -> dict[
     env.simulation.refresh(rows)
     env.drive.reset(rows)
     policy = make_policy(name, PolicyContext.from_env(env), 0)
-    task, over = env.task, round(DURATION / env.task.control_period)
-    played, attitudes = list(steps(policy, env, observation)), [np.zeros(n)]
-    for step in played:
+    task, end = env.task, round(DURATION / env.task.control_period)
+    step_results, attitudes = list(steps(policy, env, observation)), [np.zeros(n)]
+    for step in step_results:
         attitude = np.rad2deg(task.attitude(step.observation))
         attitudes.append(np.where(step.running, attitude, attitudes[-1]))
     env.close()
-    over, last = min(over, len(played)), played[-1]  # all episodes may end before their plans do
-    errors = task.errors(played[over - 1].observation)
+    end, last = min(end, len(step_results)), step_results[-1]  # all episodes may end before their plans do
+    errors = task.errors(step_results[end - 1].observation)
     return {
         "position": errors.position,
         "rotation": np.rad2deg(errors.orientation),
-        "attitude": attitudes[over],
+        "attitude": attitudes[end],
         "captured": last.info["outcome"] == "captured",
         "final": attitudes[-1],
         "planned": np.array([failure is None for failure in last.state.failures]),
@@ -66,14 +68,14 @@ def main() -> None:
     with tqdm(total=len(POLICIES) * len(SCALES) * options.goals, unit="episode", leave=False) as bar:
         for name in POLICIES:
             for scale in SCALES:
-                parts = []
+                batches = []
                 for first in range(0, options.goals, BATCH):
                     goals = np.arange(first, min(first + BATCH, options.goals))
-                    parts.append(play(name, scale, goals, options.split))
+                    batches.append(play(name, scale, goals, options.split))
                     bar.update(len(goals))
-                made = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
+                made = {key: np.concatenate([batch[key] for batch in batches]) for key in batches[0]}
                 planned = made["planned"]
-                good = made["captured"] & (made["final"] <= ALLOWED)
+                accurate = made["captured"] & (made["final"] <= ALLOWED)
                 at_end = [np.median(made[key][planned]) for key in ("position", "rotation", "attitude")]
                 rows.append(
                     [
@@ -84,7 +86,7 @@ def main() -> None:
                         f"{at_end[1]:.3f}" if name != "nmpc" else "-",
                         f"{at_end[2]:.3f}" if name != "nmpc" else "-",
                         f"{made['captured'].sum()}",
-                        f"{good.sum()}",
+                        f"{accurate.sum()}",
                         f"{np.median(made['final'][planned]):.3f}",
                         f"{made['final'][planned].max():.3f}",
                     ]

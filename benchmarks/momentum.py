@@ -1,7 +1,7 @@
 """Momentum drift, trajectory error and speed of the simulation against its time step, for every robot.
 
-Random actions are held for 0.1, 0.5, 2 or 3 s, by episode in turn; the second half of each episode uses full
-strokes only, which bring the arm to full speed and to its stops.
+Random actions are held for 0.1, 0.5, 2 or 3 s, a different time in successive episodes; the second half of
+each episode uses full-scale actions only, which bring the arm to full speed and to its joint limits.
 The error is that of the base after the same torques, against a run with a quarter of the smallest step.
 """
 
@@ -27,14 +27,14 @@ from space_envs.system.command_line import Parser, exit_status
 
 STEPS = (0.005, 0.01, 0.02, 0.05)
 REFERENCE = 0.00125
-HOLDS = (1, 5, 20, 30)  # control steps that an action is held, by episode in turn
+HOLDS = (1, 5, 20, 30)  # control steps for which actions are held; episodes cycle through them
 
 
 class ModeResult(NamedTuple):
     """Episodes of one control mode.
 
     Attributes:
-        drift: largest, N s or N m s. ratio: largest, to what a body carried.
+        drift: largest, N s or N m s. ratio: largest drift relative to the largest momentum of a body.
         start: (E, n) joint angles, rad. torques: (E, T, n) N m.
     """
 
@@ -45,7 +45,7 @@ class ModeResult(NamedTuple):
 
 
 def random_actions(env: CaptureVectorEnv, seed: int) -> Iterator[Array]:
-    """Actions (E, m) of one control step after the other."""
+    """Actions (E, m) of successive control steps."""
     rng, hold = np.random.default_rng(seed), np.resize(HOLDS, env.num_envs)
     action = np.zeros(env.action_space.shape)
     for step in range(env.task.horizon):
@@ -55,7 +55,7 @@ def random_actions(env: CaptureVectorEnv, seed: int) -> Iterator[Array]:
 
 
 def run(robot: SimulatedRobot, mode: str, timestep: float, episodes: int, seed: int) -> ModeResult:
-    """Whole episodes under random actions.
+    """Momentum drift, start and torques of whole episodes under random actions.
 
     Raises:
         SpaceEnvsError: if the simulation diverges.
@@ -71,7 +71,7 @@ def run(robot: SimulatedRobot, mode: str, timestep: float, episodes: int, seed: 
 
 
 def replay(robot: SimulatedRobot, timestep: float, given: ModeResult) -> tuple[np.ndarray, np.ndarray, float]:
-    """Base position and quaternion after 10 s of given torques, and control steps a second on all threads."""
+    """Base position and quaternion after 10 s of given torques; control steps per second on all threads."""
     task = make_task(robot.env_id, {**robot.keywords, "timestep": timestep})
     episodes = len(given.torques)
     simulation = Simulation(task.model, episodes, threads=None)

@@ -1,4 +1,4 @@
-"""Plans in ProMP weights against the best that is known: cost, errors, planning time; which start helps."""
+"""Plans in ProMP weights against the best known motions: cost, errors, planning time and initial guesses."""
 
 import sys
 import time
@@ -34,7 +34,7 @@ FINE = 1e-4  # relative decrease of an iteration below which the reference stops
 
 @dataclass(frozen=True)
 class ReachSetting:
-    """Difficulty, terminal constraint and limits of the planner's problems."""
+    """Difficulty, terminal constraint and limits of a set of planning problems."""
 
     difficulty: str
     keep_attitude: bool
@@ -46,23 +46,23 @@ class ReachSetting:
         return model_limits() if self.limited else Limits()
 
     @property
-    def words(self) -> list[str]:
+    def cells(self) -> list[str]:
         """First cells of a table's row."""
         attitude = "constrained" if self.keep_attitude else "unconstrained"
         return [self.difficulty, "model's" if self.limited else "none", attitude]
 
     def reaches(self, split: str, count: int) -> list[Reach]:
-        """Goals of a split."""
+        """Planner inputs for the first goals of a split."""
         task = SingleArmTask(difficulty=self.difficulty)
         goals = task.goals(split, np.arange(count))
         return [
-            Reach(task.robot.home, place, turn, keep_attitude=self.keep_attitude).checked(task.robot)
-            for place, turn in zip(goals.position, goals.quaternion, strict=True)
+            Reach(task.robot.home, position, quaternion, keep_attitude=self.keep_attitude).checked(task.robot)
+            for position, quaternion in zip(goals.position, goals.quaternion, strict=True)
         ]
 
 
 def best_known(setting: ReachSetting, reach: Reach, number: int, collocation: bool) -> tuple[float, float]:
-    """Least costs, m^2/s, from many initial guesses in the weights, and of collocation; infinite if none."""
+    """Lowest costs, m^2/s, in the weights from many initial guesses and by collocation; inf if none."""
     robot = SingleArmTask().robot
     library = shipped_library(setting.keep_attitude, setting.limited)
     planner = OptimalPlanner(robot, setting.limits, library)
@@ -70,10 +70,10 @@ def best_known(setting: ReachSetting, reach: Reach, number: int, collocation: bo
     near = library.nearest(reach, 3 * NEAR)
     near = near[np.argsort(predicted_costs(space, near, reach.keep_attitude), kind="stable")[:NEAR]]
     rng = np.random.default_rng(number)
-    free = minimise(space, bounds, np.zeros_like(near[0]), False, rows).y
-    drawn = free + 0.15 * rng.standard_normal((DRAWN, *free.shape))
+    unconstrained = minimise(space, bounds, np.zeros_like(near[0]), False, rows).y
+    drawn = unconstrained + 0.15 * rng.standard_normal((DRAWN, *unconstrained.shape))
     found = [
-        minimise(space, bounds, begin, reach.keep_attitude, rows, tolerance=FINE) for begin in [*near, *drawn]
+        minimise(space, bounds, guess, reach.keep_attitude, rows, tolerance=FINE) for guess in [*near, *drawn]
     ]
     costs = [solution.cost for solution in found if solution.goal_error < GOAL_TOLERANCE]
     plan = plan_ocp(single_arm_model(), robot, reach, setting.limits) if collocation else None
@@ -81,12 +81,12 @@ def best_known(setting: ReachSetting, reach: Reach, number: int, collocation: bo
 
 
 def timed(
-    plan: Callable[[Reach], ReachPlan | Failure], asked: list[Reach]
+    plan: Callable[[Reach], ReachPlan | Failure], reaches: list[Reach]
 ) -> tuple[list[ReachPlan | Failure], Array]:
-    """Plans and the milliseconds of each, after one that is not timed."""
-    plan(asked[0])
+    """Plans and their planning times, ms, after one plan that is not timed."""
+    plan(reaches[0])
     plans, times = [], []
-    for reach in asked:
+    for reach in reaches:
         before = time.perf_counter()
         plans.append(plan(reach))
         times.append(1e3 * (time.perf_counter() - before))
@@ -94,20 +94,20 @@ def timed(
 
 
 def compared(
-    setting: ReachSetting, asked: list[Reach], plans: list[ReachPlan | Failure], times: Array, best: Array
+    setting: ReachSetting, reaches: list[Reach], plans: list[ReachPlan | Failure], times: Array, best: Array
 ) -> tuple[list[str], Counter[str]]:
-    """Cells of a row, and the causes of failures; best costs (K, 2) in the weights and by collocation."""
+    """Cells of a row and counts of failure causes; `best` (K, 2) from `best_known`."""
     model, robot = single_arm_model(), SingleArmTask().robot
     causes = Counter(str(plan.cause) for plan in plans if isinstance(plan, Failure))
     checked = [
         check(model, robot, reach, setting.limits, plan) if isinstance(plan, ReachPlan) else None
-        for reach, plan in zip(asked, plans, strict=True)
+        for reach, plan in zip(reaches, plans, strict=True)
     ]
     solvable = np.isfinite(np.asarray(best.min(axis=1)))
     pairs = [(one, least) for one, least in zip(checked, best, strict=True) if one is not None]
     ratio = np.array([one.cost / min(least[0], one.cost) for one, least in pairs])
     to_collocation = [one.cost / least[1] for one, least in pairs if np.isfinite(least[1])]
-    place, turn, kept = (
+    position, rotation, attitude = (
         np.array([one.violation[name] for one, _ in pairs])
         for name in ("position_error", "rotation_error", "end_attitude")
     )
@@ -118,9 +118,9 @@ def compared(
         f"{np.percentile(ratio, 90):.3f}",
         f"{ratio.max():.2f}",
         f"{np.median(to_collocation):.3f}" if to_collocation else "-",
-        f"{1e3 * place.max():.2f}",
-        f"{np.rad2deg(turn.max()):.3f}",
-        f"{np.rad2deg(kept.max() if setting.keep_attitude else np.median(kept)):.3f}",
+        f"{1e3 * position.max():.2f}",
+        f"{np.rad2deg(rotation.max()):.3f}",
+        f"{np.rad2deg(attitude.max() if setting.keep_attitude else np.median(attitude)):.3f}",
         f"{np.median(times):.1f}",
         f"{np.percentile(times, 95):.1f}",
     ]
@@ -128,7 +128,7 @@ def compared(
 
 
 def evaluation_time(repeats: int = 500) -> float:
-    """Milliseconds of the compiled twists with derivatives along a motion, which every iteration needs."""
+    """Time, ms, of the compiled twists with derivatives along a motion, which every iteration evaluates."""
     functions = ArmFunctions.of(SingleArmTask().robot, INTERVALS)
     q = np.random.default_rng(0).standard_normal((2 * INTERVALS, 7))
     functions.slopes(q, q)
@@ -140,42 +140,42 @@ def evaluation_time(repeats: int = 500) -> float:
 
 def table_of_goals(goals: dict[str, int], split: str, jobs: int, collocation: bool) -> None:
     """Print the planner's results against the best known motions."""
-    rows, lost = [], []
+    rows, failures = [], []
     for difficulty, count in goals.items():
         for limited in (False, True):
             for keep_attitude in (False, True):
                 setting = ReachSetting(difficulty, keep_attitude, limited)
-                asked = setting.reaches(split, count)
+                reaches = setting.reaches(split, count)
                 planner = OptimalPlanner(
                     SingleArmTask().robot, setting.limits, shipped_library(keep_attitude, limited)
                 )
-                plans, times = timed(planner.plan, asked)
+                plans, times = timed(planner.plan, reaches)
                 work = (
                     delayed(best_known)(setting, reach, number, collocation)
-                    for number, reach in enumerate(asked)
+                    for number, reach in enumerate(reaches)
                 )
-                bar = tqdm(total=count, unit="goal", desc=" ".join(setting.words), leave=False)
+                bar = tqdm(total=count, unit="goal", desc=" ".join(setting.cells), leave=False)
                 best = []
                 for costs in Parallel(n_jobs=jobs, return_as="generator")(work):
                     best.append(costs)
                     bar.update()
                 bar.close()
-                cells, causes = compared(setting, asked, plans, times, np.array(best))
-                rows.append([*setting.words, *cells])
-                lost += [f"{', '.join(setting.words)}: {n} {cause}" for cause, n in causes.items()]
+                cells, causes = compared(setting, reaches, plans, times, np.array(best))
+                rows.append([*setting.cells, *cells])
+                failures += [f"{', '.join(setting.cells)}: {n} {cause}" for cause, n in causes.items()]
     head = ["goals", "limits", "attitude", "solved", "cost ratio, median", "90 %", "worst", "to ocp, median"]
     head += ["goal error, mm"]
     head += ["deg", "final attitude error, deg", "planning, ms", "95 %"]
     print(markdown_table(head, rows))
-    print(f"\nFailures: {'; '.join(lost) or 'none'}.")
+    print(f"\nFailures: {'; '.join(failures) or 'none'}.")
 
 
 def table_of_initial_guesses(count: int) -> None:
-    """Print the effect of stored initial guesses, on validation goals within the model's limits."""
+    """Print the effect of stored initial guesses on validation goals, within the model's limits."""
     rows = []
     for keep_attitude in (False, True):
         setting = ReachSetting("medium", keep_attitude, True)
-        asked = setting.reaches("validation", count)
+        reaches = setting.reaches("validation", count)
         library, robot = shipped_library(keep_attitude), SingleArmTask().robot
         planners = {
             "none stored": OptimalPlanner(robot, setting.limits),
@@ -184,7 +184,7 @@ def table_of_initial_guesses(count: int) -> None:
             "best 2 of 8 nearest": OptimalPlanner(robot, setting.limits, library, candidates=8, improved=2),
             "best 4 of 16 nearest": OptimalPlanner(robot, setting.limits, library, candidates=16, improved=4),
         }
-        results = {name: timed(planner.plan, asked) for name, planner in planners.items()}
+        results = {name: timed(planner.plan, reaches) for name, planner in planners.items()}
         costs = {
             name: np.array([plan.cost if isinstance(plan, ReachPlan) else np.inf for plan in plans])
             for name, (plans, _) in results.items()
@@ -194,7 +194,7 @@ def table_of_initial_guesses(count: int) -> None:
             ratio, times = cost / best, results[name][1]
             rows.append(
                 [
-                    setting.words[2],
+                    setting.cells[2],
                     name,
                     f"{np.isfinite(cost).sum()} of {count}",
                     f"{np.median(ratio):.3f}",
@@ -210,7 +210,7 @@ def main() -> None:
     """Print both tables."""
     parser = Parser(prog="python -m benchmarks.optimal", description=__doc__)
     parser.add_argument(
-        "--goals", type=whole, default=100, help="medium goals; half of easy, hard (default 100)"
+        "--goals", type=whole, default=100, help="medium goals; half as many easy and hard ones (default 100)"
     )
     parser.add_argument(
         "--jobs", type=whole, default=2, help="processes for the reference (default %(default)s)"

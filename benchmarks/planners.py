@@ -22,8 +22,8 @@ from space_envs.system.files import atomic_write
 
 ENV = "SpaceCapture/SingleArm-v0"
 NO_PLANNERS = ("random", "hold", "gjm", "bc", "ppo")
-KEPT = "capture@0.1deg"  # on at least half of the goals: the planner constrains the final attitude
-# Of the figure in README.md and docs/optimal.md.
+ATTITUDE_METRIC = "capture@0.1deg"  # at least 0.5: the planner constrains the final attitude
+# Alternative text of the figure in README.md and docs/optimal.md.
 CAPTION = (
     "Planning time against base disturbance (eq. 20) and against final attitude error, for the planners "
     f"of {ENV}; squares constrain the final attitude."
@@ -57,30 +57,30 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
     labels: list[tuple[Axes, list[tuple[str, float, float]]]] = []
     for number, (key, scale, title) in enumerate(panels):
         axes: Axes = figure.add_subplot(1, 2, number + 1)
-        places = []
+        points = []
         for row in rows:
             x, y = planning_time(row), max(scale * row["figures"][key]["value"], 1e-4)
-            kept = row["figures"][KEPT]["value"] >= 0.5
-            marker, colour = ("s", VERMILION) if kept else ("o", BLUE)
-            label = "final attitude constrained" if kept else "final attitude unconstrained"
+            constrained = row["figures"][ATTITUDE_METRIC]["value"] >= 0.5
+            marker, colour = ("s", VERMILION) if constrained else ("o", BLUE)
+            label = "final attitude constrained" if constrained else "final attitude unconstrained"
             axes.plot(x, y, marker, color=colour, ms=7, label=label)
-            places.append((row["policy"], x, y))
+            points.append((row["policy"], x, y))
         axes.set(xscale="log", yscale="log", xlabel="planning time [ms]", ylabel=title)
         axes.margins(0.12)
         for axis in (axes.xaxis, axes.yaxis):
             log_ticks(axis, most=7)
         axes.grid(alpha=0.3)
-        labels.append((axes, places))
+        labels.append((axes, points))
     legend = dict(zip(*reversed(figure.axes[0].get_legend_handles_labels()), strict=True))
     figure.legend(legend.values(), legend.keys(), loc="outside upper left", ncols=2, frameon=False)
-    for axes, places in labels:
-        label_points(axes, places)
+    for axes, points in labels:
+        label_points(axes, points)
     with atomic_write(path) as temporary:
         figure.savefig(temporary, format="svg", metadata={"Date": None})
 
 
 def main() -> None:
-    """Evaluate, print the table and draw."""
+    """Evaluate the planners, print the table and draw the figure."""
     parser = Parser(prog="python -m benchmarks.planners", description=__doc__)
     parser.add_argument("--env", type=env_id, default=ENV, help="id; the plot is drawn for %(default)s alone")
     parser.add_argument("--episodes", type=whole, default=100, help="test goals (default %(default)s)")
@@ -90,8 +90,8 @@ def main() -> None:
         "--plot", type=Path, help="default planners.svg in the output folder; docs/ has one of its own"
     )
     options = parser.parse_args()
-    played = summary(options.env, options.output, options.episodes, options.split)
-    rows = [row for row in played if row["captures"]]  # without a capture there is no cost
+    evaluated = summary(options.env, options.output, options.episodes, options.split)
+    rows = [row for row in evaluated if row["captures"]]  # without a capture there is no cost
     if options.env == ENV:
         draw(rows, options.plot or options.output / "planners.svg")
     table = [
@@ -101,7 +101,7 @@ def main() -> None:
             f"{1e4 * row['figures']['attitude_cost']['value']:.1f}",
             f"{row['figures']['final_attitude']['value']:.3g}",
             f"{100 * row['figures']['success']['value']:.0f}",
-            f"{100 * row['figures']['capture@0.1deg']['value']:.0f}",
+            f"{100 * row['figures'][ATTITUDE_METRIC]['value']:.0f}",
         ]
         for row in sorted(rows, key=lambda row: row["figures"]["attitude_cost"]["value"])
     ]
@@ -109,8 +109,8 @@ def main() -> None:
     head += ["captured, %", "captured within 0.1 deg, %"]
     print(markdown_table(head, table))
     print(f"\n{options.episodes} medium {options.split} goals, {machine_class()}.")
-    if len(rows) < len(played):
-        print(f"Without a capture: {', '.join(row['policy'] for row in played if not row['captures'])}.")
+    if len(rows) < len(evaluated):
+        print(f"Without a capture: {', '.join(row['policy'] for row in evaluated if not row['captures'])}.")
 
 
 if __name__ == "__main__":

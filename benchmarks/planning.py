@@ -22,7 +22,7 @@ from space_envs.policy import PolicyContext
 from space_envs.system.command_line import Parser, exit_status
 
 METHODS: dict[str, tuple[type[ReactionlessPolicy], dict[str, float]]] = {
-    # Seconds that a plan may take, by task.
+    # Allowed median planning time, s, by task.
     "reactionless": (ReactionlessZetaZero, {"Planar": 0.1, "Spatial": 0.1}),
     "reactionless_local": (ReactionlessLocal, {"Planar": 0.1, "Spatial": 0.1}),
     "reactionless_ocp": (ReactionlessOCP, {"Planar": 5.0}),
@@ -31,22 +31,22 @@ METHODS: dict[str, tuple[type[ReactionlessPolicy], dict[str, float]]] = {
 
 
 def measured(method: type[ReactionlessPolicy], task: str, goals: int) -> tuple[list[float], Counter[str]]:
-    """Seconds of each plan, after one that is not timed, and the number of each result."""
+    """Planning times, s, after one plan that is not timed, and the number of each result."""
     env = CaptureVectorEnv(f"SpaceCapture/DualArm{task}-v0", goals)
     observation, _ = env.reset(options={"split": "validation", "index": np.arange(goals)})
-    asked = method(PolicyContext.from_env(env)).inputs(observation)
-    method.plan(asked[0])
+    inputs = method(PolicyContext.from_env(env)).inputs(observation)
+    method.plan(inputs[0])
     times, outcomes = [], Counter[str]()
-    for one in asked:
+    for given in inputs:
         before = time.perf_counter()
-        plan = method.plan(one)
+        plan = method.plan(given)
         times.append(time.perf_counter() - before)
         outcomes[plan.cause if isinstance(plan, Failure) else "plan"] += 1
     return times, outcomes
 
 
 def evaluation_time(task: str, repeats: int = 2000) -> float:
-    """Seconds for the compiled matrices at one configuration; every method needs some hundreds of them."""
+    """Time, s, of the compiled matrices at one configuration; every method does this hundreds of times."""
     env = CaptureVectorEnv(f"SpaceCapture/DualArm{task}-v0", 1)
     robot = env.task.robot
     model = PathModel.of(robot)
@@ -66,7 +66,7 @@ def main() -> None:
         check_goals(f"SpaceCapture/DualArm{task}-v0", "validation", options.goals)
     rows = []
     for task in ("Planar", "Spatial"):
-        unit = evaluation_time(task)
+        evaluation = evaluation_time(task)
         for name, (method, allowed) in METHODS.items():
             if task not in allowed:
                 continue
@@ -79,7 +79,7 @@ def main() -> None:
                     f"{np.percentile(times, 90):.3f}",
                     f"{allowed[task]:g}",
                     verdict(float(np.median(times)), allowed[task]),
-                    f"{np.median(times) / unit:,.0f}",
+                    f"{np.median(times) / evaluation:,.0f}",
                     ", ".join(f"{count} {result}" for result, count in outcomes.most_common()),
                 ]
             )

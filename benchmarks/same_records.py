@@ -1,12 +1,12 @@
-"""Whether a change left what can be measured as it was: records, observations, trained policies, to the bit.
+"""Compare records, observations and trained policies before and after a change, bit by bit.
 
-Write them before a change and compare after it; the exit status is 1 where anything differs:
+Write them before the change and compare after it; the exit status is 1 if anything differs:
 
     python -m benchmarks.same_records --write before.json
     python -m benchmarks.same_records --compare before.json
 
-Provenance, configuration hashes and timing do not count. Floating-point results are those of one machine
-and one set of versions: the two runs have to share both.
+Provenance, configuration hashes and timing are ignored. Floating-point results are those of one machine
+and one set of versions: both runs need the same ones.
 """
 
 import argparse
@@ -54,7 +54,7 @@ def evaluations() -> Iterator[tuple[str, tuple[str, ...]]]:
 
 
 def records(arguments: tuple[str, ...]) -> dict[str, dict[str, Any]]:
-    """Records of one evaluation without what may differ, by policy and episode."""
+    """Records of one evaluation without the ignored fields, by policy and episode."""
     with tempfile.TemporaryDirectory() as folder:
         options = ["--episodes", str(EPISODES), "--output", f"{folder}/results", "--no-pictures"]
         split = [] if "--split" in arguments else ["--split", "validation"]
@@ -63,28 +63,28 @@ def records(arguments: tuple[str, ...]) -> dict[str, dict[str, Any]]:
     found = {}
     for line in lines:
         record = json.loads(line)
-        kept = {name: value for name, value in record.items() if name not in IGNORED}
-        found[f"{record['policy']}, episode {record['episode']}"] = kept
+        compared = {name: value for name, value in record.items() if name not in IGNORED}
+        found[f"{record['policy']}, episode {record['episode']}"] = compared
     return found
 
 
 def steps(env_id: str, mode: str) -> str:
-    """Digest of what three environments return under random actions."""
+    """Digest of observations, rewards and episode ends of three environments under random actions."""
     env = gym.make_vec(env_id, num_envs=3, control_mode=mode)
-    seen = hashlib.sha256()
+    digest = hashlib.sha256()
     observation, _ = env.reset(seed=5)
-    seen.update(observation.tobytes())
+    digest.update(observation.tobytes())
     for action in np.random.default_rng(7).uniform(
         -1, 1, env.action_space.shape and (STEPS, *env.action_space.shape)
     ):
         for part in env.step(action)[:4]:
-            seen.update(np.ascontiguousarray(part).tobytes())
+            digest.update(np.ascontiguousarray(part).tobytes())
     env.close()
-    return seen.hexdigest()
+    return digest.hexdigest()
 
 
 def trained(algorithm: str, count: str) -> str:
-    """Digest of the network that a short run leaves."""
+    """Digest of the network of a short training run."""
     with tempfile.TemporaryDirectory() as folder:
         options = ["--steps", count, "--output", f"{folder}/run", "--quiet", "--validation-episodes", "8"]
         start = ["--init", "none"] if algorithm == "ppo" else []
@@ -98,7 +98,7 @@ def trained(algorithm: str, count: str) -> str:
 
 
 def measure(only: str) -> dict[str, Any]:
-    """Everything whose name contains a text, by name."""
+    """All measurements whose name contains `only`, by name."""
     found: dict[str, Any] = {}
     work: list[tuple[str, Any]] = [
         (name, lambda arguments=arguments: records(arguments)) for name, arguments in evaluations()

@@ -1,4 +1,4 @@
-"""Robots in simulations that nothing ends before their horizon, for benchmarks of the simulation."""
+"""Robots and episodes that always last until their horizon, for benchmarks of the simulation."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -13,7 +13,7 @@ from space_envs.robots.parameters import VARIANTS
 
 
 class SimulatedRobot(NamedTuple):
-    """A robot as it is simulated: its name in tables, the environment's id and keywords."""
+    """A simulated robot: its name in tables, the environment's id and keywords."""
 
     name: str
     env_id: str
@@ -32,7 +32,7 @@ class SimulatedMotion(NamedTuple):
 
     Attributes:
         qpos, qvel: of the robot, base first. torques: (E, T, n) N m.
-        diverged: whether MuJoCo warned of a state; the motion ends there.
+        diverged: whether MuJoCo reported an unstable state, at which the motion ends.
     """
 
     qpos: Array
@@ -43,7 +43,7 @@ class SimulatedMotion(NamedTuple):
 
 @contextmanager
 def unlimited(robot: SimulatedRobot) -> Iterator[SimulatedRobot]:
-    """The robot under an id of its own, for control periods and time steps that its task would refuse."""
+    """The robot under a temporary id that accepts control periods and time steps that its task refuses."""
     task = ENTRIES[robot.env_id].task
     limits = {"largest_control_period": 10.0, "largest_timestep": 0.1}
     env_id = robot.env_id.replace("-v", "Unlimited-v")
@@ -57,7 +57,7 @@ def unlimited(robot: SimulatedRobot) -> Iterator[SimulatedRobot]:
 def environment(
     robot: SimulatedRobot, mode: str, episodes: int, seed: int, **keywords: Any
 ) -> CaptureVectorEnv:
-    """Episodes at their start, which nothing ends before their horizon.
+    """Environment at the start of episodes that always last until their horizon.
 
     Args:
         keywords: of the task.

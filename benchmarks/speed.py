@@ -1,8 +1,8 @@
-"""Environment steps a second, and what the environment adds to the simulation that it cannot do without.
+"""Environment steps per second, and the time that the environment adds to the bare simulation.
 
 The simulation alone (`Batch.step` of the same states, the same number of substeps, sensors current) is the
-physical limit, measured in the same run. With --reference, FetchReach-v4 of gymnasium-robotics runs in turn
-with it, in the interpreter of a virtual environment of its own:
+physical limit, measured in the same run. With --reference, FetchReach-v4 of gymnasium-robotics is measured
+alternately, with the interpreter of another virtual environment:
 
     python3 -m venv fetch && fetch/bin/pip install gymnasium-robotics mujoco==3.3.7
     python -m benchmarks.speed --reference fetch/bin/python
@@ -51,12 +51,12 @@ print(play(SECONDS))
 
 
 def rate(step, seconds: float) -> float:
-    """Calls of `step` a second."""
+    """Calls of `step` per second."""
     calls, start = 0, perf_counter()
-    while (passed := perf_counter() - start) < seconds:
+    while (elapsed := perf_counter() - start) < seconds:
         step()
         calls += 1
-    return calls / passed
+    return calls / elapsed
 
 
 def short(env_id: str) -> str:
@@ -65,10 +65,9 @@ def short(env_id: str) -> str:
 
 
 def vector_rates(env_id: str, n: int, mode: str, seconds: float) -> tuple[float, float]:
-    """Calls a second of the vector environment's step and of the simulation alone.
+    """Calls per second of the vector environment's step and of the simulation alone.
 
-    The two take turns call by call and the median call counts, so that other load on the machine falls on
-    both alike.
+    Their calls alternate and the median call counts, so that other load on the machine affects both alike.
     """
     env = CaptureVectorEnv(
         env_id, num_envs=n, control_mode=mode, threads=1 if n == 1 else 2, autoreset_mode="next_step"
@@ -93,7 +92,7 @@ def vector_rates(env_id: str, n: int, mode: str, seconds: float) -> tuple[float,
 
 
 def single_rate(env_id: str, seconds: float) -> float:
-    """Steps a second of the environment that `gym.make` returns, resets included."""
+    """Steps per second of the environment that `gym.make` returns, including resets."""
     env = gym.make(env_id)
     assert isinstance(env.unwrapped, CaptureEnv)
     env.unwrapped.task.goals("train", np.arange(env.unwrapped.task.split_size("train")))
@@ -112,7 +111,7 @@ def single_rate(env_id: str, seconds: float) -> float:
 
 
 def aims(added: Mapping[tuple[str, str, int], float]) -> str:
-    """Added times and whether they meet their goals, in a sentence.
+    """One sentence with the added times and whether they meet their goals.
 
     Args:
         added: us per env step, by id, control mode and N.
@@ -143,7 +142,7 @@ def main(arguments: list[str] | None = None) -> None:
         "--rounds",
         type=whole,
         default=5,
-        help="seconds for each cell and turns of the comparison (default 5)",
+        help="seconds for each cell and rounds of the comparison (default 5)",
     )
     parser.add_argument(
         "--reference", type=executable, help="python with gymnasium-robotics, to compare FetchReach-v4"

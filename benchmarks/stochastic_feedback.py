@@ -1,4 +1,4 @@
-"""Stochastic feedback from a ProMP against computed torque in MuJoCo, under noise and masses that are off."""
+"""Stochastic feedback from a ProMP against computed torque in MuJoCo, under noise and mass errors."""
 
 import sys
 from collections.abc import Callable
@@ -26,7 +26,7 @@ from space_envs.tasks.single_arm import SingleArmTask
 
 DURATION, PERIOD, TIMESTEP = 10.0, 0.02, 0.01  # s
 TORQUE_NOISE = 0.2  # N m, held over a period
-MASSES = 0.1  # share by which every body's mass and inertia are off, up or down
+MASSES = 0.1  # relative error of every body's mass and inertia, positive or negative
 STILL = np.array([1.0, 0.0, 0.0, 0.0])
 
 Law = Callable[[int, Array, Array], Array]
@@ -67,7 +67,8 @@ class LawErrors(NamedTuple):
     Attributes:
         joints, joints_at_end: rad, root mean square of the joint error along the motion and at its end.
         position: m and rotation: deg, medians of the end-effector's errors at the end.
-        attitude: deg, median of the base's at the end. torque: N m, standard deviation among the episodes.
+        attitude: deg, median of the base's attitude error at the end.
+        torque: N m, standard deviation among the episodes.
     """
 
     joints: float
@@ -105,7 +106,7 @@ def simulated_errors(
 
 
 def _start(reach: Reach, setting: ModelErrors, episodes: int, rng: np.random.Generator) -> Simulation:
-    """Episodes at rest, with masses that are off where the setting says so."""
+    """Simulation of episodes at rest, with mass errors if the setting has them."""
     model, every = single_arm_model(ModelOptions(timestep=TIMESTEP)), np.arange(episodes)
     simulation = Simulation(model, episodes)
     simulation.reset(every)
@@ -147,8 +148,8 @@ def main() -> None:
     figures: dict[tuple[str, str], list[LawErrors]] = {}
     goals = task.goals("validation", np.arange(options.goals))
     used = 0
-    for number, (place, turn) in enumerate(zip(goals.position, goals.quaternion, strict=True)):
-        reach = Reach(task.robot.home, place, turn, DURATION, keep_attitude=True).checked(task.robot)
+    for number, (position, quaternion) in enumerate(zip(goals.position, goals.quaternion, strict=True)):
+        reach = Reach(task.robot.home, position, quaternion, DURATION, keep_attitude=True).checked(task.robot)
         space, bounds, _ = planner.planner.setting(reach)
         found = planner.distributions(reach, space, bounds).found
         if not found:

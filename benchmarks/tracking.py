@@ -40,15 +40,15 @@ def main() -> None:
         observation, _ = env.reset(options={"split": "validation", "index": np.arange(options.goals)})
         found = [method.plan(one) for one in method(PolicyContext.from_env(env)).inputs(observation)]
         plans = [plan for plan in found if not isinstance(plan, Failure)]
-        for how in SETTINGS:
-            done = [track(plan, DualArmOptions(task.lower()), how) for plan in plans]
+        for tracking in SETTINGS:
+            done = [track(plan, DualArmOptions(task.lower()), tracking) for plan in plans]
             rows.append(
                 [
                     task.lower(),
                     f"`{plans[0].method}`" if plans else method.__name__,
-                    f"{1e3 * how.timestep:g}",
-                    f"{1e3 * how.control_period:g}",
-                    f"{how.attitude_gain:g}",
+                    f"{1e3 * tracking.timestep:g}",
+                    f"{1e3 * tracking.control_period:g}",
+                    f"{tracking.attitude_gain:g}",
                     f"{max(one.peak_base_rate for one in done):.1e}",
                     f"{max(np.rad2deg(one.attitude.max()) for one in done):.1e}",
                     f"{max(one.momentum.max() for one in done):.1e}",
