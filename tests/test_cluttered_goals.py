@@ -26,7 +26,7 @@ def test_straight_ways_are_blocked_and_detours_clear(variant, difficulty, split)
     for name, value in vars(task.goals(split, indices)).items():
         np.testing.assert_allclose(value, getattr(goals, name), atol=1e-12)
     gaps = {}
-    end, good = detours.way_around(robot, goals, scenes.end, via)
+    end, good = detours.correct_detours(robot, goals, scenes.end, via)
     assert good.all()
     for name, to, bump in (("straight", scenes.end, 0 * via), ("detour", end, via)):
         q, qdot, dt = detours.detour(scenes.start, to, bump, 301)
@@ -63,7 +63,7 @@ def test_some_spheres_are_decoys_and_their_order_says_nothing():
 def test_detours_capture_in_the_simulation_without_a_collision(split):
     indices = np.arange(32)
     robot, scenes, goals, via = scene("paper", "medium", split, indices)
-    end, good = detours.way_around(robot, goals, scenes.end, via)
+    end, good = detours.correct_detours(robot, goals, scenes.end, via)
     assert good.all()
     angles, rates, _ = detours.detour(scenes.start, end, via, 101)
     env = make(32)

@@ -1,1 +1,1 @@
-"""Tasks: what is observed, what is rewarded, what counts as a capture. One file per task."""
+"""Tasks: observations, rewards and capture conditions. One file per task."""

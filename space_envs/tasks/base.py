@@ -30,14 +30,14 @@ from space_envs.tasks.common import (
 from space_envs.tasks.contacts import Contacts
 from space_envs.tasks.rewards import DENSE, SPARSE, RewardTerm, StepQuantities
 
-# Of keywords: deg, beyond which an attitude that counts full rotations would exceed its bound, and m/rad.
+# Largest values of keywords: deg (larger angles would exceed the bound of the observation), and m/rad.
 LARGEST = {"attitude_limit": 3600.0, "c": 1e6}
 MOST_STEPS = 10**6  # of an episode
-BLOCK = 64  # goals are computed in whole blocks, so that the bits of a goal do not depend on the others
+BLOCK = 64  # goals are computed in whole blocks, so that a goal is bitwise the same in any batch
 
 
 class DriveLimits(Protocol):
-    """Limits of a robot that its drives keep."""
+    """Joint limits that the drives of a robot enforce."""
 
     @property
     def rate_limit(self) -> float: ...  # rad/s
@@ -48,18 +48,19 @@ class DriveLimits(Protocol):
 
 @dataclass(frozen=True)
 class CaptureTask:
-    """A task's configuration and its pure functions on batched state; subclasses say which robot and goals.
+    """A task's configuration and its pure functions on batched state; subclasses define robot and goals.
 
     Attributes:
         difficulty: easy, medium or hard; size of the goal region.
-        split: which goals an episode draws from when `reset` does not say.
+        split: default set of goals that `reset` draws from.
         reward: dense or sparse.
-        control_period: between two actions, s. timestep: of the simulation, s; None takes the model's own,
-            one of docs/momentum.md whose drift stays well inside the bound.
-        horizon: steps after which an episode is cut.
-        envelope: of a capture. attitude_limit: deg from the initial attitude at which it counts as lost.
+        control_period: between two actions, s. timestep: of the simulation, s; None is the model's default,
+            for which docs/momentum.md shows that momentum drift is well below the bound.
+        horizon: control periods after which an episode is truncated.
+        envelope: of a capture. attitude_limit: deg from the initial attitude, beyond which an
+            episode fails.
         c: angular to linear conversion of eq. 20, m/rad.
-        collisions: whether an episode ends where a link touches something; otherwise links pass through it.
+        collisions: whether a contact of a link ends the episode; otherwise links pass through bodies.
     """
 
     difficulty: str = "medium"
@@ -73,17 +74,17 @@ class CaptureTask:
     c: float = 1.0
     collisions: bool = True
 
-    # Stated by a subclass.
-    version: ClassVar[int] = 2  # of the task in records, raised with every change that moves a score
+    # Defined by subclasses.
+    version: ClassVar[int] = 2  # of the task in records, raised with every change that affects a metric
     layout: ClassVar[ObservationLayout]
     parameters: ClassVar[DriveLimits]
     difficulties: ClassVar[tuple[str, ...]] = DIFFICULTIES  # sizes of the goal region
     split_sizes: ClassVar[Mapping[str, int]]
-    goal_options: ClassVar[Mapping[str, GoalOption]]  # of `reset`, all that make up a goal
-    collides: ClassVar[bool] = False  # whether there is something to touch
+    goal_options: ClassVar[Mapping[str, GoalOption]]  # options of `reset` that together define a goal
+    collides: ClassVar[bool] = False  # whether the task checks contacts
     dense_reward: ClassVar[tuple[RewardTerm, ...]] = DENSE  # terms of reward `dense`
     sparse_reward: ClassVar[tuple[RewardTerm, ...]] = SPARSE  # terms of reward `sparse`
-    metrics: ClassVar[tuple[Metric, ...]] = ()  # of its own, besides those of every task
+    metrics: ClassVar[tuple[Metric, ...]] = ()  # of this task alone, in addition to the common ones
 
     def __post_init__(self) -> None:
         for kind, value, valid in (
@@ -125,11 +126,11 @@ class CaptureTask:
                 f"{self.control_period:g} s"
             )
 
-    # Answered by a subclass -----------------------------------------------------------------------------
+    # Implemented by subclasses -----------------------------------------------------------------------------
 
     @property
     def default_timestep(self) -> float:
-        """Step of the simulation where the user gives none, s."""
+        """Default step of the simulation, s."""
         raise NotImplementedError
 
     @property
@@ -139,7 +140,7 @@ class CaptureTask:
 
     @property
     def largest_control_period(self) -> float:
-        """Largest at which the drives were shown to be stable, s; the default unless overridden."""
+        """Largest control period with stable drives, s; the default unless overridden."""
         return type(self).control_period
 
     @property
@@ -149,7 +150,7 @@ class CaptureTask:
 
     @property
     def render_model(self) -> mujoco.MjModel:
-        """The same model with its drawn geometry."""
+        """The model with geometry for rendering."""
         raise NotImplementedError
 
     @property
@@ -158,11 +159,11 @@ class CaptureTask:
         raise NotImplementedError
 
     def goal_block(self, split: str, block: int) -> Goals:
-        """Goals block * BLOCK ... of a split, from seeds alone."""
+        """Goals block * BLOCK to (block + 1) * BLOCK - 1 of a split, drawn from seeds."""
         raise NotImplementedError
 
     def given_goals(self, values: Mapping[str, Array], joint_position: Array | None) -> Goals:
-        """Goals (K) from a user's numbers, validated.
+        """Goals (K) from the values of a user's reset options, validated.
 
         Args:
             values: (K, width) by the names in `goal_options`.
@@ -180,7 +181,7 @@ class CaptureTask:
     def update_visuals(
         self, model: mujoco.MjModel, data: mujoco.MjData | None, goals: Goals, row: int
     ) -> None:
-        """Update a drawn model and its data to the goal of a row, in all that qpos does not hold."""
+        """Update model and data for rendering to the goal of a row, except for qpos."""
         raise NotImplementedError
 
     def observe(self, sensors: Array, time: Array) -> Array:
@@ -197,18 +198,16 @@ class CaptureTask:
 
     @property
     def contacts(self) -> Contacts:
-        """The capsules of the robot and what they may not touch. Needed if `collides`."""
+        """Contact checks of the robot's capsules. Required if `collides`."""
         raise NotImplementedError
 
     @property
     def contact_names(self) -> tuple[str, ...]:
-        """Names of the contacts, by the codes of `collided`; the first is empty. Needed if `collides`."""
+        """Names of the contacts, by the codes of `collided`; the first is empty. Required if `collides`."""
         raise NotImplementedError
 
     def collided(self, before: Array, sensors: Array) -> NDArray[np.int64]:
-        """Codes (N,) of what the robot touched that it must not in a control period; 0 is nothing.
-
-        Needed if `collides`.
+        """Codes (N,) of the first contact in a control period; 0 is none. Required if `collides`.
 
         Args:
             before, sensors: (N, s) sensors of the model at the beginning and at the end of the period.
@@ -216,17 +215,17 @@ class CaptureTask:
         raise NotImplementedError
 
     def check_start(self, goals: Goals) -> None:
-        """Refuse a user's goals or joint angles with which an episode would begin with a collision.
+        """Reject a user's goals or joint angles for which an episode would start in collision.
 
         Raises:
-            GoalError: naming what touches what, and the gap.
+            GoalError: with the two bodies in contact and the gap.
         """
 
     # Derived --------------------------------------------------------------------------------
 
     @property
     def reward_terms(self) -> tuple[RewardTerm, ...]:
-        """Terms of the reward that the keyword asks for."""
+        """Reward terms of the keyword `reward`."""
         return self.dense_reward if self.reward == "dense" else self.sparse_reward
 
     @property
@@ -241,7 +240,7 @@ class CaptureTask:
 
     @cached_property
     def hold_steps(self) -> int:
-        """Control periods that begin and end inside the envelope, in a row, that make a capture."""
+        """Consecutive control periods inside the envelope, at both ends, that complete a capture."""
         return math.ceil(self.envelope.hold / self.control_period - 1e-9)
 
     @cached_property

@@ -13,7 +13,7 @@ from space_envs.errors import positive, unknown_name
 SPLITS = ("train", "validation", "test", "ood")
 DIFFICULTIES = ("easy", "medium", "hard")
 REWARDS = ("dense", "sparse")
-LARGEST_TOLERANCE = 1e4  # of a capture, in any of its units: it is no limit any more
+LARGEST_TOLERANCE = 1e4  # of a capture, in any unit: larger values are no limits
 UNIT = 1.000001  # bound on the components of unit vectors and quaternions, with room for rounding
 
 
@@ -79,10 +79,10 @@ class CaptureLimits(NamedTuple):
 
 
 class CaptureErrors(NamedTuple):
-    """Errors (N,) of the end-effector that is farther from a capture, zero where the task does not ask.
+    """Capture errors (N,) of the arm farther from a capture; zero where the task has no limit.
 
     Attributes:
-        position: distance to the grapple, m. orientation: angle to what the grapple asks for, rad.
+        position: distance to the grapple, m. orientation: angle to the grapple, rad.
         linear_velocity, angular_velocity: relative speeds, m/s and rad/s.
         base_speed: root of the integrand of eq. 20 of shyam2020, sqrt(c^2 w.w + v.v) of the satellite, m/s.
     """
@@ -104,7 +104,7 @@ class CaptureErrors(NamedTuple):
 
 @dataclass(frozen=True)
 class CaptureEnvelope:
-    """Limits of a capture: distance, angle and speeds of an end-effector to its grapple, and for how long.
+    """Limits of a capture: distance, angle and speeds of an end-effector to its grapple, and hold time.
 
     A task's own envelope adds its limits and overrides `limits`.
     """
@@ -120,13 +120,13 @@ class CaptureEnvelope:
 
     @property
     def limits(self) -> CaptureLimits:
-        """Largest errors of a capture; infinite where the task does not ask."""
+        """Largest errors of a capture; infinite where the task has no limit."""
         return CaptureLimits(self.position, np.inf, self.linear_velocity, np.inf)
 
 
 @dataclass(frozen=True)
 class Goals:
-    """Goals of K episodes; a task's own goals add what has to be captured.
+    """Goals of K episodes; subclasses add the pose or target to be captured.
 
     Attributes:
         mass_scale: (K,) factor on the satellite's mass and inertia; 1 but in the ood split.
@@ -143,12 +143,12 @@ class Goals:
 
 @dataclass(frozen=True)
 class GoalOption:
-    """Option of `reset` that is a part of a goal: its numbers and its default.
+    """Option of `reset` that is part of a goal: its size and its default.
 
     Attributes:
-        width: how many numbers. default: where it is left out; None if it must be given.
-        largest: absolute value of each number; an observation of it stays in its bound.
-        parts: what the numbers are, where the width alone does not say it.
+        width: number of components. default: value if omitted; None if it is required.
+        largest: absolute value of each component, which keeps its observation in bounds.
+        parts: shape in words, for error messages; empty if the width is enough.
     """
 
     width: int

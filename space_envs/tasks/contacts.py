@@ -1,4 +1,4 @@
-"""Contacts of links with what they must not touch, by distance, from the sensors of the simulation.
+"""Contacts of links with other bodies, by distance, from the sensors of the simulation.
 
 Nothing has contact forces: an episode with a contact ends as a collision.
 """
@@ -14,7 +14,7 @@ from space_envs.dynamics.capsules import box_distance, segment_distance
 from space_envs.dynamics.rotations import Array
 from space_envs.tasks.gaps import ArmGaps
 
-SHARES = np.linspace(0.0, 1.0, 9)  # of a control period, at which links are seen
+SHARES = np.linspace(0.0, 1.0, 9)  # of a control period, at which links are checked
 _ROOT_3 = 3.0**0.5  # largest length of a vector whose components are at most 1
 
 
@@ -22,13 +22,14 @@ class _Course(NamedTuple):
     """Capsules (N, A, S) of the arms in a period, in a body's frame, m.
 
     Attributes:
-        begin, end: (N, A, S, 3) at the end of the period. step: (N, A, S + 1, 3) of their points in it.
+        first, second: (N, A, S, 3) ends of the capsules at the end of the period. step: (N, A, S + 1, 3)
+            displacements of the points in the period.
         middle, span: (N, A, S, 3) twice the middles and half widths of their bounding boxes.
-        move: (N,) that no point has moved farther than.
+        move: (N,) upper bound on the displacement of any point.
     """
 
-    begin: Array
-    end: Array
+    first: Array
+    second: Array
     step: Array
     middle: Array
     span: Array
@@ -38,21 +39,21 @@ class _Course(NamedTuple):
     def of(cls, before: Array, after: Array) -> "_Course":
         """From points (N, A, S + 1, 3) at the two ends of the period."""
         step = after - before
-        begin, end = after[:, :, :-1], after[:, :, 1:]
+        first, second = after[:, :, :-1], after[:, :, 1:]
         move = _ROOT_3 * np.abs(step).max(axis=(1, 2, 3))
-        return cls(begin, end, step, begin + end, np.abs(end - begin), move)
+        return cls(first, second, step, first + second, np.abs(second - first), move)
 
     def at_shares(self, place: tuple[NDArray[np.int64], ...]) -> tuple[Array, Array]:
-        """Begin and end (k, T, 3) of capsules at `SHARES` of the period, their points taken to move straight.
+        """Ends (k, T, 3) of capsules at `SHARES` of the period; their points are assumed to move straight.
 
         Args:
             place: row, arm and number (k,) of each capsule.
         """
         row, arm, number = place
-        left = (1.0 - SHARES)[:, None]
+        remaining = (1.0 - SHARES)[:, None]
         return (
-            self.begin[place][:, None] - left * self.step[place][:, None],
-            self.end[place][:, None] - left * self.step[row, arm, number + 1][:, None],
+            self.first[place][:, None] - remaining * self.step[place][:, None],
+            self.second[place][:, None] - remaining * self.step[row, arm, number + 1][:, None],
         )
 
 
@@ -66,23 +67,23 @@ class _Hits(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Contacts(ArmGaps):
-    """Contacts of the arms in a control period, with each other and with what they must not touch."""
+    """Contacts of the arms in a control period, with each other, the satellite and the target."""
 
     @cached_property
     def _codes(self) -> NDArray[np.int64]:
         return np.array([self.names.index(pair) for pair in self.pairs])
 
     def touched(self, before: Array, sensors: Array) -> NDArray[np.int64]:
-        """Codes (N,) of what was touched first in a control period, 0 for nothing.
+        """Codes (N,) of the first contact in a control period, 0 for none.
 
-        Between the ends of the period the points of the arms are taken to move straight, and are checked
-        nine times: an overlap that is missed is less deep than a sixteenth of their displacement.
+        Within the period the points of the arms are assumed to move straight, and are checked nine times: an
+        overlap that is not detected is less deep than a sixteenth of their displacement.
 
         Args:
             before, sensors: (N, s) of the model at the beginning and at the end of the period.
         """
-        # Runs at every step, also for N = 1: what counts here is the number of numpy calls. Capsules whose
-        # bounding boxes, grown by what they have moved, stay away from each other need no closer check.
+        # Runs at every step, also for N = 1: the number of numpy calls decides the time. Capsules whose
+        # bounding boxes, enlarged by their displacement, are apart need no closer check.
         n = len(sensors)
         hits: list[_Hits] = []
         for frame, columns in self._frames:
@@ -107,7 +108,7 @@ class Contacts(ArmGaps):
         place = np.nonzero(near)
         sides = np.full((len(near), 3), self.shape.half) if half is None else half
         radius = np.array(self.shape.satellite if body == "satellite" else self.shape.target)
-        distance = box_distance(course.begin[place], course.end[place], sides[place[0]])
+        distance = box_distance(course.first[place], course.second[place], sides[place[0]])
         place = tuple(part[distance <= radius[place[2]] + course.move[place[0]]] for part in place)
         row, arm, number = place
         touching = box_distance(*course.at_shares(place), sides[row][:, None]) <= radius[number][:, None]
@@ -125,7 +126,7 @@ class Contacts(ArmGaps):
         gap = np.abs(middle[:, 0, :, None] - middle[:, 1, None]) - span[:, 0, :, None] - span[:, 1, None]
         place, one, other = np.nonzero(gap.max(axis=-1) <= 2.0 * (reach + move[rows])[:, None, None])
         row = rows[place]
-        ends = [(course.begin[row, arm, n], course.end[row, arm, n]) for arm, n in ((0, one), (1, other))]
+        ends = [(course.first[row, arm, n], course.second[row, arm, n]) for arm, n in ((0, one), (1, other))]
         near = segment_distance(*ends[0], *ends[1]) <= reach + move[row]
         row, one, other = row[near], one[near], other[near]
         first, second = np.zeros_like(row), np.ones_like(row)
@@ -134,7 +135,7 @@ class Contacts(ArmGaps):
         return [_Hits(row, self.first_pair["arms"] + one * len(self.shape.link) + other, touching)]
 
     def _first(self, n: int, hits: list[_Hits]) -> NDArray[np.int64]:
-        """Codes (N,) of what was touched first, and of that the first in the order of `pairs`."""
+        """Codes (N,) of the first contact; of simultaneous ones, the first in the order of `pairs`."""
         code = np.zeros(n, dtype=np.int64)
         if hits:
             none = len(SHARES) * len(self._codes)

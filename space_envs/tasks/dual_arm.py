@@ -1,8 +1,8 @@
 """Base of the two dual-arm tasks: a tumbling target with a grapple point for each arm.
 
-The target rotates freely in the inertial frame; its grapple points lie on opposite sides of its centre. To
-capture it, arm 1 has to be at the first and arm 2 at the second, with their velocities, for long enough.
-Every goal can be captured without rotating the satellite: `space_envs.tasks.goals.tumbling` draws them so.
+The target rotates freely in the inertial frame; its grapple points lie on opposite sides of its centre. It is
+captured when arm 1 is at the first and arm 2 at the second, with matching velocities, for the hold time.
+Every goal can be captured without rotating the satellite: see `space_envs.tasks.goals.tumbling`.
 """
 
 from collections.abc import Mapping
@@ -27,17 +27,17 @@ from space_envs.tasks.contacts import Contacts
 from space_envs.tasks.goals.targets import Draws, TargetGoals
 
 SPLIT_SIZE = {"train": 1024, "validation": 256, "test": 512, "ood": 512}
-FASTEST_SPIN = 1.0  # rad/s about each axis, of a user's target; what is observed of it stays in its bounds
+FASTEST_SPIN = 1.0  # rad/s about each axis, of a user's target, which keeps its observation in bounds
 
 
 @dataclass(frozen=True)
 class DualArmTask(CaptureTask):
-    """The part of a dual-arm task that is the same in the plane and in space."""
+    """Common part of the planar and the spatial dual-arm task."""
 
     kind: ClassVar[str]
     target: ClassVar[TargetParameters]
     draws: ClassVar[Draws]
-    # (2, 3) approach axes of the grapple points in the target's frame; None where any direction will do.
+    # (2, 3) approach axes of the grapple points in the target's frame; None if any direction is allowed.
     approach_axes: ClassVar[Array | None]
     measured: ClassVar[tuple[tuple[str, slice], ...]]  # sensors, in the order of the layout
     outward: ClassVar[Array]  # (2, 3) unit vectors from the target's centre to its grapple points
@@ -62,7 +62,7 @@ class DualArmTask(CaptureTask):
 
     @property
     def options(self) -> DualArmOptions:
-        """Of the model that is simulated."""
+        """Options of the simulated model."""
         return DualArmOptions(self.kind, self.step_size)
 
     @property
@@ -72,7 +72,7 @@ class DualArmTask(CaptureTask):
 
     @property
     def render_model(self) -> mujoco.MjModel:
-        """The same model with its drawn geometry."""
+        """The model with geometry for rendering."""
         options = self.options
         return dual_arm_model(DualArmOptions(options.kind, options.timestep, True, options.mounts))
 
@@ -101,8 +101,8 @@ class DualArmTask(CaptureTask):
         """Gaps (K, M) of the arms to the satellite, to the target and to each other, m.
 
         Args:
-            q: (K, n) rad, of a robot whose satellite is where it starts. attitude: (K, 4) of the target.
-            gripper: whether the gripper may be at the target, so that only its centre line counts.
+            q: (K, n) rad, with the satellite at its initial pose. attitude: (K, 4) of the target.
+            gripper: whether the gripper may touch the target: its radius then counts as zero.
         """
         points = self.contacts.points(robot, q)
         half = goals.half_width[:, None] * np.array(self.contacts.shape.body)
@@ -110,7 +110,7 @@ class DualArmTask(CaptureTask):
         return self.contacts.all_gaps(points, local, half, gripper=gripper)
 
     def check_start(self, goals: TargetGoals) -> None:
-        """Refuse goals with contacts at the start; errors as in the base class."""
+        """Reject goals with contacts at the start; errors as in the base class."""
         self.contacts.refuse(self.gaps(self.robot, goals.joint_position, goals, goals.quaternion))
 
     def grapples(self, half_width: Array) -> Array:
@@ -133,10 +133,10 @@ class DualArmTask(CaptureTask):
         half_width: Array,
         joint_position: Array | None,
     ) -> TargetGoals:
-        """Goals (K) from a user's numbers.
+        """Goals (K) from a user's values, validated.
 
         Raises:
-            GoalError: for NaN, a size that is none, a target in the satellite or a grapple point out of reach
+            GoalError: for NaN, an invalid size, a target inside the satellite or a grapple point out of reach
                 of its arm at the start of the episode.
         """
         for name, value in (("target", position), ("spin", angular_velocity), ("size", half_width)):
@@ -167,7 +167,7 @@ class DualArmTask(CaptureTask):
         return TargetGoals(np.ones(k), start, position, quaternion, angular_velocity, half_width)
 
     def place(self, simulation: Simulation, rows: NDArray[np.int64], goals: TargetGoals) -> None:
-        """Put the target where the goals say, with its angular velocity."""
+        """Set the pose and the angular velocity of the target to the goals."""
         simulation.place_sites(rows, GRAPPLES, self.grapples(goals.half_width))
         n = simulation.n_joints
         if simulation.planar:
@@ -184,11 +184,11 @@ class DualArmTask(CaptureTask):
     def update_visuals(
         self, model: mujoco.MjModel, data: mujoco.MjData | None, goals: TargetGoals, row: int
     ) -> None:
-        """Give the drawn target the goal's size."""
+        """Set the size of the rendered target."""
         scale_target(model, float(goals.half_width[row]))
 
     def errors(self, observation: Array) -> CaptureErrors:
-        """Capture errors (N,) of the worse arm from observations (N, size)."""
+        """Largest capture errors (N,) of both arms from observations (N, size)."""
         each = np.sqrt(((observation * observation)[:, None, :] @ self._squares)[:, 0])
         position, angle, velocity = np.maximum(each[:, :3], each[:, 3:6]).T
         return CaptureErrors(position, angle, velocity, np.zeros(len(each)), each[:, -1])
@@ -210,7 +210,7 @@ class DualArmTask(CaptureTask):
 
 
 def sensor_columns(model: mujoco.MjModel, measured: tuple[tuple[str, slice], ...]) -> NDArray[np.int64]:
-    """Columns of the sensor data that an observation begins with."""
+    """Columns of the sensor data that form the first components of an observation."""
     columns: list[int] = []
     for name, part in measured:
         sensor = model.sensor(name)
@@ -221,6 +221,6 @@ def sensor_columns(model: mujoco.MjModel, measured: tuple[tuple[str, slice], ...
 
 @lru_cache(maxsize=16)
 def robot_of(kind: str, mounts: tuple[tuple[float, float], ...] | None = None) -> FloatingRobot:
-    """The robot of a kind, its arms mounted where the parameters say or at `mounts`."""
+    """Robot of a kind, with the arms at the default mounts or at `mounts`."""
     model = dual_arm_model(DualArmOptions(kind, mounts=mounts))
     return FloatingRobot.from_model(model, end_effectors=END_EFFECTORS)

@@ -1,4 +1,4 @@
-"""SpaceCapture/DualArmPlanar: two planar arms take a tumbling object by its grapple points (shah2013)."""
+"""SpaceCapture/DualArmPlanar: two planar arms capture a tumbling object at its grapple points (shah2013)."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ LAYOUT = ObservationLayout(
         Field("time", 1, 1e4, "since the start of the episode, s"),
     )
 )
-_PLANE, _ALL, _TURN = slice(0, 2), slice(0, None), slice(2, 3)
+_PLANE, _ALL, _ROTATION = slice(0, 2), slice(0, None), slice(2, 3)
 _JOINTS = [f"arm{arm}_joint{number}" for arm in (1, 2) for number in (1, 2, 3)]
 _MEASURED = (
     *((f"{joint}_position", _ALL) for joint in _JOINTS),
@@ -43,14 +43,14 @@ _MEASURED = (
     ("satellite_position", _PLANE),
     ("satellite_angle", _ALL),
     ("satellite_linear_velocity", _PLANE),
-    ("satellite_angular_velocity", _TURN),
+    ("satellite_angular_velocity", _ROTATION),
     ("end_effector1_position", _PLANE),
     ("end_effector2_position", _PLANE),
     ("end_effector1_linear_velocity", _PLANE),
     ("end_effector2_linear_velocity", _PLANE),
     ("target_position", _PLANE),
     ("target_angle", _ALL),
-    ("target_angular_velocity", _TURN),
+    ("target_angular_velocity", _ROTATION),
     ("grapple1_position", _PLANE),
     ("grapple2_position", _PLANE),
     ("grapple1_linear_velocity", _PLANE),
@@ -62,7 +62,7 @@ _SLICES = LAYOUT.slices
 
 @dataclass(frozen=True)
 class DualArmPlanarTask(TumblingTargetTask):
-    """Two planar arms on a 500 kg satellite take a tumbling object, attitude kept.
+    """Two planar arms on a 500 kg satellite capture a tumbling object without rotating the satellite.
 
     Attributes:
         mounts: of the arms in the satellite's frame, m; None is (0.5, 0) and (-0.5, 0).
@@ -85,7 +85,7 @@ class DualArmPlanarTask(TumblingTargetTask):
     draws = Draws(
         centre=(2.0, 1.0, 0.0),
         displacement=(0.15, 0.3, 0.5),
-        turn=(0.3, 0.6, 1.0),
+        rotation=(0.3, 0.6, 1.0),
         spin=tuple(np.deg2rad([1.0, 2.0, 4.0]).tolist()),
         start=(0.1, 0.2, 0.35),
         half_width=(0.2, 0.4),
@@ -99,12 +99,12 @@ class DualArmPlanarTask(TumblingTargetTask):
     def __post_init__(self) -> None:
         super().__post_init__()
         mounts = DualArmOptions("planar", mounts=self.mounts).mounts
-        # The usual ones said explicitly are the same task, whose goals are known.
+        # The default mounts, given explicitly, are the same task with the same stored goals.
         object.__setattr__(self, "mounts", None if mounts == DUAL_ARM_PLANAR.mounts else mounts)
 
     @property
     def options(self) -> DualArmOptions:
-        """Of the model that is simulated."""
+        """Options of the simulated model."""
         return DualArmOptions("planar", self.step_size, mounts=self.mounts)
 
     def draw_attitude(self, rng: np.random.Generator, largest: float) -> Array:
@@ -117,7 +117,7 @@ class DualArmPlanarTask(TumblingTargetTask):
         return np.array([0.0, 0.0, rng.choice([-1.0, 1.0]) * rng.uniform(least, largest)])
 
     def given_goals(self, values: Mapping[str, Array], joint_position: Array | None) -> TargetGoals:
-        """Goals from `target_position` and the rest of `goal_options`; errors as in `checked_goals`."""
+        """Goals from the values of `goal_options`; errors as in `checked_goals`."""
         position, spin = (np.zeros((len(values["target_position"]), 3)) for _ in range(2))
         position[:, :2] = values["target_position"]
         spin[:, 2] = values["target_angular_velocity"][:, 0]

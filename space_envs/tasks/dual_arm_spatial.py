@@ -1,4 +1,4 @@
-"""SpaceCapture/DualArmSpatial: two 7-DoF arms take a tumbling satellite by its fixtures."""
+"""SpaceCapture/DualArmSpatial: two 7-DoF arms capture a tumbling satellite at its fixtures."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -31,10 +31,10 @@ LAYOUT = ObservationLayout(
         Field("target_angular_velocity", 3, 10.0, "of the target, inertial axes, rad/s"),
         Field("goal_position", 6, 10.0, "fixtures of arm 1, then arm 2, inertial frame, m"),
         Field("goal_linear_velocity", 6, 100.0, "of the fixtures, inertial axes, m/s"),
-        Field("goal_axis", 6, UNIT, "ways in of the fixtures, inertial axes, unit"),
+        Field("goal_axis", 6, UNIT, "insertion axes of the fixtures, inertial axes, unit"),
         Field("position_error", 6, 30.0, "fixtures minus end-effectors, inertial axes, m"),
         Field("velocity_error", 6, 200.0, "of the fixtures minus of the end-effectors, m/s"),
-        Field("axis_error", 6, 3.1416, "rotation vectors from approach axes to ways in, inertial axes, rad"),
+        Field("axis_error", 6, 3.1416, "rotations from approach to insertion axes, inertial axes, rad"),
         Field("time", 1, 1e4, "since the start of the episode, s"),
     )
 )
@@ -72,19 +72,19 @@ _SLICES = LAYOUT.slices
 
 @dataclass(frozen=True)
 class ApproachEnvelope(CaptureEnvelope):
-    """A point, its velocity, and the direction from which it is approached."""
+    """Capture envelope with limits on position, velocity and approach direction."""
 
     approach: float = 5.0  # deg
 
     @property
     def limits(self) -> CaptureLimits:
-        """Largest errors of a capture; infinite where the task does not ask."""
+        """Largest errors of a capture; infinite where the task has no limit."""
         return CaptureLimits(self.position, float(np.deg2rad(self.approach)), self.linear_velocity, np.inf)
 
 
 @dataclass(frozen=True)
 class DualArmSpatialTask(TumblingTargetTask):
-    """Two 7-DoF arms on a 500 kg satellite take a tumbling satellite, attitude kept."""
+    """Two 7-DoF arms on a 500 kg satellite capture a tumbling satellite without rotating their own."""
 
     horizon: int = 300
     envelope: CaptureEnvelope = field(default_factory=ApproachEnvelope)
@@ -102,7 +102,7 @@ class DualArmSpatialTask(TumblingTargetTask):
     draws = Draws(
         centre=(0.0, 1.6, 0.0),
         displacement=(0.08, 0.15, 0.2),
-        turn=(0.2, 0.35, 0.5),
+        rotation=(0.2, 0.35, 0.5),
         spin=tuple(np.deg2rad([0.5, 1.0, 2.0]).tolist()),
         start=(0.05, 0.1, 0.15),
         half_width=(0.25, 0.35),
@@ -121,7 +121,7 @@ class DualArmSpatialTask(TumblingTargetTask):
         return _direction(rng) * rng.uniform(least, largest)
 
     def given_goals(self, values: Mapping[str, Array], joint_position: Array | None) -> TargetGoals:
-        """Goals from `target_position` and the rest of `goal_options`; errors as in `checked_goals`."""
+        """Goals from the values of `goal_options`; errors as in `checked_goals`."""
         return self.checked_goals(
             values["target_position"],
             values["target_quaternion"],
@@ -139,10 +139,10 @@ class DualArmSpatialTask(TumblingTargetTask):
         hand = observation[:, _SLICES["end_effector_position"].start : _SLICES["end_effector_axis"].start]
         errors = slice(_SLICES["position_error"].start, _SLICES["velocity_error"].stop)
         np.subtract(goal, hand, out=observation[:, errors])
-        axes, ways = (
+        axes, goal_axes = (
             observation[:, _SLICES[name]].reshape(n, 2, 3) for name in ("end_effector_axis", "goal_axis")
         )
-        observation[:, _SLICES["axis_error"]] = axis_rotation(axes, ways).reshape(n, 6)
+        observation[:, _SLICES["axis_error"]] = axis_rotation(axes, goal_axes).reshape(n, 6)
         observation[:, -1] = time
         return observation
 
@@ -152,5 +152,5 @@ class DualArmSpatialTask(TumblingTargetTask):
 
 
 def _direction(rng: np.random.Generator) -> Array:
-    way = rng.standard_normal(3)
-    return way / np.sqrt(way @ way)
+    vector = rng.standard_normal(3)
+    return vector / np.sqrt(vector @ vector)

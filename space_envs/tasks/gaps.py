@@ -1,7 +1,7 @@
-"""Gaps between the arms of a robot, its satellite, a target and each other, for joint angles.
+"""Gaps between the arms of a robot, its satellite and a target, as functions of the joint angles.
 
-Arms are chains of capsules, the satellite and the target are boxes; `space_envs.robots.capsules` has their
-sizes.
+Arms are chains of capsules, the satellite and the target are boxes; their sizes are in
+`space_envs.robots.capsules`.
 """
 
 import math
@@ -22,11 +22,11 @@ from space_envs.robots.capsules import ArmShape, point_names
 
 @dataclass(frozen=True, eq=False)
 class ArmGaps:
-    """Gaps between the arms of a robot, as capsules, and what they must not touch, as boxes or each other.
+    """Gaps of the arms, as chains of capsules, to each other and to the satellite and the target, as boxes.
 
     Attributes:
         shape: of every arm. arms: their number A.
-        carrier: (A, P) links of the robot that the points are fixed to, from 0. place: (A, P, 3) m, in them.
+        carrier: (A, P) links that the points are fixed to, from 0. place: (A, P, 3) m, in the links' frames.
         columns: of the model's sensors: of the points in the satellite's and in the target's frame, and of a
             grapple point in the target's; None where there are none.
     """
@@ -88,23 +88,23 @@ class ArmGaps:
 
     @cached_property
     def first_pair(self) -> dict[str, int]:
-        """Places in `pairs` at which those with each body begin."""
+        """Index in `pairs` of the first pair with each body."""
         each = self.arms * len(self.shape.link)
         with_target = 0 if self.shape.half is None else each
         return {"satellite": 0, "target": with_target, "arms": with_target + each}
 
     @cached_property
     def grips(self) -> NDArray[np.int64]:
-        """Places among all gaps of those that close when the target is grappled."""
+        """Indices of the gaps that close when the target is grappled."""
         first, size = self.first_pair["target"], len(self.shape.link)
         near = np.flatnonzero(np.array(self.shape.target) == 0.0)
         return first + (size * np.arange(self.arms)[:, None] + near).ravel()
 
     def refuse(self, gaps: Array) -> None:
-        """Refuse starts (K) with which something is touched, from gaps (K, M) of `all_gaps`.
+        """Reject starts (K) in collision, from gaps (K, M) of `all_gaps`.
 
         Raises:
-            GoalError: naming what touches what, and the gap.
+            GoalError: with the two bodies in contact and the gap.
         """
         if (gaps <= 0.0).any():
             row, pair = np.unravel_index(gaps.argmin(), gaps.shape)
@@ -116,21 +116,21 @@ class ArmGaps:
     def points(self, robot: FloatingRobot, q: Array) -> Array:
         """Points (..., A, P, 3) of the arms in the satellite's frame for joint angles q (..., n) rad, m."""
         k = robot.kinematics(q)
-        turned = (k.rotation[..., self.carrier, :, :] @ self.place[..., None])[..., 0]
-        return k.position[..., self.carrier, :] + turned
+        offset = (k.rotation[..., self.carrier, :, :] @ self.place[..., None])[..., 0]
+        return k.position[..., self.carrier, :] + offset
 
     def all_gaps(
-        self, points: Array, in_target: Array | None = None, half: Array | None = None, **how: bool
+        self, points: Array, in_target: Array | None = None, half: Array | None = None, **options: bool
     ) -> Array:
         """Gaps (K, M) of all pairs, m, in the order of `pairs`.
 
         Args:
             points, in_target: (K, A, P, 3) m, in the satellite's and in the target's frame.
-            half, how: as in `target_gaps`.
+            half, options: as in `target_gaps`.
         """
         found = [] if self.shape.half is None else [self.satellite_gaps(points)]
         if in_target is not None and half is not None:
-            found.append(self.target_gaps(in_target, half, **how))
+            found.append(self.target_gaps(in_target, half, **options))
         if self.arms == 2:
             found.append(self.arm_gaps(points))
         return np.concatenate([gap.reshape(len(gap), math.prod(gap.shape[1:])) for gap in found], axis=1)
@@ -149,7 +149,7 @@ class ArmGaps:
 
         Args:
             points: (..., A, P, 3) m, in the target's frame. half: (..., 3) m, half sides of the target.
-            gripper: whether the gripper may be at the target, so that only its centre line counts.
+            gripper: whether the gripper may touch the target: its radius then counts as zero.
         """
         distance = box_distance(points[..., :-1, :], points[..., 1:, :], half[..., None, None, :])
         return distance - (np.array(self.shape.target) if gripper else self.shape.radius)
@@ -165,10 +165,10 @@ class ArmGaps:
         return segment_distance(*ends) - 2.0 * self.shape.radius
 
     def chosen_gaps(self, pair: NDArray[np.int64], points: Array, in_target: Array, half: Array) -> Array:
-        """Gap (K, V) of one pair in each row, m, under V variations of all places.
+        """Gap (K, V) of one pair in each row, m, for V variations of all points.
 
         Args:
-            pair: (K,) places in the order of `all_gaps`. points, in_target: (K, V, A, P, 3) m, in the
+            pair: (K,) indices in the order of `all_gaps`. points, in_target: (K, V, A, P, 3) m, in the
                 satellite's and in the target's frame. half: (K, 3) m, half sides of the target.
         """
         size, start = len(self.shape.link), self.first_pair
@@ -179,8 +179,8 @@ class ArmGaps:
         for name, seen, sides, radius in boxes:
             rows = np.flatnonzero((pair >= start[name]) & (pair < start[name] + self.arms * size))
             arm, link = np.divmod(pair[rows] - start[name], size)
-            begin, end = seen[rows, :, arm, link], seen[rows, :, arm, link + 1]
-            gaps[rows] = box_distance(begin, end, sides[rows, None]) - np.array(radius)[link, None]
+            first, second = seen[rows, :, arm, link], seen[rows, :, arm, link + 1]
+            gaps[rows] = box_distance(first, second, sides[rows, None]) - np.array(radius)[link, None]
         rows = np.flatnonzero(pair >= start["arms"])
         one, other = np.divmod(pair[rows] - start["arms"], size)
         ends = [points[rows, :, arm, link + end] for arm, link in ((0, one), (1, other)) for end in (0, 1)]

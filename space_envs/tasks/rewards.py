@@ -1,4 +1,4 @@
-"""Reward terms: pure functions of what a control period came to, one row each with its weight."""
+"""Reward terms: pure functions of the quantities of one control period, one row each with its weight."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,13 +16,13 @@ COUNTED = ("second", "once")
 
 
 class StepQuantities(NamedTuple):
-    """Quantities of one control period of N episodes, which reward terms are functions of.
+    """Quantities of one control period of N episodes, the arguments of reward terms.
 
     Attributes:
         observation, previous: (N, size) at the end and at the beginning of the period.
         action: (N, m) in [-1, 1].
         errors: of the capture, at the end. attitude: (N,) rad from the initial attitude, at the end.
-        captured, failed: (N,) bool, true in the period in which the episode ends so.
+        captured, failed: (N,) bool, true in the period in which the episode ends with that outcome.
         layout: of the observations. limits: of the capture envelope.
     """
 

@@ -1,8 +1,8 @@
 """SpaceCapture/SingleArm: bring the end-effector to a static grapple pose in the inertial frame.
 
-The base floats, so the pose of the end-effector depends on the path of the joints. A goal is the pose in
-which a minimum-jerk joint motion of the free-floating robot ends, from home to a configuration drawn around
-it: every goal can be reached. A capture is to be close, aligned and slow for long enough; nothing is touched.
+The base floats, so the pose of the end-effector depends on the path of the joints. A goal is the final pose
+of a minimum-jerk joint motion of the free-floating robot from home to a configuration drawn around it, so
+every goal is reachable. In a capture the end-effector is close, aligned and slow for the hold time.
 """
 
 from collections.abc import Mapping
@@ -53,7 +53,7 @@ LAYOUT = ObservationLayout(
         Field("time", 1, 1e4, "since the start of the episode, s"),
     )
 )
-_GOAL, _GOAL_TURN, _TIP, _TIP_TURN, _POSITION_ERROR, _ROTATION_ERROR, _TIME = (
+_GOAL, _GOAL_QUATERNION, _END_EFFECTOR, _END_EFFECTOR_QUATERNION, _POSITION_ERROR, _ROTATION_ERROR, _TIME = (
     LAYOUT.slices[name]
     for name in (
         "goal_position",
@@ -65,13 +65,13 @@ _GOAL, _GOAL_TURN, _TIP, _TIP_TURN, _POSITION_ERROR, _ROTATION_ERROR, _TIME = (
         "time",
     )
 )
-_TINY = 1e-300  # keeps 0 / 0 from being NaN
-MEASURED = 47  # leading components that are leading sensors of the model, in its order
+_TINY = 1e-300  # avoids 0 / 0
+MEASURED = 47  # first components of the observation: the first sensors of the model, in order
 
 
 @dataclass(frozen=True)
 class PoseEnvelope(CaptureEnvelope):
-    """A whole pose and twist."""
+    """Capture envelope with limits on pose and twist."""
 
     orientation: float = 5.0  # deg
     angular_velocity: float = 5.0  # deg/s
@@ -85,7 +85,7 @@ class PoseEnvelope(CaptureEnvelope):
 
 @dataclass(frozen=True)
 class SingleArmTask(CaptureTask):
-    """A 7-DoF arm on a free-floating 200 kg satellite takes a static grapple pose.
+    """A 7-DoF arm on a free-floating 200 kg satellite reaches a static grapple pose.
 
     Attributes:
         variant: inertias of the model, paper or physical.
@@ -127,7 +127,7 @@ class SingleArmTask(CaptureTask):
 
     @property
     def render_model(self) -> mujoco.MjModel:
-        """The same model with its drawn geometry."""
+        """The model with geometry for rendering."""
         return single_arm_model(ModelOptions(self.variant, self.step_size, visual=True))
 
     @property
@@ -150,7 +150,7 @@ class SingleArmTask(CaptureTask):
         return self.contacts.touched(before, sensors)
 
     def check_start(self, goals: Goals) -> None:
-        """Refuse joint angles with which a link is in the satellite; errors as in the base class."""
+        """Reject joint angles for which a link touches the satellite; errors as in the base class."""
         self.contacts.refuse(self.contacts.all_gaps(self.contacts.points(self.robot, goals.joint_position)))
 
     def goal_block(self, split: str, block: int) -> PoseGoals:
@@ -167,27 +167,27 @@ class SingleArmTask(CaptureTask):
         return PoseGoals(np.ones(k), np.broadcast_to(start, (k, len(self.robot.home))), position, quaternion)
 
     def place(self, simulation: Simulation, rows: NDArray[np.int64], goals: PoseGoals) -> None:
-        """Put the grapple where the goals say."""
+        """Set the pose of the grapple to the goals."""
         simulation.mocap_pos[rows, 0] = goals.position
         simulation.mocap_quat[rows, 0] = goals.quaternion
 
     def update_visuals(
         self, model: mujoco.MjModel, data: mujoco.MjData | None, goals: PoseGoals, row: int
     ) -> None:
-        """Put the grapple where the goal says."""
+        """Set the pose of the rendered grapple."""
         if data is not None:
             data.mocap_pos[0], data.mocap_quat[0] = goals.position[row], goals.quaternion[row]
 
     def check_goals(
         self, position: Array, quaternion: Array, joints: Array | None = None
     ) -> tuple[Array, Array]:
-        """Validate grapple poses given by a user; returns them with unit quaternions, w >= 0.
+        """A user's grapple poses, validated, with unit quaternions, w >= 0.
 
         Args:
             position: (K, 3) m. quaternion: (K, 4). joints: (K, n) rad at the start; None is home.
 
         Raises:
-            GoalError: for NaN, a quaternion that is no rotation, a place out of reach or inside the bus.
+            GoalError: for NaN, a quaternion without unit norm, a position out of reach or inside the bus.
         """
         if not (np.isfinite(position).all() and np.isfinite(quaternion).all()):
             raise GoalError("a goal must be finite, got NaN or infinity")
@@ -197,7 +197,7 @@ class SingleArmTask(CaptureTask):
                 f"goal_quaternion must be a unit quaternion (w, x, y, z), got norm {norm.ravel().tolist()}"
             )
         robot = self.robot
-        # The base starts at the origin, and with zero momentum the common centre of mass stays where it is.
+        # The base starts at the origin, and with zero momentum the system's centre of mass is at rest.
         centre = robot.centre_of_mass(robot.kinematics(robot.home if joints is None else joints))
         distance = np.linalg.norm(position - centre, axis=-1)
         reach = self.robot.reach()
@@ -225,13 +225,13 @@ class SingleArmTask(CaptureTask):
 
     def observe(self, sensors: Array, time: Array) -> Array:
         """Observations (N, size) from the model's sensors (N, 47) and the time (N,) in s."""
-        # Runs at every step, also for N = 1: what counts here is the number of numpy calls.
+        # Runs at every step, also for N = 1: the number of numpy calls decides the time.
         observation = np.empty((len(sensors), self.layout.size))
         observation[:, :MEASURED] = sensors[:, :MEASURED]
-        np.subtract(sensors[:, _GOAL], sensors[:, _TIP], out=observation[:, _POSITION_ERROR])
-        # goal * conjugate(end-effector) as two stacked matrix products, which give the same bits for any N.
-        left = (sensors[:, None, _GOAL_TURN] @ _QUOTIENT).reshape(-1, 4, 4)
-        error = (left @ sensors[:, _TIP_TURN, None])[..., 0]
+        np.subtract(sensors[:, _GOAL], sensors[:, _END_EFFECTOR], out=observation[:, _POSITION_ERROR])
+        # goal * conjugate(end-effector) as two stacked matrix products, which are bitwise the same for any N.
+        product = (sensors[:, None, _GOAL_QUATERNION] @ _QUOTIENT).reshape(-1, 4, 4)
+        error = (product @ sensors[:, _END_EFFECTOR_QUATERNION, None])[..., 0]
         cosine, vector = error[:, :1], error[:, 1:]
         sine = np.sqrt((vector * vector).sum(axis=1, keepdims=True))
         # Twice atan2 with |w|, and the vector's sign flipped where w < 0: the smaller rotation.

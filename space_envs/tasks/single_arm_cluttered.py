@@ -1,11 +1,11 @@
 """SpaceCapture/SingleArmCluttered: the static grapple pose of the single arm, beyond keep-out spheres.
 
-Three spheres are at rest in the inertial frame. A link, which is a capsule of the drawn radius, that touches
-one ends the episode as a failure, as one that touches the satellite does. The satellite itself may drift into
-spheres: they are 0.3 m from it or more at the start, and only on some hard goals it moves that far. A goal
-is drawn as that of SpaceCapture/SingleArm, the end of a minimum-jerk joint motion; it is accepted if that
-motion runs into a sphere and a detour in joint space, within the limits of rate and acceleration, ends at the
-goal clear of all.
+Three spheres are at rest in the inertial frame. Links are capsules: a contact with a sphere or with the
+satellite ends the episode as a failure. Contacts of the satellite itself with spheres are not checked: they
+are at least 0.3 m from it at the start, and it moves that far for some hard goals only. A goal is drawn as in
+SpaceCapture/SingleArm, as the final pose of a minimum-jerk joint motion. It is accepted if that motion
+collides with a sphere and a detour in joint space, within the limits of rate and acceleration, reaches the
+goal clear of all spheres.
 """
 
 from collections.abc import Mapping
@@ -44,7 +44,7 @@ _FILE = "single_arm_cluttered_draws.npz"
 
 @dataclass(frozen=True)
 class SingleArmClutteredTask(SingleArmTask):
-    """The same arm takes a static grapple pose, clear of spheres in its way."""
+    """The same arm reaches a static grapple pose around spheres that block the direct path."""
 
     layout = CLUTTERED_LAYOUT
     split_sizes = CLUTTERED_SPLIT_SIZE
@@ -61,7 +61,7 @@ class SingleArmClutteredTask(SingleArmTask):
 
     @property
     def render_model(self) -> mujoco.MjModel:
-        """The same model with its drawn geometry."""
+        """The model with geometry for rendering."""
         return single_arm_model(ModelOptions(self.variant, self.step_size, visual=True, obstacles=COUNT))
 
     def goal_block(self, split: str, block: int) -> ClutteredGoals:
@@ -69,7 +69,7 @@ class SingleArmClutteredTask(SingleArmTask):
         return _goal_block(self.variant, self.difficulty, split, block)
 
     def given_goals(self, values: Mapping[str, Array], joint_position: Array | None) -> ClutteredGoals:
-        """Goals from the options' numbers; errors as in `check_goals` and `check_spheres`."""
+        """Goals from the values of the options; errors as in `check_goals` and `check_spheres`."""
         pose = super().given_goals(values, joint_position)
         centre = values["obstacle_position"].reshape(-1, COUNT, 3)
         goals = ClutteredGoals(
@@ -79,11 +79,11 @@ class SingleArmClutteredTask(SingleArmTask):
         return goals
 
     def check_spheres(self, goals: ClutteredGoals) -> None:
-        """Refuse spheres of a user's goals that no episode could begin or end with.
+        """Reject a user's spheres with contacts at the start or at the goal.
 
         Raises:
-            GoalError: for a radius that is none, a sphere that touches the satellite or the arm at the start,
-                or one around the grapple.
+            GoalError: for an invalid radius, a sphere that touches the satellite or the arm at the start, or
+                one that contains the grapple.
         """
         radius, centre = goals.obstacle_radius, goals.obstacle_position
         if not ((radius > 0.0) & (radius <= 1.0)).all():
@@ -93,17 +93,17 @@ class SingleArmClutteredTask(SingleArmTask):
         ends = link_ends(self.robot, goals.joint_position, *still)
         arm = sphere_gaps(ends, goals.spheres, SINGLE_ARM.link_radius).min(axis=-2)
         grapple = np.linalg.norm(goals.position[:, None] - centre, axis=-1) - radius
-        for gap, what in (
+        for gap, problem in (
             (bus_gaps(centre, radius), "touches the satellite at the start"),
             (arm, "touches the arm at the start"),
             (grapple, "holds the goal"),
         ):
             if (gap <= 0.0).any():
                 row, sphere = np.argwhere(gap <= 0.0)[0]
-                raise GoalError(f"obstacle {sphere + 1} {what}: the gap is {gap[row, sphere]:.3f} m")
+                raise GoalError(f"obstacle {sphere + 1} {problem}: the gap is {gap[row, sphere]:.3f} m")
 
     def place(self, simulation: Simulation, rows: NDArray[np.int64], goals: ClutteredGoals) -> None:
-        """Put the grapple and the spheres where the goals say."""
+        """Set the poses of the grapple and the spheres to the goals."""
         super().place(simulation, rows, goals)
         simulation.mocap_pos[rows, 1 : 1 + COUNT] = goals.obstacle_position
         surface = np.zeros((len(rows), COUNT, 3))
@@ -113,7 +113,7 @@ class SingleArmClutteredTask(SingleArmTask):
     def update_visuals(
         self, model: mujoco.MjModel, data: mujoco.MjData | None, goals: ClutteredGoals, row: int
     ) -> None:
-        """Give the drawn spheres their sizes, and put them and the grapple where the goal says."""
+        """Set the sizes of the rendered spheres, and the poses of spheres and grapple."""
         super().update_visuals(model, data, goals, row)
         resize_keep_out(model, goals.obstacle_radius[row].tolist())
         if data is not None:
@@ -133,17 +133,17 @@ class SingleArmClutteredTask(SingleArmTask):
         return (*self.contacts.names, *spheres)
 
     def collided(self, before: Array, sensors: Array) -> NDArray[np.int64]:
-        """Codes (N,) of what a link touched in a control period, the satellite or a sphere.
+        """Codes (N,) of the first contact of a link with the satellite or a sphere in a control period.
 
-        Between the two ends of the period, those of the links are taken to move straight: that is off by
-        about a millimetre at the limits of rate and acceleration.
+        Within the period the ends of the links are assumed to move straight: the error is about a millimetre
+        at the limits of rate and acceleration.
         """
         code = super().collided(before, sensors)
         sphere = self._spheres_touched(before, sensors)
         return np.where(code > 0, code, sphere)
 
     def _spheres_touched(self, before: Array, sensors: Array) -> NDArray[np.int64]:
-        # Runs at every step, also for N = 1: what counts here is the number of numpy calls.
+        # Runs at every step, also for N = 1: the number of numpy calls decides the time.
         n = len(sensors)
         ends = sensors[:, _ENDS].reshape(n, -1, 3)
         spheres = np.empty((n, COUNT, 4))
@@ -167,14 +167,14 @@ class SingleArmClutteredTask(SingleArmTask):
 _SURFACES = tuple(f"obstacle{number}_surface" for number in range(1, COUNT + 1))
 _POSITION, _RADIUS = (CLUTTERED_LAYOUT.slices[name] for name in ("obstacle_position", "obstacle_radius"))
 _CENTRES = slice(MEASURED, MEASURED + 3 * COUNT)
-_RADII = slice(_CENTRES.stop, _CENTRES.stop + 3 * COUNT, 3)  # along x of what is measured
+_RADII = slice(_CENTRES.stop, _CENTRES.stop + 3 * COUNT, 3)  # x component of each surface sensor
 _FIRST_LINK = _RADII.stop
-_TIP = LAYOUT.slices["end_effector_position"]
+_END_EFFECTOR = LAYOUT.slices["end_effector_position"]
 _LINKS = (1, 3, 4, 5, 6, 7)  # link 2 of Table I has no length
 _ENDS = np.concatenate(
     [
         *(np.arange(3) + _FIRST_LINK + 3 * (link - 1) for link in _LINKS),
-        np.arange(_TIP.start, _TIP.stop),
+        np.arange(_END_EFFECTOR.start, _END_EFFECTOR.stop),
     ]
 )
 
@@ -186,13 +186,13 @@ def _frozen() -> dict[str, NDArray[np.int64]]:
 
 
 def frozen_draws(variant: str, difficulty: str, split: str) -> NDArray[np.int64]:
-    """(size, 5) of a split: numbers of the scene, the detour and the three spheres, as `freeze.py` found."""
+    """(size, 5) of a split: stored numbers of the scene, the detour and the three spheres."""
     return _frozen()[f"{variant}_{difficulty}_{split}"]
 
 
 @lru_cache(maxsize=512)
 def _goal_block(variant: str, difficulty: str, split: str, block: int) -> ClutteredGoals:
-    """Goals block * BLOCK ... of a split, from seeds and the stored numbers of draws."""
+    """Goals of a block of a split, from seeds and the stored numbers of draws."""
     rows = np.arange(block * BLOCK, (block + 1) * BLOCK)
     draws = frozen_draws(variant, difficulty, split)[rows]
     robot = SingleArmTask(variant=variant).robot

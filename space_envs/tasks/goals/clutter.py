@@ -1,7 +1,7 @@
 """Scenes of keep-out spheres for a goal of the single arm.
 
 A goal is where a minimum-jerk joint motion of the floating robot ends. Spheres are drawn around that motion:
-one blocks it, the others lie next to it. `detours` says which scenes are accepted.
+one blocks it, the others lie next to it. `detours` decides which scenes are accepted.
 """
 
 from collections.abc import Iterator
@@ -27,19 +27,19 @@ CLUTTERED_SPLIT_SEED = {"train": 20_231, "validation": 20_232, "test": 20_233, "
 CLUTTERED_RADIUS = {"easy": 0.45, "medium": 0.7, "hard": 1.0}
 SPHERE_RADIUS = (0.15, 0.35)  # m
 OOD_SPHERE_RADIUS = (0.25, 0.45)  # m
-OVER, BESIDE = 160, 24  # spheres drawn for a scene: over its motion, of which one is taken; next to it, two
-FARTHEST = 0.6  # m, of a sphere next to the motion from the link by which it was drawn
+BLOCKING, NEARBY = 160, 24  # candidate spheres of a scene: on its motion, one is chosen; next to it, two
+FARTHEST = 0.6  # m, largest distance of a nearby sphere from the link that it was drawn at
 START_CLEARANCE = 0.10  # m, of links from the spheres at the start
 GOAL_CLEARANCE = 0.06  # m, of links from the spheres at the goal
 PATH_CLEARANCE = 0.03  # m, of links from the spheres along the detour
 BUS_CLEARANCE = 0.30  # m, of the spheres from the bus at the start
 SPHERES_APART = 0.05  # m, between the surfaces of two spheres
 BLOCKED = 0.03  # m, by which the minimum-jerk motion runs into a sphere
-FAR_ENOUGH = 0.40  # m, least displacement of the end-effector to a goal, as seen from the satellite
+FAR_ENOUGH = 0.40  # m, least displacement of the end-effector to a goal, in the satellite's frame
 DURATION = 10.0  # s, of both motions
 LIMIT_SHARE = 0.95  # of the limits of rate and acceleration that a detour may use
-DETOURS = 32  # drawn to find one that is clear
-DENSE_NODES = 201  # at which a detour is checked
+DETOURS = 32  # candidates per scene
+DENSE_NODES = 201  # samples at which a detour is checked
 MET = (1e-3, np.deg2rad(0.05))  # m and rad, terminal error of a detour
 ATTEMPTS = 4000  # to draw a goal that can be reached
 
@@ -57,7 +57,7 @@ class ClutteredGoals(PoseGoals):
 
     @property
     def spheres(self) -> Array:
-        """(K, 3, 4) centres and radii, as `space_envs.dynamics.spheres` takes them, m."""
+        """(K, 3, 4) centres and radii, for `space_envs.dynamics.spheres`, m."""
         return np.concatenate([self.obstacle_position, self.obstacle_radius[..., None]], axis=-1)
 
 
@@ -67,7 +67,7 @@ def _contacts() -> Contacts:
 
 
 def satellite_gaps(robot: FloatingRobot, q: Array) -> Array:
-    """Gaps (...) in m of the arm at q (..., n) rad and the satellite that it stands on."""
+    """Gaps (...) in m between the arm at q (..., n) rad and its own satellite."""
     return _contacts().satellite_gaps(_contacts().points(robot, q)).min(axis=(-1, -2))
 
 
@@ -79,14 +79,14 @@ def bus_gaps(centre: Array, radius: Array) -> Array:
 
 @dataclass(frozen=True)
 class Scenes:
-    """K goals as drawn, with the joint motions that they come from and all spheres that were drawn.
+    """K drawn goals, the joint motions that define them, and all candidate spheres.
 
     Attributes:
         mass_scale: (K,). start, end: (K, n) rad, of the minimum-jerk motions.
         position, quaternion: (K, 3) m and (K, 4), goals. links: (K, T, n + 1, 3) m, ends of the links along
             the motions, inertial frame.
-        spheres: (K, M, 4) m, the first OVER of them over the motions.
-        order: (K, 3), how the three that are taken are arranged, so that their order says nothing.
+        spheres: (K, M, 4) m, the first BLOCKING of them on the motions.
+        order: (K, 3), random permutation of the chosen three, so that their order carries no information.
     """
 
     mass_scale: Array
@@ -124,7 +124,7 @@ def draw_scenes(
     attempts: NDArray[np.int64],
 ) -> Scenes:
     """Scenes (k) from split, index (k,) and attempt (k,); goals are drawn as those of the single arm."""
-    k, n, m, ood = len(indices), robot.n_joints, OVER + BESIDE, split == "ood"
+    k, n, m, ood = len(indices), robot.n_joints, BLOCKING + NEARBY, split == "ood"
     displacement, mass_scale = np.empty((k, n)), np.ones(k)
     place, away, radius = np.empty((k, m, 3)), np.empty((k, m, 3)), np.empty((k, m))
     order = np.empty((k, COUNT), dtype=np.int64)
@@ -134,14 +134,14 @@ def draw_scenes(
             displacement[row] *= rng.uniform(*OOD_RADIUS) / np.abs(displacement[row]).max()
             mass_scale[row] = rng.uniform(*OOD_MASS)
         order[row] = rng.permutation(COUNT)
-        # A time, a link from the third on, a point on it; a displacement from it.
+        # Time, link (from the third), point on the link; displacement from that point.
         place[row] = rng.uniform([0.2, 2.0, 0.0], [0.8, 7.0, 1.0], (m, 3))
-        place[row, : OVER // 2, 1] = n - 1  # the last link goes farthest
+        place[row, : BLOCKING // 2, 1] = n - 1  # the last link goes farthest
         radius[row] = rng.uniform(*(OOD_SPHERE_RADIUS if ood else SPHERE_RADIUS), m)
         direction = rng.normal(size=(m, 3))
         share, reach = rng.uniform(0.0, 1.0, m), radius[row] + SINGLE_ARM.link_radius
-        over = np.sqrt(share) * (reach - BLOCKED)  # near the rim, since the ends of the motion must be clear
-        distance = np.where(np.arange(m) < OVER, over, reach + share * FARTHEST)
+        over = np.sqrt(share) * (reach - BLOCKED)  # the ends of the motion must be clear
+        distance = np.where(np.arange(m) < BLOCKING, over, reach + share * FARTHEST)
         away[row] = direction * (distance / np.linalg.norm(direction, axis=-1))[:, None]
     start = np.broadcast_to(robot.home, (k, n))
     end = start + CLUTTERED_RADIUS[difficulty] * displacement
@@ -152,13 +152,13 @@ def draw_scenes(
     rows = np.arange(k)[:, None]
     near, far = links[rows, node, link], links[rows, node, link + 1]
     centre = near + place[..., 2:] * (far - near) + away
-    turned = multiply(quaternion[:, -1], from_matrix(robot.end_effector_pose(end)[1]))
+    rotated = multiply(quaternion[:, -1], from_matrix(robot.end_effector_pose(end)[1]))
     return Scenes(
         mass_scale=mass_scale,
         start=start,
         end=end,
         position=links[:, -1, -1],
-        quaternion=np.where(turned[:, :1] < 0, -turned, turned),
+        quaternion=np.where(rotated[:, :1] < 0, -rotated, rotated),
         links=links,
         spheres=np.concatenate([centre, radius[..., None]], axis=-1),
         order=order,
@@ -174,25 +174,25 @@ def generators(
 
 
 def choose_spheres(robot: FloatingRobot, scenes: Scenes) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Spheres (K, 3) that are compatible, the first of them blocking the motion; (K,) bool, if there are."""
+    """Compatible spheres (K, 3), the first of which blocks the motion; (K,) bool, whether there are any."""
     spheres, k = scenes.spheres, len(scenes.end)
-    tip, start = (robot.end_effector_pose(q)[0] for q in (scenes.end, robot.home))
-    goal = (np.abs(tip).max(axis=-1) > 0.5 * SINGLE_ARM.satellite_side + CLEARANCE) & (
-        np.linalg.norm(tip - start, axis=-1) > FAR_ENOUGH
+    end_effector, start = (robot.end_effector_pose(q)[0] for q in (scenes.end, robot.home))
+    goal = (np.abs(end_effector).max(axis=-1) > 0.5 * SINGLE_ARM.satellite_side + CLEARANCE) & (
+        np.linalg.norm(end_effector - start, axis=-1) > FAR_ENOUGH
     )
     goal &= satellite_gaps(robot, scenes.end) > ROOM
     at_ends = sphere_gaps(scenes.links[:, [0, -1]], spheres[:, None], SINGLE_ARM.link_radius).min(axis=2)
-    free = (at_ends > [[START_CLEARANCE], [GOAL_CLEARANCE]]).all(axis=1)
-    free &= bus_gaps(spheres[..., :3], spheres[..., 3]) > BUS_CLEARANCE
-    free &= goal[:, None]
+    feasible = (at_ends > [[START_CLEARANCE], [GOAL_CLEARANCE]]).all(axis=1)
+    feasible &= bus_gaps(spheres[..., :3], spheres[..., 3]) > BUS_CLEARANCE
+    feasible &= goal[:, None]
     chosen = np.zeros((k, COUNT), dtype=np.int64)
-    found = free[:, :OVER].any(axis=1)
-    chosen[:, 0] = free[:, :OVER].argmax(axis=1)
-    free[:, :OVER] = False
+    found = feasible[:, :BLOCKING].any(axis=1)
+    chosen[:, 0] = feasible[:, :BLOCKING].argmax(axis=1)
+    feasible[:, :BLOCKING] = False
     for place in range(1, COUNT):
         last = np.take_along_axis(spheres, chosen[:, place - 1, None, None], axis=1)
         apart = np.linalg.norm(spheres[..., :3] - last[..., :3], axis=-1) - spheres[..., 3] - last[..., 3]
-        free &= apart > SPHERES_APART
-        found &= free.any(axis=1)
-        chosen[:, place] = free.argmax(axis=1)
+        feasible &= apart > SPHERES_APART
+        found &= feasible.any(axis=1)
+        chosen[:, place] = feasible.argmax(axis=1)
     return chosen, found

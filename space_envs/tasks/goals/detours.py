@@ -1,8 +1,8 @@
-"""Detours around keep-out spheres, which prove that a goal of the single arm can be reached.
+"""Detours around keep-out spheres, which prove that a goal of the single arm is reachable.
 
 A detour is a minimum-jerk joint motion with a bump on it, whose end is corrected until it meets the inertial
-goal; a scene is accepted if one of those that are drawn is clear of all spheres, within the limits of rate
-and acceleration.
+goal; a scene is accepted if one of its candidate detours is clear of all spheres and within the limits of
+rate and acceleration.
 """
 
 import numpy as np
@@ -40,7 +40,7 @@ def detour(start: Array, end: Array, via: Array, nodes: int) -> tuple[Array, Arr
         start, end: (..., n) rad. via: (..., n) rad from the straight path at half time. nodes: T.
 
     Returns:
-        q, qdot (..., T, n) rad and rad/s and the sampling period, s.
+        q, qdot (..., T, n) rad and rad/s, and the sampling period, s.
     """
     q, qdot, dt = minimum_jerk(start, end, DURATION, nodes)
     s = np.linspace(0.0, 1.0, nodes)[:, None]
@@ -51,27 +51,27 @@ def detour(start: Array, end: Array, via: Array, nodes: int) -> tuple[Array, Arr
 def draw_detours(
     scenes: Scenes, difficulty: str, split: str, indices: NDArray[np.int64], attempts: NDArray[np.int64]
 ) -> Array:
-    """Bumps (k, DETOURS, n) in rad of the detours that are tried on scenes (k)."""
+    """Bumps (k, DETOURS, n), rad, of the candidate detours of scenes (k)."""
     vias = np.empty((len(indices), DETOURS, scenes.end.shape[1]))
     for row, rng in enumerate(generators(difficulty, split, indices, attempts, 1)):
         vias[row] = rng.uniform(-1.0, 1.0, vias.shape[1:])
-    # Every other one displaces only a few joints.
+    # Every second candidate displaces only a few joints.
     vias[:, ::2] *= np.abs(vias[:, ::2]) > 0.5
     # The bump is steepest, 3.43 / DURATION, where the motion covers 1.20 / DURATION of its path a second.
     spare = LIMIT_SHARE * SINGLE_ARM.rate_limit * DURATION - 1.2 * np.abs(scenes.end - scenes.start)
     return vias * spare[:, None] / 3.43
 
 
-def way_around(
+def correct_detours(
     robot: FloatingRobot, goals: ClutteredGoals, end: Array, via: Array
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """End configurations (K, n) with which the detours via (K, n) meet the goals, rad.
+    """End configurations (K, n), rad, for which the detours via (K, n) end at the goals.
 
-    Also (K,) bool, whether they do, with rates, accelerations and gaps within their bounds all the time and
-    clear of the satellite.
+    Also (K,) bool, whether the detours are valid: end at the goals, are within the limits of rate and
+    acceleration, and are clear of the spheres and the satellite throughout.
 
     Args:
-        end: (K, n) rad, roughly the ends of the motions. via: (K, n) rad, as in `detour`.
+        end: (K, n) rad, initial guess of the end configurations. via: (K, n) rad, as in `detour`.
     """
     for _ in range(8):
         q, qdot, dt = detour(goals.joint_position, end, via, NODES)
@@ -96,20 +96,20 @@ def way_around(
 
 
 def find_draws(robot: FloatingRobot, difficulty: str, split: str, block: int) -> NDArray[np.int64]:
-    """Draw the goals of a block until each can be reached; (BLOCK, 2 + COUNT) numbers a goal.
+    """Draw numbers (BLOCK, 2 + COUNT) of the first reachable draw of each goal of a block.
 
-    They are those of the scene, of the detour that leads to the goal, and of the spheres.
+    They are the numbers of the scene, of the detour that ends at the goal, and of the three spheres.
 
     Raises:
-        GoalError: if that does not come to an end.
+        GoalError: if some goal has no reachable draw.
     """
     found = np.zeros((BLOCK, 2 + COUNT), dtype=np.int64)
-    left = np.arange(BLOCK)
-    while len(left) and found[left, 0].max() < ATTEMPTS:
-        # Several attempts at a time where few goals are left: small batches take as long as large ones.
-        ahead = np.arange(max(BLOCK // len(left), 1))
-        index = np.repeat(block * BLOCK + left, len(ahead))
-        attempt = (found[left, :1] + ahead).ravel()
+    remaining = np.arange(BLOCK)
+    while len(remaining) and found[remaining, 0].max() < ATTEMPTS:
+        # Several attempts at a time when few goals remain: small batches take as long as large ones.
+        ahead = np.arange(max(BLOCK // len(remaining), 1))
+        index = np.repeat(block * BLOCK + remaining, len(ahead))
+        attempt = (found[remaining, :1] + ahead).ravel()
         scenes = draw_scenes(robot, difficulty, split, index, attempt)
         spheres, ok = choose_spheres(robot, scenes)
         rows = np.flatnonzero(ok)
@@ -118,21 +118,23 @@ def find_draws(robot: FloatingRobot, difficulty: str, split: str, block: int) ->
         number, ok[rows] = _search(robot, usable, spheres[rows], vias)
         detours = np.zeros(len(index), dtype=np.int64)
         detours[rows] = number
-        ok = ok.reshape(len(left), len(ahead))
-        first = np.arange(len(left)) * len(ahead) + ok.argmax(axis=1)
+        ok = ok.reshape(len(remaining), len(ahead))
+        first = np.arange(len(remaining)) * len(ahead) + ok.argmax(axis=1)
         some = ok.any(axis=1)
-        found[left] = np.column_stack([attempt[first], detours[first], spheres[first]])
-        found[left[~some], 0] = attempt.reshape(ok.shape)[~some, -1] + 1
-        left = left[~some]
-    if len(left):
-        raise GoalError(f"{len(left)} goals of split {split!r} could not be drawn: no candidate is reachable")
+        found[remaining] = np.column_stack([attempt[first], detours[first], spheres[first]])
+        found[remaining[~some], 0] = attempt.reshape(ok.shape)[~some, -1] + 1
+        remaining = remaining[~some]
+    if len(remaining):
+        raise GoalError(
+            f"{len(remaining)} goals of split {split!r} could not be drawn: no candidate is reachable"
+        )
     return found
 
 
 def _search(
     robot: FloatingRobot, scenes: Scenes, spheres: NDArray[np.int64], vias: Array
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Number (K,) of the most promising of the detours via (K, D, n), and whether it is accepted (K,)."""
+    """Index (K,) of the detour with the largest gap among via (K, D, n), and whether it is valid (K,)."""
     if not len(vias):
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.bool_)
     goals = scenes.goals(spheres)
@@ -144,17 +146,17 @@ def _search(
     gap[np.abs(qdot).max(axis=(2, 3)) > LIMIT_SHARE * SINGLE_ARM.rate_limit] = -1.0
     number = gap.argmax(axis=1)
     best = vias[np.arange(len(vias)), number]
-    return number, way_around(robot, goals, scenes.end, best)[1]
+    return number, correct_detours(robot, goals, scenes.end, best)[1]
 
 
 def _pose_error(
     robot: FloatingRobot, goals: ClutteredGoals, end: Array, position: Array, quaternion: Array
 ) -> Array:
     """Error (K, 6) [m; rad] from the end-effectors to the goals, base axes."""
-    tip, rotation = robot.end_effector_pose(end)
+    end_effector, rotation = robot.end_effector_pose(end)
     back = conjugate(quaternion)
-    turn = logarithm(multiply(multiply(back, goals.quaternion), conjugate(from_matrix(rotation))))
-    return np.concatenate([rotate(back, goals.position - position) - tip, turn], axis=-1)
+    rotation_vector = logarithm(multiply(multiply(back, goals.quaternion), conjugate(from_matrix(rotation))))
+    return np.concatenate([rotate(back, goals.position - position) - end_effector, rotation_vector], axis=-1)
 
 
 def _roll_out(

@@ -1,7 +1,7 @@
-"""`python -m space_envs.tasks.goals.freeze`: find which draws of the goals can be reached.
+"""`python -m space_envs.tasks.goals.freeze`: find the reachable draws of the goals.
 
-A maintainer runs it when the robots or the ranges of their goals change; which draws it found is stored, so
-that nobody else has to roll out motions before an episode can start.
+A maintainer runs it when the robots or the ranges of their goals change. The numbers of the draws are stored,
+so that no motion has to be simulated before an episode starts.
 """
 
 import zipfile
@@ -27,11 +27,11 @@ from space_envs.tasks.single_arm_cluttered import CLUTTERED_SPLIT_SIZE
 
 FOLDER = Path(__file__).parents[1]
 KINDS: tuple[type[TumblingTargetTask], ...] = (DualArmPlanarTask, DualArmSpatialTask)
-Find = Callable[[int], np.ndarray]  # from a block to its draws
+Find = Callable[[int], np.ndarray]  # from the number of a block to its draws
 
 
 def _dual_arm() -> dict[str, tuple[int, Find]]:
-    """Size of every split by name, and what finds its draws."""
+    """Size of every split by name, and the function that finds its draws."""
     return {
         f"{kind.kind}_{difficulty}_{split}": (
             SPLIT_SIZE[split],
@@ -61,7 +61,7 @@ FILES = {"dual_arm_attempts": _dual_arm, "single_arm_cluttered_draws": _cluttere
 def main(arguments: list[str] | None = None) -> None:
     """Write the files."""
     parser = Parser(prog="python -m space_envs.tasks.goals.freeze", description=__doc__)
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(FILES)}; all if left out")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(FILES)}; default: all")
     names = parser.parse_args(arguments).names
     for name in names:
         if name not in FILES:

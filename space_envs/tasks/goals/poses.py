@@ -1,4 +1,4 @@
-"""Static grapple poses for the single arm: where minimum-jerk joint motions of the floating robot end."""
+"""Static grapple poses of the single arm: final poses of minimum-jerk motions of the floating robot."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -19,12 +19,12 @@ from space_envs.tasks.contacts import Contacts
 RADIUS = {"easy": 0.3, "medium": 0.6, "hard": 1.0}
 SPLIT_SIZE = {"train": 4096, "validation": 256, "test": 512, "ood": 512}
 SPLIT_SEED = {"train": 20_201, "validation": 20_202, "test": 20_203, "ood": 20_204}
-OOD_RADIUS = (1.0, 1.3)  # of the difficulty's: the largest joint displacement lies in this range
+OOD_RADIUS = (1.0, 1.3)  # times the difficulty's radius: range of the largest joint displacement
 OOD_MASS = (0.8, 1.2)  # factor on the satellite's mass and inertia
-NODES, DURATION = 41, 10.0  # and s, of the minimum-jerk motion whose end defines a goal
+NODES, DURATION = 41, 10.0  # samples and s, of the minimum-jerk motion whose end defines a goal
 CLEARANCE = 0.25  # m, of a goal from the bus
 NEAREST = 0.15  # m, least distance of a goal from the end-effector's start
-ROOM = 0.005  # m, of links from the satellite in the configuration that a goal is drawn from
+ROOM = 0.005  # m, between links and satellite in the configuration that a goal is drawn from
 
 
 @dataclass(frozen=True)
@@ -47,8 +47,8 @@ def robot_of(variant: str) -> FloatingRobot:
 
 @lru_cache(maxsize=512)
 def goal_configurations(variant: str, difficulty: str, split: str, block: int) -> tuple[Array, Array]:
-    """Joint angles (BLOCK, n) in rad that goals block * BLOCK ... of a split are drawn from, and factors
-    (BLOCK,) on the satellite's mass, from seeds alone.
+    """Joint angles (BLOCK, n), rad, that define the goals of a block, and factors (BLOCK,) on the satellite's
+    mass, drawn from seeds.
 
     They are drawn around home until the end-effector is away from the satellite and from its start, and the
     minimum-jerk joint motion from home is clear of the satellite.
@@ -66,11 +66,11 @@ def goal_configurations(variant: str, difficulty: str, split: str, block: int) -
             displacement[row] *= rng.uniform(*OOD_RADIUS, (draws, 1)) / largest
             mass_scale[row] = rng.uniform(*OOD_MASS)
     q = robot.home + RADIUS[difficulty] * displacement
-    tip = robot.end_effector_pose(q)[0]
+    end_effector = robot.end_effector_pose(q)[0]
     start = robot.end_effector_pose(robot.home)[0]
-    # The test is on poses in the base frame: the base moves little, and the margin is ample.
-    clear = np.abs(tip).max(axis=-1) > SINGLE_ARM.satellite_side / 2 + CLEARANCE
-    usable = clear & (np.linalg.norm(tip - start, axis=-1) > NEAREST)
+    # Poses are tested in the base frame: the base moves much less than the margin.
+    clear = np.abs(end_effector).max(axis=-1) > SINGLE_ARM.satellite_side / 2 + CLEARANCE
+    usable = clear & (np.linalg.norm(end_effector - start, axis=-1) > NEAREST)
     usable &= contacts.satellite_gaps(contacts.points(robot, q)).min(axis=(-1, -2)) > ROOM
     while True:
         if not usable.any(axis=1).all():
@@ -87,10 +87,10 @@ def goal_configurations(variant: str, difficulty: str, split: str, block: int) -
 
 @lru_cache(maxsize=512)
 def goal_block(variant: str, difficulty: str, split: str, block: int) -> PoseGoals:
-    """Goals block * BLOCK ... of a split.
+    """Goals block * BLOCK to (block + 1) * BLOCK - 1 of a split.
 
-    A goal is where the end-effector of the resting robot is after a minimum-jerk joint motion from home to a
-    drawn configuration with the base floating freely, so that every goal can be reached.
+    A goal is the final pose of the end-effector of a minimum-jerk joint motion from home to a drawn
+    configuration, with a free-floating base, so every goal is reachable.
     """
     robot = robot_of(variant)
     chosen, mass_scale = goal_configurations(variant, difficulty, split, block)

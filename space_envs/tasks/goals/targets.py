@@ -11,7 +11,7 @@ class TargetGoals(Goals):
     """Targets at the start of an episode.
 
     Attributes:
-        position: (K, 3) m, centre, inertial frame, where it stays. quaternion: (K, 4), body to inertial.
+        position: (K, 3) m, centre, inertial frame, at rest. quaternion: (K, 4), body to inertial.
         angular_velocity: (K, 3) rad/s, inertial axes. half_width: (K,) m, grapple points from the centre.
     """
 
@@ -26,15 +26,15 @@ class Draws:
     """Ranges that goals are drawn from: easy, medium, hard.
 
     Attributes:
-        centre: (3,) m, about which the target's centre lies. displacement: m, largest, along each axis.
-        turn: rad, largest rotation of the target from its nominal attitude, at the rendezvous.
+        centre: (3,) m, nominal position of the target's centre. displacement: m, largest, along each axis.
+        rotation: rad, largest rotation of the target from its nominal attitude, at the rendezvous.
         spin: rad/s, largest. start: rad, largest displacement of a joint from home.
         half_width: m, least and largest. along: 1 for the axes that the centre is displaced along, else 0.
     """
 
     centre: tuple[float, float, float]
     displacement: tuple[float, float, float]
-    turn: tuple[float, float, float]
+    rotation: tuple[float, float, float]
     spin: tuple[float, float, float]
     start: tuple[float, float, float]
     half_width: tuple[float, float]

@@ -1,7 +1,7 @@
 """Goals of the dual-arm tasks: tumbling targets that a reactionless motion of the resting robot reaches.
 
-A goal is drawn as the pose that the target has `RENDEZVOUS_TIME` after the start, and is accepted if the
-resting robot can get there without rotating its satellite.
+A goal is drawn as the pose of the target `RENDEZVOUS_TIME` after the start, and is accepted if the robot can
+reach it from rest without rotating its satellite.
 """
 
 from dataclasses import dataclass, replace
@@ -21,12 +21,12 @@ from space_envs.tasks.common import DIFFICULTIES
 from space_envs.tasks.dual_arm import DualArmTask, robot_of
 from space_envs.tasks.goals.targets import TargetGoals
 
-RENDEZVOUS_TIME = 20.0  # s after the start, when the target is where the goal was drawn
+RENDEZVOUS_TIME = 20.0  # s after the start, when the target has the drawn pose
 ATTEMPTS = 2000  # to draw a goal that can be reached
-TRIED, FEW = 2, 4  # draws of each goal of a block after which fewer accepted goals than this end the search
+TRIED, FEW = 2, 4  # the search ends if after TRIED draws of each goal of a block fewer than FEW are accepted
 REACHED = (1e-3, np.deg2rad(0.2))  # m and rad, terminal error of the motion that proves a goal reachable
 LIMIT_MARGIN = 0.25  # rad, of that motion's end from the joint limits
-CLEARANCE = 0.04  # m, of links from what they must not touch, at the start and at the end of that motion
+CLEARANCE = 0.04  # m, between links and other bodies, at the start and at the end of that motion
 OOD_FACTOR = (1.0, 1.5)  # of the difficulty's largest spin and displacement
 OOD_MASS = (0.8, 1.2)  # factor on the satellite's mass and inertia
 
@@ -48,7 +48,7 @@ def _goal_block(
     split: str,
     block: int,
 ) -> TargetGoals:
-    """Goals block * BLOCK ... of a split, from seeds alone."""
+    """Goals block * BLOCK to (block + 1) * BLOCK - 1 of a split, drawn from seeds."""
     rows = slice(block * BLOCK, (block + 1) * BLOCK)
     if mounts is None:
         attempts = frozen_attempts(f"{kind.kind}_{difficulty}_{split}")[rows]
@@ -71,7 +71,7 @@ def _frozen() -> dict[str, NDArray[np.int64]]:
 
 
 def frozen_attempts(name: str) -> NDArray[np.int64]:
-    """Number of the first reachable draw of each goal of a split, as `freeze` found it."""
+    """Stored number of the first reachable draw of each goal of a split."""
     return _frozen()[name]
 
 
@@ -82,26 +82,28 @@ def find_attempts(
     split: str,
     block: int,
 ) -> NDArray[np.int64]:
-    """Draw the goals of a block until each can be reached; (BLOCK,) number of draws that were rejected.
+    """Number (BLOCK,) of the first reachable draw of each goal of a block.
 
     Raises:
-        GoalError: if that does not come to an end, or if hardly any draw can be reached with other mounts.
+        GoalError: if a goal has no reachable draw, or hardly any draw is reachable with the given mounts.
     """
     task, robot = kind(), robot_of(kind.kind, mounts)
-    attempts, left = np.zeros(BLOCK, dtype=np.int64), np.arange(BLOCK)
-    while len(left) and attempts.max() < ATTEMPTS:
-        if mounts is not None and attempts[left].min() >= TRIED and BLOCK - len(left) < FEW:
+    attempts, remaining = np.zeros(BLOCK, dtype=np.int64), np.arange(BLOCK)
+    while len(remaining) and attempts.max() < ATTEMPTS:
+        if mounts is not None and attempts[remaining].min() >= TRIED and BLOCK - len(remaining) < FEW:
             raise GoalError(f"hardly a goal of {split!r} is in reach with mounts {mounts}: give one to reset")
-        # Several attempts at a time where few goals are left: small batches take as long as large ones.
-        ahead = np.arange(max(BLOCK // len(left), 1))
-        index, attempt = np.repeat(left, len(ahead)), (attempts[left][:, None] + ahead).ravel()
+        # Several attempts at a time when few goals remain: small batches take as long as large ones.
+        ahead = np.arange(max(BLOCK // len(remaining), 1))
+        index, attempt = np.repeat(remaining, len(ahead)), (attempts[remaining][:, None] + ahead).ravel()
         tried = _drawn(task, robot, difficulty, split, block * BLOCK + index, attempt)
-        ok = _reachable(task, robot, tried).reshape(len(left), len(ahead))
+        ok = _reachable(task, robot, tried).reshape(len(remaining), len(ahead))
         found = ok.any(axis=1)
-        attempts[left] += np.where(found, ok.argmax(axis=1), len(ahead))
-        left = left[~found]
-    if len(left):
-        raise GoalError(f"{len(left)} goals of split {split!r} could not be drawn: no candidate is reachable")
+        attempts[remaining] += np.where(found, ok.argmax(axis=1), len(ahead))
+        remaining = remaining[~found]
+    if len(remaining):
+        raise GoalError(
+            f"{len(remaining)} goals of split {split!r} could not be drawn: no candidate is reachable"
+        )
     return attempts
 
 
@@ -113,7 +115,7 @@ def _drawn(
     indices: NDArray[np.int64],
     attempts: NDArray[np.int64],
 ) -> TargetGoals:
-    """Goals (k) as they are at the rendezvous, from seed, index and attempt."""
+    """Goals (k) at the rendezvous, from seed, index and attempt."""
     level = DIFFICULTIES.index(difficulty)
     drawn = [
         _draw(task, robot, level, split == "ood", np.random.default_rng([task.seeds[split], level, *pair]))
@@ -135,7 +137,7 @@ def _draw(
         direction *= rng.uniform(*OOD_FACTOR) / np.abs(direction).max()
         least = 1.0
     centre = np.array(draws.centre) + draws.displacement[level] * direction
-    attitude = task.draw_attitude(rng, draws.turn[level])
+    attitude = task.draw_attitude(rng, draws.rotation[level])
     spin = task.draw_angular_velocity(
         rng, least * draws.spin[level], (OOD_FACTOR[1] if ood else 1.0) * draws.spin[level]
     )
@@ -164,8 +166,8 @@ def _reachable(task: DualArmTask, robot: FloatingRobot, goals: TargetGoals) -> N
 def _clear(
     task: DualArmTask, robot: FloatingRobot, q: Array, goals: TargetGoals, attitude: Array, gripper: bool
 ) -> NDArray[np.bool_]:
-    """Whether the arms at q (K, n) keep away from each other, the target and the satellite.
+    """Whether the arms at q (K, n) are clear of each other, the target and the satellite.
 
-    The base has hardly moved at the start, and by centimetres at the end; the margin covers that.
+    The base is at its initial pose at the start and has moved by centimetres at the end, within the margin.
     """
     return task.gaps(robot, q, goals, attitude, gripper).min(axis=1) > CLEARANCE
