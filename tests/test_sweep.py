@@ -331,8 +331,8 @@ def test_bad_files_are_refused_before_anything_begins(
             ["--sweep", "fixed.toml", "--difficulty", "easy"],
             "difficulty is given in the sweep file and as --",
         ),
-        (["--resume", "nowhere", "--seeds", "0-1"], "leave out --seeds"),
-        (["--resume", "nowhere", "--jobs", "2"], "leave out --jobs"),
+        (["--resume", "nowhere", "--seeds", "0-1"], "omit --seeds"),
+        (["--resume", "nowhere", "--jobs", "2"], "omit --jobs"),
     ],
 )
 def test_bad_arguments(

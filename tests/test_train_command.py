@@ -101,7 +101,7 @@ def test_training_around_obstacles(tmp_path: Path) -> None:
         (["--validation-episodes", "0"], "validation-episodes"),
         (["--resume", "nowhere"], "there is no run's folder 'nowhere'."),
         (["--resume", "."], ". holds no run: there is no config.json"),
-        (["--resume", "nowhere", "--algo", "ppo", "--gamma", "1"], "leave out --algo, --gamma"),
+        (["--resume", "nowhere", "--algo", "ppo", "--gamma", "1"], "omit --algo, --gamma"),
     ],
 )
 def test_bad_input_is_one_line_and_nothing_is_begun(

@@ -1,4 +1,4 @@
-"""The ids and policies that a command's names stand for, and whether they fit together."""
+"""Ids and policies for the names given to a command, and the check that they fit together."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -14,20 +14,20 @@ from space_envs.registration import ENTRIES, find
 
 
 def experts_for(env_id: str, mode: str | None = None) -> list[str]:
-    """Names of the registered policies that plan, of those that fit a task in a control mode."""
+    """Names of the registered planning policies that fit a task in a control mode."""
     return [name for name in policies_for(env_id, mode) if POLICIES[name].expert]
 
 
 def expert_names() -> tuple[str, ...]:
-    """Names of all registered policies that plan."""
+    """Names of all registered planning policies."""
     return tuple(name for name, entry in POLICIES.items() if entry.expert)
 
 
 def choose_ids(names: Sequence[str]) -> list[str]:
-    """Ids that names stand for: `all` alone is every registered one; the module of a `module:id` is imported.
+    """Ids for the given names: `all` alone is every registered one; the module of a `module:id` is imported.
 
     Raises:
-        ConfigurationError: for a name of nothing, or one that comes twice.
+        ConfigurationError: for an unknown name, or one that is given twice.
     """
     env_ids = list(ENTRIES) if list(names) == ["all"] else [find(name).id for name in names]
     distinct("environment id", env_ids)
@@ -37,24 +37,24 @@ def choose_ids(names: Sequence[str]) -> list[str]:
 def choose_policies(
     names: Sequence[str], env_id: str, env_ids: Sequence[str], control_mode: str | None = None
 ) -> list[ResolvedPolicy]:
-    """The policies that names stand for on one of several ids.
+    """Policies for the given names on one of several ids.
 
     Args:
         names: registered names, `package.module:Class` or paths; `all` is every registered policy that fits
-            the id, `experts` every planner. One that fits another of the ids, but not this one, is left out.
-        control_mode: that they act in; None is the own one of each.
+            the id, `experts` every planner. A policy that fits only others of the ids is omitted.
+        control_mode: control mode of all policies; None for the default of each.
 
     Raises:
-        ConfigurationError: for an unknown control mode, a name of nothing, or one that comes twice.
+        ConfigurationError: for an unknown control mode or name, or a name that is given twice.
         PolicyError: if a policy cannot be loaded, or fits none of the ids.
     """
     if control_mode is not None and control_mode not in CONTROL_MODES:
         raise unknown_name("control mode", control_mode, CONTROL_MODES)
-    meant: list[str] = []
+    expanded: list[str] = []
     for name in names:
         several = {"all": policies_for, "experts": experts_for}.get(name)
-        meant += [name] if several is None else several(env_id, control_mode)
-    chosen = [resolve_policy(name, control_mode) for name in meant]
+        expanded += [name] if several is None else several(env_id, control_mode)
+    chosen = [resolve_policy(name, control_mode) for name in expanded]
     distinct("policy", [policy.name for policy in chosen])
     return [policy for policy in chosen if _fits(policy, env_id, env_ids)]
 
@@ -62,7 +62,7 @@ def choose_policies(
 def _fits(policy: ResolvedPolicy, env_id: str, env_ids: Sequence[str]) -> bool:
     """Whether a policy fits an id; PolicyError if it fits none of several."""
     if not isinstance(policy.source, str):
-        return True  # its file says so where it is built
+        return True  # checked when the policy is built from its file
     reasons = {other: missing(policy.source, other, policy.control_mode) for other in env_ids}
     if all(reasons.values()):
         raise PolicyError(f"policy {policy.name!r} does not fit {env_id}: {'; '.join(reasons[env_id])}")
@@ -70,13 +70,13 @@ def _fits(policy: ResolvedPolicy, env_id: str, env_ids: Sequence[str]) -> bool:
 
 
 def check_fit(policy: ResolvedPolicy, env_id: str, keywords: Mapping[str, Any]) -> None:
-    """Build a policy for an environment, so that one that does not fit says so before the first episode.
+    """Build a policy for an environment, so that a mismatch is reported before the first episode.
 
     Args:
         keywords: of the environment's task.
 
     Raises:
-        ConfigurationError, PolicyError: as the policy says.
+        ConfigurationError, PolicyError: raised by the policy.
     """
     environment = {"env_id": find(env_id).name, "control_mode": policy.control_mode, **keywords}
     env = CaptureVectorEnv(num_envs=1, **environment)
@@ -88,10 +88,10 @@ def check_fit(policy: ResolvedPolicy, env_id: str, keywords: Mapping[str, Any]) 
 
 
 def distinct(title: str, names: Sequence[str]) -> None:
-    """Refuse a name that comes twice.
+    """Refuse names that are given twice.
 
     Raises:
-        ConfigurationError: naming them.
+        ConfigurationError: with the repeated names.
     """
     repeated = sorted({name for name in names if names.count(name) > 1})
     if repeated:

@@ -25,12 +25,12 @@ Merge result folders of several people into one leaderboard with a report of its
   evaluate.py compare mine theirs --name theirs=Ann --output both
 
 Every record is validated. Records of another version, difficulty or split, or of a task with another
-configuration, are refused with what differs; so are records and files that were edited. An episode that
-stands in two folders alike counts once; one with two different results is an error. Where two people call
+configuration, are refused with what differs; so are records and files that were edited. An episode with the
+same result in two folders counts once; one with two different results is an error. Where two people call
 different policies by one name, --name appends a name to those of a folder: promp becomes `promp (Ann)`.
 
-Checksums find edits made in passing, no forgery. Whoever doubts a folder plays it again by the command in its
-summary.json, with --time-limit where its policy may think for longer than the others.
+Checksums detect accidental edits, not forgery. To verify a folder, repeat the command in its summary.json,
+with --time-limit if its policy may need more time than the others.
 """
 
 
@@ -42,8 +42,8 @@ def parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = out.add_argument
-    add("results", nargs="+", type=Path, metavar="RESULTS", help="folders that evaluate.py left")
-    what = "where the merged result goes"
+    add("results", nargs="+", type=Path, metavar="RESULTS", help="result folders of evaluate.py")
+    what = "folder for the merged result"
     add("--output", type=output_path, required=True, metavar="FOLDER", help=what)
     add("--overwrite", action="store_true", help="replace the comparison that the folder holds")
     what = "append NAME to the names of a folder's policies; can be given several times"

@@ -1,4 +1,4 @@
-"""`evaluate.py dataset`: episodes of policies as datasets, each replayed from its actions first."""
+"""`evaluate.py dataset`: write episodes of policies as datasets, after replaying each from its actions."""
 
 import argparse
 import os
@@ -31,10 +31,10 @@ from space_envs.system.output import check_free, held
 from space_envs.system.parallel import check_backend
 from space_envs.tasks.common import DIFFICULTIES, SPLITS
 
-LEARNED_FROM = ("train", "validation")  # splits; what a policy is tested on is in no dataset
+LEARNED_FROM = ("train", "validation")  # splits; test goals are in no dataset
 FORMATS = ("npz", "minari")
 DATASET = "dataset"  # kind of the folder
-NAMED = 5  # episodes left out of a dataset that the terminal names
+NAMED = 5  # omitted episodes that the terminal lists for each dataset
 DESCRIPTION = """\
 Write policies' episodes as datasets: observations, actions, rewards, how each episode ended.
 
@@ -43,13 +43,13 @@ Write policies' episodes as datasets: observations, actions, rewards, how each e
   evaluate.py dataset --policy gjm runs/mine my_package.planner:Planner --format npz minari
   evaluate.py dataset --policy nmpc --captured-only --output demonstrations
 
-Each episode is replayed from its actions, alone, in a fresh environment. One that does not come out the same,
-in every bit of its observations and rewards, is left out and reported, and so is one that its policy spoils.
+Each episode is replayed from its actions, alone, in a fresh environment. It is omitted and reported if its
+observations and rewards are not reproduced bit by bit, or if its policy fails.
 
 A dataset is a folder OUTPUT/space-capture/ID/POLICY-DIFFICULTY-SPLIT-v0 with episodes.npz, Minari's data/,
 and a card: README.md and dataset.json, which is written last. The same command again skips the datasets that
-have one, so it goes on after it was stopped or killed; what is incomplete is made again.
-docs/datasets.md says how to load them.
+have one, so it continues after it was stopped or killed; incomplete datasets are made again.
+docs/datasets.md shows how to load them.
 """
 
 
@@ -81,14 +81,14 @@ def parser() -> argparse.ArgumentParser:
     add("--control-mode", metavar="MODE", help=what)
     add("--variant", help=f"inertias of the single arm's model: {', '.join(VARIANTS)} (default paper)")
     add("--episodes", type=int, default=100, metavar="N", help="different goals (default 100)")
-    what = "draws the goals and their order, and is the policy's (default 0)"
+    what = "of the goals, their order and the policy (default 0)"
     add("--seed", type=int, default=0, help=what)
-    add("--captured-only", action="store_true", help="keep the episodes that captured; by default all are")
+    add("--captured-only", action="store_true", help="write only episodes with a capture (default: all)")
     what = f"{' and '.join(FORMATS)}, or one of them (default npz)"
     add("--format", action=AppendValues, nargs="+", default=["npz"], metavar="NAME", help=what)
     default_folder = Path("results/datasets")
     add("--output", type=output_path, default=default_folder, help="folder (default %(default)s)")
-    what = f"folder that Minari shall find its datasets in, its {ROOT_VARIABLE} (default: that of --output)"
+    what = f"folder of Minari's datasets, its {ROOT_VARIABLE} (default: that of --output)"
     add("--minari-root", type=output_path, metavar="FOLDER", help=what)
     cores = len(os.sched_getaffinity(0))
     add("--jobs", type=int, default=cores, metavar="N", help=f"processes (default {cores}, the cores)")
@@ -96,7 +96,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(arguments: list[str]) -> int:
-    """Run the command; returns the exit status: 1 if a dataset was left with no episode."""
+    """Run the command; returns the exit status: 1 if a dataset has no episode."""
     goes_on = "stopped; the same command goes on from here"
     return exit_status("evaluate.py dataset", lambda: _run(parser().parse_args(arguments)), goes_on)
 
@@ -117,7 +117,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _requests(options: argparse.Namespace) -> list[DatasetRequest]:
-    """Requests for the datasets that the options ask for, each checked.
+    """Checked requests for the datasets that the options describe.
 
     Raises:
         SpaceEnvsError: for anything that is not valid.
@@ -131,7 +131,7 @@ def _requests(options: argparse.Namespace) -> list[DatasetRequest]:
         raise unknown_name("split", options.split, LEARNED_FROM)
     if options.split not in LEARNED_FROM:
         raise ConfigurationError(
-            f"datasets are to learn from: they have goals of {' or '.join(LEARNED_FROM)}, never those of "
+            f"datasets are for training: they have goals of {' or '.join(LEARNED_FROM)}, never those of "
             f"split {options.split!r}, on which policies are tested"
         )
     if options.seed < 0:
@@ -159,7 +159,7 @@ def _requests(options: argparse.Namespace) -> list[DatasetRequest]:
     distinct("name of a dataset", [request.id for request in requests])
     for request in requests:
         check_fit(request.policy, request.task.env_id, request.task.keywords(request.variant))
-        request.chunks()  # says what is wrong with the number of episodes
+        request.chunks()  # refuses an invalid number of episodes
     return requests
 
 
@@ -169,7 +169,7 @@ def _show(
     made: Iterator[tuple[DatasetRequest, dict[str, Any]]],
     folders: DatasetFolders,
 ) -> bool:
-    """Whether a dataset was left with no episode, after the table of all datasets was printed."""
+    """Print the table of all datasets; returns whether one of them has no episode."""
     cards = {request.id: card for request, card in made}
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for name in ("id", "policy", "episodes", "captured", "left out", "state"):

@@ -34,7 +34,7 @@ LaTeX) and a self-contained HTML report.
 
   evaluate.py --policy gjm promp runs/mine my_package.planner:Planner --episodes 200
   evaluate.py --env all --split test ood --seeds 0-4 --jobs 8
-  evaluate.py ... --resume              go on with an evaluation that was stopped or killed
+  evaluate.py ... --resume              continue an evaluation that was stopped or killed
   evaluate.py ... --overwrite           replace the evaluation that the folder holds
 
   evaluate.py show RESULTS              print the table again
@@ -42,8 +42,8 @@ LaTeX) and a self-contained HTML report.
   evaluate.py replay RESULTS ...        look at an episode, or write a video of it
   evaluate.py dataset ...               write episodes as npz or as Minari datasets
 
-Records do not depend on the number of jobs nor on the backend. A policy that raises, returns NaN or another
-shape, or takes too long, loses that episode, and the rest goes on.
+Records do not depend on the number of jobs nor on the backend. An episode fails
+if its policy raises, returns NaN or a wrong shape, or exceeds the time limit; the others continue.
 """
 
 
@@ -83,7 +83,7 @@ def parser() -> argparse.ArgumentParser:
     default = Path("results/evaluation")
     add("--output", type=output_path, default=default, metavar="FOLDER", help="default %(default)s")
     again = out.add_mutually_exclusive_group()
-    what = "go on with what the folder holds of the same evaluation"
+    what = "continue the same evaluation in the folder"
     again.add_argument("--resume", action="store_true", help=what)
     what = "replace the evaluation that the folder holds"
     again.add_argument("--overwrite", action="store_true", help=what)
@@ -91,11 +91,13 @@ def parser() -> argparse.ArgumentParser:
     add("--jobs", type=int, default=cores, metavar="N", help=f"processes (default {cores}, the cores)")
     add("--backend", default="loky", help=f"{', '.join(BACKENDS)} (default loky: this machine)")
     add("--address", help="of a Ray or Dask cluster that runs already")
-    what = "that each call of a policy may take; then episodes are played one at a time"
+    what = "limit of each call of a policy; with it, episodes run one at a time"
     add("--time-limit", type=float, metavar="SECONDS", help=what)
-    what = "that the first call of an episode, which plans, may take (default as --time-limit)"
+    what = "limit of the first call of an episode, which plans (default as --time-limit)"
     add("--planning-limit", type=float, metavar="SECONDS", help=what)
-    add("--dry-run", action="store_true", help="say what would be played and how long it takes, and stop")
+    add(
+        "--dry-run", action="store_true", help="print what would be evaluated and how long it takes, and stop"
+    )
     add("--no-pictures", action="store_true", help="do not draw captures for the report")
     add("--videos", action="store_true", help="write an mp4 of each policy's best episode")
     add("--list", action="store_true", help="list ids and built-in policies, and stop")
@@ -130,7 +132,7 @@ def _run(given: list[str]) -> int:
 
 
 def _checked(options: argparse.Namespace, arguments: list[str]) -> tuple[Evaluation, RunOptions]:
-    """The evaluation that the options ask for and how it is run, all of it checked.
+    """The evaluation that the options describe, and the options of its run, all of them checked.
 
     Raises:
         SpaceEnvsError: for anything that is not valid.
@@ -155,7 +157,7 @@ def _checked(options: argparse.Namespace, arguments: list[str]) -> tuple[Evaluat
         options.variant,
         limits,
     )
-    evaluation.chunks()  # says what is wrong with the number of episodes
+    evaluation.chunks()  # refuses an invalid number of episodes
     chosen = RunOptions(
         options.output.absolute(),
         options.resume,

@@ -19,17 +19,17 @@ from space_envs.system.command_line import Parser, check_replaceable, exit_statu
 from space_envs.system.opengl import has_screen
 
 SUFFIXES = (".mp4", ".gif")
-REST = 1.5  # s, at the end, before the motion begins again
+REST = 1.5  # s, pause at the end before the motion starts again
 SMOOTH = 3  # states shown for each recorded step
 DESCRIPTION = """\
-Look at a recorded episode in MuJoCo's viewer, in real time and again until the window is closed, or write a
-video of it. Policy, seed, id and the rest need to be given only where the results hold several; an id that
-another package registers is always given, as module:id.
+Look at a recorded episode in MuJoCo's viewer, in real time, repeated until the window is closed, or write a
+video of it. Policy, seed, id and the like are needed only if the results hold several; an id that another
+package registers is always needed, as module:id.
 
   evaluate.py replay results/mine --policy promp --episode 3
   evaluate.py replay results/mine --policy promp --episode 3 --video capture.mp4
 """
-# Option -> field of a record, what it is called, and how it is read; in the order in which they choose.
+# Option -> field of a record, its name in messages and its type, in the order in which records are selected.
 _CHOICES: dict[str, tuple[str, str, type]] = {
     "env": ("env_id", "environment id", str),
     "difficulty": ("difficulty", "difficulty", str),
@@ -48,14 +48,14 @@ def parser() -> argparse.ArgumentParser:
         description=DESCRIPTION,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    out.add_argument("results", type=Path, metavar="RESULTS", help="folder that evaluate.py left")
+    out.add_argument("results", type=Path, metavar="RESULTS", help="result folder of evaluate.py")
     out.add_argument("--episode", type=int, required=True, metavar="K", help="number within policy and seed")
     for option, (_, what, kind) in _CHOICES.items():
         if option != "episode":
             out.add_argument(f"--{option}", type=kind, metavar=kind.__name__.upper(), help=what)
-    what = f"write a video in place of opening a window ({', '.join(SUFFIXES)})"
+    what = f"write a video instead of opening a window ({', '.join(SUFFIXES)})"
     out.add_argument("--video", type=output_path, metavar="FILE", help=what)
-    out.add_argument("--overwrite", action="store_true", help="replace a video that is there")
+    out.add_argument("--overwrite", action="store_true", help="replace an existing video")
     what = "of the model to look through (default %(default)s)"
     out.add_argument("--camera", default="overview", metavar="NAME", help=what)
     return out
@@ -74,10 +74,12 @@ def _run(options: argparse.Namespace) -> None:
     folder = read_folder(options.results)
     if options.env is not None and ":" in options.env:
         options.env = find(options.env).id
-    asked = {field: getattr(options, option.replace("-", "_")) for option, (field, _, _) in _CHOICES.items()}
-    record = choose(folder.records, asked)
+    selection = {
+        field: getattr(options, option.replace("-", "_")) for option, (field, _, _) in _CHOICES.items()
+    }
+    record = choose(folder.records, selection)
     replay = recorded(folder, record)
-    for line in said(record):
+    for line in summary_lines(record):
         print(line)
     if options.video is None:
         watch(replay, options.camera)
@@ -86,19 +88,19 @@ def _run(options: argparse.Namespace) -> None:
         print(f"Video: {options.video}")
 
 
-def choose(records: Sequence[EpisodeRecord], asked: dict[str, Any]) -> EpisodeRecord:
-    """The one record that was asked for.
+def choose(records: Sequence[EpisodeRecord], selection: dict[str, Any]) -> EpisodeRecord:
+    """The one record that fits the selection.
 
     Args:
-        asked: value of each field by which records are chosen; None where it was not said.
+        selection: value of each field by which records are selected; None if it was not given.
 
     Raises:
-        ConfigurationError: for a value that no record has, or where several are left to choose from.
+        ConfigurationError: for a value that no record has, or if several records fit.
     """
-    left, chosen = list(records), ""
+    remaining, chosen = list(records), ""
     for option, (field, what, kind) in _CHOICES.items():
-        values = list(dict.fromkeys(getattr(record, field) for record in left))
-        value = asked[field]
+        values = list(dict.fromkeys(getattr(record, field) for record in remaining))
+        value = selection[field]
         if value is None and len(values) > 1:
             shown = ", ".join(display_name(str(each)) for each in values)
             raise ConfigurationError(f"the results hold several of --{option}{chosen}: {shown}; choose one")
@@ -107,16 +109,16 @@ def choose(records: Sequence[EpisodeRecord], asked: dict[str, Any]) -> EpisodeRe
                 raise unknown_name(what, value, values)
             raise ConfigurationError(f"there is no {what} {value}{chosen}; there are {_ranges(values)}")
         value = values[0] if value is None else value
-        left = [record for record in left if getattr(record, field) == value]
+        remaining = [record for record in remaining if getattr(record, field) == value]
         chosen = f" of {what} {value}" if kind is int else f" of {value}"
-    return left[0]
+    return remaining[0]
 
 
 def recorded(folder: ResultFolder, record: EpisodeRecord) -> Replay:
-    """Recorded episode of a record.
+    """Replay of a record's episode.
 
     Raises:
-        ConfigurationError: if there are none, or not of a task of this version.
+        ConfigurationError: if the folder has no episodes, or they are of another version of the task.
     """
     episodes = folder.episodes(record.entry)
     if episodes is None:
@@ -128,8 +130,8 @@ def recorded(folder: ResultFolder, record: EpisodeRecord) -> Replay:
     return replay_of("", row, episodes.task(), episodes, record)
 
 
-def said(record: EpisodeRecord) -> list[str]:
-    """Outcome and figures of an episode, as lines for the terminal."""
+def summary_lines(record: EpisodeRecord) -> list[str]:
+    """Outcome and metrics of an episode, as lines for the terminal."""
     reason = f": {display_name(record.explanation, 200)}" if record.explanation else ""
     time, steps = record.metrics["time_to_capture"], record.metrics["steps"]
     seconds = "" if time is None else f" after {time:.1f} s"
@@ -137,7 +139,7 @@ def said(record: EpisodeRecord) -> list[str]:
         ("final attitude", "final_attitude", 1.0, "deg"),
         ("peak", "peak_attitude", 1.0, "deg"),
         ("base disturbance (eq. 20)", "attitude_cost", 1e4, "cm^2/s"),
-        ("position error when it ended", "position_error", 1e3, "mm"),
+        ("final position error", "position_error", 1e3, "mm"),
         ("work", "mechanical_work", 1.0, "J"),
     )
     shown = [
@@ -154,13 +156,13 @@ def said(record: EpisodeRecord) -> list[str]:
 
 
 def watch(replay: Replay, camera: str) -> None:
-    """Play an episode in a window in real time, again and again until it is closed.
+    """Show an episode in a window in real time, repeated until the window is closed.
 
     Raises:
         RenderingError: if no window can be opened.
         ConfigurationError: for an unknown camera.
     """
-    advice = "write a video in place of it: --video FILE.mp4"
+    advice = "write a video instead: --video FILE.mp4"
     with Renderer(replay.task.render_model, camera=camera) as renderer:
         if not has_screen():
             raise RenderingError(f"no screen to open a window on; {advice}")

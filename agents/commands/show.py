@@ -21,7 +21,7 @@ from space_envs.evaluation.report.tables.wording import by_task
 from space_envs.evaluation.results.folders import read_folder
 from space_envs.system.command_line import AppendValues, Parser, exit_status
 
-DESCRIPTION = "Print the table of a folder that evaluate.py, or evaluate.py compare, left."
+DESCRIPTION = "Print the table of a result folder of evaluate.py or evaluate.py compare."
 
 
 def parser() -> argparse.ArgumentParser:
@@ -49,10 +49,10 @@ def _run(options: argparse.Namespace) -> None:
 def show(
     records: Sequence[EpisodeRecord], folder: Path, sort: str | None = None, notes: Sequence[str] = ()
 ) -> None:
-    """Print the table of records, where the report is, and notes on standard error.
+    """Print the table of records and the paths of the report and the records; notes go to standard error.
 
     Raises:
-        ConfigurationError: for a column that there is not.
+        ConfigurationError: for an unknown column.
     """
     rows = build_rows(records, np.random.default_rng(BOOTSTRAP_SEED))
     if sort is not None:
@@ -68,13 +68,13 @@ def show(
 
 
 def sorted_rows(rows: Sequence[Row], name: str) -> list[Row]:
-    """The rows of each task with the best of a column first, and what does not exist last; ties by rank.
+    """Rows of each task in the order of a column, best first and missing values last; ties by rank.
 
     Args:
         name: of the column, its key or its title.
 
     Raises:
-        ConfigurationError: for a column that there is not.
+        ConfigurationError: for an unknown column.
     """
     column = column_named(name, columns_of(rows[0].metrics) if rows else COLUMNS)
     sign = 1 if column.better == "lower" else -1
@@ -87,13 +87,13 @@ def sorted_rows(rows: Sequence[Row], name: str) -> list[Row]:
 
 
 def of_tasks(records: Sequence[EpisodeRecord], words: Sequence[str]) -> list[EpisodeRecord]:
-    """The records of the tasks that are named: words of one kind are alternatives, of several all hold.
+    """Records of the named tasks: words of one kind are alternatives, and all kinds must match.
 
     Args:
-        words: ids, with or without what stands before the slash, difficulties and splits.
+        words: ids, with or without the part before the slash, difficulties and splits.
 
     Raises:
-        ConfigurationError: for a word that is none in the records, or if nothing is left.
+        ConfigurationError: for a word that is not in the records, or if no record matches.
     """
     kinds: tuple[dict[str, set[Any]], ...] = ({}, {}, {})
     for record in records:
@@ -105,13 +105,13 @@ def of_tasks(records: Sequence[EpisodeRecord], words: Sequence[str]) -> list[Epi
     for word in words:
         if not any(word in kind for kind in kinds):
             raise unknown_name("task", word, dict.fromkeys(name for kind in kinds for name in kind))
-    wanted = [{value for word in words for value in kind.get(word, ())} for kind in kinds]
+    selected = [{value for word in words for value in kind.get(word, ())} for kind in kinds]
     found = [
         record
         for record in records
         if all(
             not values or value in values
-            for values, value in zip(wanted, (record.env_id, record.difficulty, record.split), strict=True)
+            for values, value in zip(selected, (record.env_id, record.difficulty, record.split), strict=True)
         )
     ]
     if not found:

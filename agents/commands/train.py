@@ -1,4 +1,4 @@
-"""`train.py`: train a policy, or many of one command."""
+"""`train.py`: train one policy, or several with one command."""
 
 import argparse
 import sys
@@ -20,19 +20,19 @@ RUN = "training run"  # kind of the folder
 DESCRIPTION = """\
 Train a policy and keep the best one on the validation split (the held-out part of the train split).
 
-  train.py                                   ppo: clones an expert for half a minute, then improves on it
+  train.py                                   ppo: clones an expert for half a minute, then improves the clone
   train.py --algo bc --expert mpc            behaviour cloning alone, of any expert
-  train.py --algo ppo --init runs/my-bc      ppo from a policy that was trained before
+  train.py --algo ppo --init runs/my-bc      ppo from a policy that was trained earlier
   train.py --algo ppo --init none            ppo from random weights
   train.py --hidden 64 64 --learning-rate 1e-4 --env-kwargs horizon=100 reward=sparse
   train.py --env my_package:Mine/Task-v0     a task of your own
   train.py --resume runs/my-ppo              continue a run that was stopped or killed
-  train.py --algo bc --seeds 0-9 --jobs 4    ten runs, four at a time; more on this at the end
+  train.py --algo bc --seeds 0-9 --jobs 4    ten runs, four at a time; see the end of this text
 
 The run's folder holds config.json, policy.npz (the best policy; evaluate.py takes the folder as a policy),
 checkpoint.npz, validation.json, summary.json and TensorBoard's logs. All of them are data without code.
 """
-# Options that go with --resume; all others are the run's own.
+# Options that --resume accepts; all others are fixed by the run.
 _WITH_RESUME = ("resume", "steps", "minutes", "validation_episodes", "quiet", "dry_run")
 
 
@@ -40,8 +40,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Train.
 
     Returns:
-        The exit status: 0, 1 if one of several runs failed, 2 for bad input (one line says what), 130 when
-        interrupted.
+        The exit status: 0, 1 if one of several runs failed, 2 for bad input (with a message of one line),
+        130 when interrupted.
     """
     return exit_status("train.py", lambda: _run(_parser().parse_args(arguments)))
 
@@ -93,7 +93,7 @@ def _resumed_run(parsed: argparse.Namespace) -> RunFolder:
     given = [name for name, value in vars(parsed).items() if value is not None and name not in _WITH_RESUME]
     if given:
         options = ", ".join(f"--{name.replace('_', '-')}" for name in given)
-        raise ConfigurationError(f"--resume takes the run's own settings; leave out {options}")
+        raise ConfigurationError(f"--resume takes the run's own settings; omit {options}")
     folder = RunFolder(Path(parsed.resume))
     settings, parameters = folder.restore()
     check_device(settings.device)

@@ -1,1 +1,1 @@
-"""An evaluation that was found to be valid: its time, its run, faults of policies."""
+"""Evaluations after their options were checked: estimated time, run, defects of built-in policies."""

@@ -1,4 +1,4 @@
-"""Built-in policies that raised or gave no actions: faults of the project, and no policy's score."""
+"""Built-in policies that raised or returned no actions: defects of the project, not results of a policy."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -6,15 +6,15 @@ from collections.abc import Iterable
 from agents.policies.registry import POLICIES
 from space_envs.evaluation.records.episode import EpisodeRecord
 
-# What ends an episode without a fault: a user's time limit, and a planner that says it found no plan.
+# Reasons that are no defect: a user's time limit, and a planner that reports that it found no plan.
 EXPECTED = ("no action within ", "no first action within ", "it raised PlanningError: ")
 
 
 def defects(records: Iterable[EpisodeRecord], names: Iterable[str] = tuple(POLICIES)) -> list[str]:
-    """A line for each built-in policy on each id that failed in another way than planners may.
+    """One line for each built-in policy on each id with failures that are defects.
 
     Args:
-        names: of the policies that are built in.
+        names: of the built-in policies.
     """
     built_in = set(names)
     reasons: dict[tuple[str, str], Counter[str]] = {}

@@ -1,4 +1,4 @@
-"""Dry runs: how long an evaluation takes, from what was measured on this machine."""
+"""Dry runs: estimates of the time of an evaluation, from measurements on this machine."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -17,10 +17,10 @@ from space_envs.evaluation.play.chunks import Chunk
 from space_envs.evaluation.play.entry import LeaderboardEntry
 from space_envs.evaluation.records.names import counted, display_name
 
-TRIAL = 2  # episodes of a policy of which nothing was measured
-_WIDE = (0.5, 3.0)  # interval of an estimate from so few, as factors
-_STEPS = 0.1  # share of an episode's steps that is timed, besides its plan
-_UNMEASURED_REPORT = Seconds(1.0, 3.0, 10.0)  # s an entry, until one was written
+TRIAL = 2  # episodes measured of a policy without earlier measurements
+_WIDE = (0.5, 3.0)  # factors of the interval of an estimate from these few
+_STEPS = 0.1  # share of an episode's steps that is timed, in addition to its plan
+_UNMEASURED_REPORT = Seconds(1.0, 3.0, 10.0)  # s per entry, before the first report was written
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class TimeEstimate:
 
 
 def estimated_time(chunks: Sequence[Chunk], jobs: int) -> TimeEstimate:
-    """Time that an evaluation takes; a few episodes are evaluated of policies of which nothing is known."""
+    """Estimated time of an evaluation; a few episodes are evaluated of policies without measurements."""
     first = {chunk.entry: chunk for chunk in reversed(chunks)}
     unknown = [entry for entry in first if recorded(playing(entry)) is None]
     for entry in tqdm(unknown, unit="policy", desc="measuring", leave=False):
@@ -50,9 +50,11 @@ def estimated_time(chunks: Sequence[Chunk], jobs: int) -> TimeEstimate:
     share = sum(work, nothing) * (1.0 / min(jobs, len(chunks)))
     # The whole takes at least as long as its longest chunk.
     longest = Seconds(*(max(getattr(one, name) for one in work) for name in ("least", "usual", "most")))
-    played = Seconds(*(max(getattr(one, n) for one in (share, longest)) for n in ("least", "usual", "most")))
+    simulated = Seconds(
+        *(max(getattr(one, n) for one in (share, longest)) for n in ("least", "usual", "most"))
+    )
     timed = sum((_timing(entry, episode[entry]) for entry in first), nothing)
-    return TimeEstimate(episode, played, timed, (recorded(REPORT) or _UNMEASURED_REPORT) * len(first))
+    return TimeEstimate(episode, simulated, timed, (recorded(REPORT) or _UNMEASURED_REPORT) * len(first))
 
 
 def _measured(chunk: Chunk) -> Seconds:
@@ -65,13 +67,13 @@ def _timing(entry: LeaderboardEntry, episode: Seconds) -> Seconds:
     known = recorded(timing(entry))
     if known is not None:
         return known
-    # Between an episode that is all plan, and one that is all steps; one more is played to warm up.
+    # Between an episode that only plans and one that only steps; one more episode warms up.
     count = ROUNDS * (TIMED_EPISODES + 1)
     return Seconds(_STEPS * count * episode.least, 0.5 * count * episode.usual, count * episode.most)
 
 
 def dry_run(evaluation: Evaluation, jobs: int) -> None:
-    """Print the policies and episodes of an evaluation, and the time that it takes with `jobs` processes."""
+    """Print the policies and episodes of an evaluation, and its estimated time with `jobs` processes."""
     chunks, console = evaluation.chunks(), Console()
     estimate = estimated_time(chunks, jobs)
     for task in dict.fromkeys(chunk.task for chunk in chunks):
@@ -87,9 +89,9 @@ def dry_run(evaluation: Evaluation, jobs: int) -> None:
     total = estimate.total
     console.print(
         f"{counted(len(chunks), 'chunk')} of episodes; about {total.usual:.0f} s, "
-        f"between {total.least:.0f} and {total.most:.0f} s: {estimate.playing.usual:.0f} s of playing with "
+        f"between {total.least:.0f} and {total.most:.0f} s: {estimate.playing.usual:.0f} s of episodes with "
         f"{counted(jobs, 'job')}, "
         f"{estimate.timing.usual:.0f} s of timing, {estimate.report.usual:.0f} s for the report. "
-        "Nothing was kept.",
+        "No results were written.",
         soft_wrap=True,
     )

@@ -40,10 +40,10 @@ from space_envs.system.provenance import provenance
 
 @dataclass(frozen=True)
 class RunOptions:
-    """Options of a run of an evaluation; none of them changes a record.
+    """Options of the run of an evaluation, which do not affect the records.
 
     Attributes:
-        output: folder of the results. resume, overwrite: what it may hold already.
+        output: folder of the results. resume, overwrite: whether to continue or replace results in it.
         jobs, backend, address: of the processes. pictures, videos: whether to draw captures.
         arguments: of the command line, for the provenance.
     """
@@ -63,10 +63,10 @@ def run(evaluation: Evaluation, options: RunOptions) -> int:
     """Evaluate the chunks that have no result yet, write every file of the results, and print the table.
 
     Returns:
-        The exit status: 1 if a built-in policy raised or gave no actions, which is a fault of the project.
+        The exit status: 1 if a built-in policy raised or returned no actions, a defect of the project.
 
     Raises:
-        SpaceEnvsError: if the folder cannot be used or read, or a process dies with its policy.
+        SpaceEnvsError: if the folder cannot be used or read, or a policy ends its process.
     """
     with held(options.output, EVALUATION):
         return _run_alone(evaluation, options)
@@ -94,7 +94,7 @@ def _run_alone(evaluation: Evaluation, options: RunOptions) -> int:
 
 
 def _remember(evaluated: Sequence[Evaluated], spent: Mapping[LeaderboardEntry, float], report: float) -> None:
-    """Keep the seconds that all this took, for a dry run of another evaluation."""
+    """Store the measured times for dry runs of later evaluations."""
     rates = {playing(one.episodes.entry): Seconds.of(one.pace) for one in evaluated}
     rates |= {timing(entry): Seconds.of([seconds]) for entry, seconds in spent.items()}
     before = recorded(REPORT)
@@ -103,7 +103,7 @@ def _remember(evaluated: Sequence[Evaluated], spent: Mapping[LeaderboardEntry, f
 
 
 def _status(evaluation: Evaluation, records: Sequence[EpisodeRecord]) -> int:
-    """The exit status, after the faults of built-in policies were printed."""
+    """Print the defects of built-in policies; returns the exit status."""
     built_in = [
         policy.name for _, policy in evaluation.entries if getattr(policy, "source", None) in POLICIES
     ]
@@ -122,7 +122,7 @@ def _result(
     options: RunOptions,
     started: float,
 ) -> EvaluationResult:
-    """The results that the report is made from."""
+    """Results from which the report is made."""
     records: list[EpisodeRecord] = []
     episodes: dict[LeaderboardEntry, EpisodeBatch] = {}
     replays: dict[LeaderboardEntry, tuple[Replay, ...]] = {}
@@ -147,7 +147,7 @@ def _result(
 def _about(
     evaluation: Evaluation, chunks: list[Chunk], options: RunOptions, started: float
 ) -> dict[str, Any]:
-    """Provenance, to repeat the evaluation and to know whether another is comparable."""
+    """Provenance: what is needed to repeat the evaluation and to check whether another is comparable."""
     command = shlex.join(["evaluate.py", *options.arguments])
     configurations = {}
     for chunk in {chunk.entry: chunk for chunk in chunks}.values():

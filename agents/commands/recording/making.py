@@ -1,4 +1,4 @@
-"""Recording of datasets: their episodes in parallel, each dataset written when it is whole."""
+"""Recording of datasets: episodes in parallel, each dataset written when it is complete."""
 
 from collections.abc import Iterator, Sequence
 from itertools import chain
@@ -23,10 +23,10 @@ from space_envs.system.provenance import provenance
 def make(
     requests: Sequence[DatasetRequest], folders: DatasetFolders, jobs: int
 ) -> Iterator[tuple[DatasetRequest, dict[str, Any]]]:
-    """Record the datasets in parallel, write each as soon as its last episode is there, and yield its card.
+    """Record the datasets in parallel, write each as soon as it is complete, and yield its card.
 
     Raises:
-        PolicyError: if a process died with its policy; what is complete is kept.
+        PolicyError: if a policy ended its process; complete datasets remain.
     """
     chunks = [(number, chunk) for number, request in enumerate(requests) for chunk in request.chunks()]
     if not chunks:
@@ -45,9 +45,7 @@ def make(
                     yield requests[number], _written(requests[number], parts[number], folders)
                     parts[number] = []
         except ProcessDiedError:
-            raise PolicyError(
-                "a process died while a policy acted in it; complete datasets are kept"
-            ) from None
+            raise PolicyError("a process died while a policy acted in it; complete datasets remain") from None
 
 
 def _recorded(number: int, chunk: Chunk) -> tuple[int, int, Recorded]:
@@ -55,17 +53,17 @@ def _recorded(number: int, chunk: Chunk) -> tuple[int, int, Recorded]:
 
 
 def _written(request: DatasetRequest, parts: Sequence[Recorded], folders: DatasetFolders) -> dict[str, Any]:
-    """Write a dataset and return its card; of one without episodes there are only those left out."""
+    """Write a dataset and return its card; the card of an empty dataset lists only the omitted episodes."""
     folder = folders.folder(request)
-    kept = sorted(chain(*(part.kept for part in parts)), key=lambda one: one.episode)
+    written = sorted(chain(*(part.kept for part in parts)), key=lambda one: one.episode)
     left_out = sorted(chain(*(part.left_out for part in parts)), key=lambda one: one.episode)
     if request.captured_only:
-        kept = [one for one in kept if one.captured]
-    if not kept:
+        written = [one for one in written if one.captured]
+    if not written:
         return {"episodes": {"written": 0, "captured": 0, "left_out": [vars(one) for one in left_out]}}
     values = request.to_json()
     names = ("env_id", "policy", "control_mode", "difficulty", "split")
-    dataset = Dataset.of({name: values[name] for name in names}, kept)
+    dataset = Dataset.of({name: values[name] for name in names}, written)
     origin = provenance(request.command(), [request.seed])
     card = make_card(values, origin, dataset, left_out, request.make_env())
     card["files"] = {}

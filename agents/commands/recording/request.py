@@ -1,4 +1,4 @@
-"""Requests for datasets, and the folders that they go to."""
+"""Requests for datasets, and the folders in which they are written."""
 
 import os
 import re
@@ -23,12 +23,12 @@ NAMESPACE, VERSION = "space-capture", "v0"
 
 @dataclass(frozen=True)
 class DatasetRequest:
-    """Episodes of a policy on a task that become a dataset, and its formats.
+    """Request for a dataset: a policy, a task, the number of episodes, and the formats.
 
     Attributes:
-        episodes: how many. seed: draws the goals and their order, and is the policy's.
-        captured_only: whether the others are left out. formats: npz, minari.
-        control_mode, variant: that were asked for; None is the policy's own, and the paper's.
+        episodes: number of episodes. seed: of the goals, their order and the policy.
+        captured_only: whether only captures are written. formats: npz, minari.
+        control_mode, variant: given by the user; None for the policy's default and the paper's variant.
     """
 
     task: EvaluatedTask
@@ -42,7 +42,7 @@ class DatasetRequest:
 
     @property
     def id(self) -> str:
-        """Name of the dataset in Minari's form, whose parts are of letters, digits, - and _."""
+        """Name of the dataset as Minari requires, with parts of letters, digits, - and _."""
         name = re.sub(r"[^\w-]+", "-", self.policy.name, flags=re.ASCII).strip("-") or "policy"
         env = self.task.env_id.removeprefix("SpaceCapture/").replace("/", "-").replace(".", "-")
         words = [name, self.control_mode, self.variant, self.task.difficulty, self.task.split, VERSION]
@@ -78,7 +78,7 @@ class DatasetRequest:
         ]
 
     def to_json(self) -> dict[str, Any]:
-        """Values that decide the dataset, plain."""
+        """Values that determine the dataset, as plain JSON values."""
         source = self.policy.source
         return {
             "id": self.id,
@@ -97,7 +97,7 @@ class DatasetRequest:
         }
 
     def command(self) -> str:
-        """Command line that makes this dataset alone."""
+        """Command line that makes only this dataset."""
         source = self.policy.source.name if isinstance(self.policy.source, Path) else self.policy.source
         words = ["evaluate.py", "dataset", "--env", find(self.task.env_id).name, "--policy", source]
         words += ["--difficulty", self.task.difficulty, "--split", self.task.split]
@@ -109,13 +109,13 @@ class DatasetRequest:
 
 @dataclass(frozen=True)
 class DatasetFolders:
-    """Folder of the datasets, and the one in which Minari finds its own."""
+    """Folder of the datasets, and Minari's folder."""
 
     output: Path
     minari: Path
 
     def prepare(self) -> None:
-        """Make both.
+        """Make both folders.
 
         Raises:
             ConfigurationError: if they cannot be written.
@@ -138,13 +138,13 @@ class DatasetFolders:
 
 
 def complete(request: DatasetRequest, folders: DatasetFolders) -> bool:
-    """Whether a dataset is there already.
+    """Whether a dataset exists already.
 
     Raises:
         ConfigurationError: if its folder holds something else.
     """
     folder, data = folders.folder(request), folders.data(request)
-    card, wanted = read_card(folder), request.to_json()
+    card, requested = read_card(folder), request.to_json()
     if card is None:
         if (
             "minari" in request.formats
@@ -152,12 +152,12 @@ def complete(request: DatasetRequest, folders: DatasetFolders) -> bool:
             and folders.minari.resolve() != folders.output.resolve()
         ):
             raise ConfigurationError(
-                f"{data} is there already, but {folder} has no card of it; remove it, or choose other folders"
+                f"{data} exists already, but {folder} has no card of it; remove it, or choose other folders"
             )
         return False
-    if card["request"] != wanted:
-        names = [name for name in wanted if card["request"].get(name) != wanted[name]]
-        changes = "; ".join(f"{name} was {card['request'].get(name)}, is {wanted[name]}" for name in names)
+    if card["request"] != requested:
+        names = [name for name in requested if card["request"].get(name) != requested[name]]
+        changes = "; ".join(f"{name} was {card['request'].get(name)}, is {requested[name]}" for name in names)
         raise ConfigurationError(
             f"{folder} holds another dataset: {changes}; remove it, or choose another --output"
         )

@@ -1,4 +1,4 @@
-"""Options of `train.py`: those of a run by hand, those of hyperparameters from their dataclasses."""
+"""Options of `train.py`: those of a run, and those of hyperparameters, made from their dataclasses."""
 
 import argparse
 import json
@@ -20,7 +20,7 @@ _TEXT = {"expert": f"the first of {', '.join(DEFAULT_EXPERTS)} that fits", "feat
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Options of one run, apart from hyperparameters; None stands for those that are not given."""
+    """Add the options of one run except hyperparameters; the value of an option that is not given is None."""
     add = parser.add_argument
     add("--algo", metavar="NAME", help=f"{', '.join(ALGORITHMS)}; default {DEFAULT_ALGORITHM}")
     add("--env", metavar="ID", help=f"environment id, or module:id; default {DEFAULT_ENV}")
@@ -34,16 +34,16 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     what = "TOML file of options and hyperparameters; those of the command line take precedence"
     add("--config", metavar="FILE", help=what)
     what = (
-        "run folder, default runs/ALGO-ID-TIME; of several runs what holds their folders, default "
+        "run folder, default runs/ALGO-ID-TIME; for several runs the folder that holds theirs, default "
         "runs/ALGO-ID or runs/ and the sweep file's name"
     )
     add("--output", type=output_path, metavar="FOLDER", help=what)
-    what = "continue this run; takes --steps and --minutes, and nothing else of a run"
+    what = "continue this run; only --steps and --minutes may be changed"
     add("--resume", metavar="RUN", help=what)
     what = f"goals of a validation; default {EPISODES}, or all of the split if there are fewer"
     add("--validation-episodes", type=int, metavar="N", help=what)
-    add("--dry-run", action="store_true", help="check, print what would be trained as a --config file, stop")
-    add("--quiet", action="store_true", help="neither progress bar nor lines")
+    add("--dry-run", action="store_true", help="check, print the run as a --config file, and stop")
+    add("--quiet", action="store_true", help="print neither a progress bar nor messages")
 
 
 def add_hyperparameters(parser: argparse.ArgumentParser) -> None:
@@ -71,7 +71,7 @@ def hyperparameter_names() -> list[str]:
 
 
 def _defaults(name: str, algorithms: Sequence[str]) -> str:
-    """Default of a hyperparameter, with the algorithms that have it."""
+    """Default of a hyperparameter, with the algorithms to which it applies."""
     by_value: dict[str, list[str]] = {}
     for each in algorithms:
         value = _TEXT.get(name) or getattr(ALGORITHMS[each], name)
@@ -96,7 +96,7 @@ def given_options(parsed: argparse.Namespace) -> dict[str, Any]:
     """Options and hyperparameters that a file or the command line gives, by name.
 
     Raises:
-        ConfigurationError: for a file that is not one, and keywords that are malformed.
+        ConfigurationError: for an invalid file or malformed keywords.
     """
     given = {} if parsed.config is None else read_toml(parsed.config, "configuration file")
     names = [*OPTIONS, *hyperparameter_names()]

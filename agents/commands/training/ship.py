@@ -1,4 +1,4 @@
-"""Command line that puts a trained policy among those that ship with the project (for maintainers)."""
+"""Command line that adds a trained policy to those shipped with the project (for maintainers)."""
 
 import argparse
 import json
@@ -29,7 +29,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("run", help="folder of a finished run; with --again, the id that the policy is for")
     parser.add_argument("name", help="name of the policy, as the registry has it")
     parser.add_argument(
-        "--again", action="store_true", help="only evaluate the policy that ships, after a change of the task"
+        "--again",
+        action="store_true",
+        help="only evaluate the shipped policy again, after a change of the task",
     )
     return exit_status("python -m agents.commands.training.ship", lambda: _run(parser.parse_args(arguments)))
 
@@ -46,8 +48,8 @@ def ship(run: RunFolder, name: str) -> dict[str, Any]:
     """Copy the policy and write its provenance next to it; returns the provenance.
 
     Raises:
-        ConfigurationError: if the run has not finished, or did not improve on the policy that it started
-            from. PolicyError: if its policy is not sound.
+        ConfigurationError: if the run has not finished, or did not improve its initial policy.
+        PolicyError: if its policy is invalid.
     """
     config, summary = run.config(), run.summary()
     if summary is None:
@@ -75,10 +77,10 @@ def ship(run: RunFolder, name: str) -> dict[str, Any]:
 
 
 def evaluate_again(env_id: str, name: str) -> dict[str, Any]:
-    """Bring the test of a shipped policy's provenance up to date with the task; returns the provenance.
+    """Update the test result in a shipped policy's provenance; returns the provenance.
 
     Raises:
-        ConfigurationError: if no policy of that name ships for the id.
+        ConfigurationError: if no policy of that name is shipped for the id.
     """
     file, path = load_shipped(env_id, name), shipped_path(env_id, name).with_suffix(".json")
     provenance = parse_json(path.read_text("utf-8"))
@@ -94,7 +96,7 @@ def _tested(file: PolicyFile, settings: Settings) -> dict[str, Any]:
 
 
 def _portable(command: list[str]) -> list[str]:
-    """The command without the folders of the machine it ran on and without what only shows progress."""
+    """The command without folders of the machine and without options that only affect progress messages."""
     words, skip = [], False
     for word in command:
         if not skip and word not in ("--output", "--quiet"):

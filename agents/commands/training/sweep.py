@@ -1,4 +1,4 @@
-"""`train.py --seeds` and `train.py --sweep`: many runs of one command, and the result of each."""
+"""`train.py --seeds` and `train.py --sweep`: several runs with one command, and the result of each."""
 
 import argparse
 import sys
@@ -31,17 +31,17 @@ A sweep file is TOML. Names are those of the options and hyperparameters above, 
 command line hold for all runs too.
 
   seeds = "0-4"                      # or a list; the option --seeds overrides it
-  [fixed]                            # what all runs have
+  [fixed]                            # the same in all runs
   algo = "ppo"
   hidden = [64, 64]
-  [values]                           # lists, whose every combination is trained with every seed
+  [values]                           # lists; every combination is trained with every seed
   learning_rate = [1e-4, 3e-4]
   num_envs = [64, 128]
 
 Each run is a folder inside --output, like learning_rate-0.0003_num_envs-64_seed-2, where evaluate.py and
---resume take it. A run that fails leaves the others alone; its traceback is in its {ERROR}. The same command
-again continues what is not finished. {SUMMARY} has the result of each run. With a cluster, its workers
-need this project installed and the output folder at the same path.
+--resume take it. A failed run does not affect the others; its traceback is in its {ERROR}. The same command
+again continues the runs that are not finished. {SUMMARY} has the result of each run. With a cluster, its
+workers need this project installed and the output folder at the same path.
 """
 
 
@@ -57,10 +57,10 @@ def add_sweep_options(parser: argparse.ArgumentParser) -> None:
 
 
 def is_sweep(parsed: argparse.Namespace) -> bool:
-    """Whether several runs are asked for.
+    """Whether the options describe several runs.
 
     Raises:
-        ConfigurationError: if options of several runs come without any.
+        ConfigurationError: if there are options of several runs, but neither --seeds nor --sweep.
     """
     if parsed.seeds is not None or parsed.sweep is not None:
         return True
@@ -73,7 +73,7 @@ def sweep(parsed: argparse.Namespace) -> int:
     """Train all runs; returns the exit status: 0, 1 if a run failed, 130 when interrupted.
 
     Raises:
-        SpaceEnvsError: for anything in the input of any run that is not valid, before one begins.
+        SpaceEnvsError: for invalid input of any run, before the first one starts.
     """
     jobs = 1 if parsed.jobs is None else parsed.jobs
     check_backend(jobs, parsed.backend or "loky", parsed.address)
@@ -115,7 +115,7 @@ def _runs(parsed: argparse.Namespace, given: Mapping[str, Any]) -> list[SweepRun
 def _train(
     parsed: argparse.Namespace, runs: Sequence[SweepRun], output: Path, results: dict[str, RunResult]
 ) -> bool:
-    """Train what is not finished, and note every result; returns False if it was interrupted."""
+    """Train the unfinished runs and write every result; returns False if it was interrupted."""
     waiting = [output / name for name, result in results.items() if result.status != "finished"]
     width = max(map(len, results))
     quiet = parsed.quiet or not sys.stderr.isatty()
@@ -147,7 +147,7 @@ def _train(
 
 
 def _default_output(file: str | None, given: Mapping[str, Any]) -> Path:
-    """Folder of the runs, the same for the same command, so that it continues them."""
+    """Folder of the runs: the same for the same command, so that it continues them."""
     if file is not None:
         return Path("runs") / Path(file).stem
     env_id = given.get("env", DEFAULT_ENV).split(":")[-1].split("/")[-1]
