@@ -1,4 +1,4 @@
-"""Values at public boundaries: numbers, flags and arrays, or an error that names what was got."""
+"""Validation of values at public boundaries: numbers, flags and arrays."""
 
 from typing import Any
 
@@ -12,7 +12,7 @@ def number(name: str, value: object) -> float:
     """`value` as a float, if it is a finite real number; text, flags and arrays are none.
 
     Raises:
-        ConfigurationError: naming what was got.
+        ConfigurationError: with the value that was given.
     """
     if not isinstance(value, int | float | np.integer | np.floating) or isinstance(value, bool):
         raise ConfigurationError(f"{name} must be a finite number, got {shown(value)}")
@@ -37,7 +37,7 @@ def count(name: str, value: object, largest: int) -> int:
     """`value` as an int, if it is a whole number from 0 to `largest`.
 
     Raises:
-        ConfigurationError: naming what was got.
+        ConfigurationError: with the value that was given.
     """
     if not isinstance(value, int | np.integer) or isinstance(value, bool) or not 0 <= int(value) <= largest:
         raise ConfigurationError(f"{name} must be an integer from 0 to {largest}, got {shown(value)}")
@@ -48,7 +48,7 @@ def flag(name: str, value: object) -> bool:
     """`value` as a bool, if it is one: a text such as "no" would count as true.
 
     Raises:
-        ConfigurationError: naming what was got.
+        ConfigurationError: with the value that was given.
     """
     if not isinstance(value, bool | np.bool_):
         raise ConfigurationError(f"{name} must be True or False, got {shown(value)}")
@@ -59,7 +59,7 @@ def array(value: Any) -> NDArray | None:
     """`value` as an array; None if it is none, such as a ragged list."""
     try:
         return np.asarray(value)
-    except Exception:  # whatever an untrusted object raises
+    except Exception:  # an untrusted object may raise anything
         return None
 
 
@@ -84,20 +84,20 @@ def real_array(name: str, value: Any, shape: tuple[int | None, ...]) -> NDArray[
     Raises:
         ConfigurationError: for text, complex numbers, NaN, ragged lists or another shape.
     """
-    wanted = f"({', '.join('any' if length is None else str(length) for length in shape)})"
+    expected = f"({', '.join('any' if length is None else str(length) for length in shape)})"
     found = numbers(value)
     if found is None:
-        raise ConfigurationError(f"{name} must be an array of numbers, {wanted}, got {shown(value)}")
+        raise ConfigurationError(f"{name} must be an array of numbers, {expected}, got {shown(value)}")
     fits = found.ndim == len(shape) and all(
         length in (None, got) for length, got in zip(shape, found.shape, strict=True)
     )
     if not fits or np.isnan(found).any():
-        raise ConfigurationError(f"{name} must be of shape {wanted} without NaN, got {shown(value)}")
+        raise ConfigurationError(f"{name} must be of shape {expected} without NaN, got {shown(value)}")
     return found
 
 
 def finite_array(name: str, value: Any, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
-    """The same without infinity."""
+    """`value` as a new finite float64 array of `shape`; errors as in `real_array`, and for infinity."""
     array = real_array(name, value, shape)
     if not np.isfinite(array).all():
         raise ConfigurationError(f"{name} must be finite, got {shown(value)}")

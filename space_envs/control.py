@@ -1,6 +1,6 @@
 """Control modes: from actions in [-1, 1] to joint torques, batched.
 
-Every mode ends in joint torques, which are internal to the robot and so leave its total momentum alone.
+Every mode computes joint torques, which are internal to the robot and do not change its total momentum.
 """
 
 from collections.abc import Callable
@@ -22,7 +22,7 @@ ATTITUDE_GAIN = 0.5  # 1/s, feedback of the attitude error in mode reactionless
 
 
 class ControlMode(Protocol):
-    """Turns actions (N, size) in [-1, 1] into torques (N, n); `scale` is physical units per unit action."""
+    """Maps actions (N, size) in [-1, 1] to torques (N, n); `scale` is physical units per unit action."""
 
     size: int
     scale: Array
@@ -47,7 +47,7 @@ class JointTorque:
 
     def __init__(self, drive: Drive) -> None:
         self.drive = drive
-        drive.extrapolate = False  # torques jump from period to period, so the past says little
+        drive.extrapolate = False  # torques are discontinuous between periods, so extrapolation is useless
         self.size = drive.simulation.n_joints
         self.scale = drive.torque_limit.copy()
 
@@ -56,11 +56,11 @@ class JointTorque:
 
 
 class Lookahead:
-    """The robot as it will be at the end of the period if its joints keep their rates.
+    """Predicted robot at the end of the period, for constant joint rates.
 
-    That is where a commanded rate is reached, so it is where the maps from joint rates to the end-effector
-    and to the base are needed. The base keeps its attitude and is put at the origin. Masses are the nominal
-    ones, which is all that a controller knows.
+    A commanded rate is reached there, so the maps from joint rates to the end-effector and to the base are
+    evaluated there. The base has its present attitude and is placed at the origin. Masses are nominal: a
+    controller does not know the actual ones.
     """
 
     def __init__(self, drive: Drive) -> None:
@@ -69,7 +69,7 @@ class Lookahead:
         self.simulation = Simulation(simulation.model, simulation.n, simulation.batch.nthread)
 
     def update(self) -> None:
-        """Take the present state of the drive's simulation and look ahead from there."""
+        """Predict from the present state of the drive's simulation."""
         now, ahead = self.drive.simulation, self.simulation
         ahead.base_attitude[:] = now.base_attitude
         ahead.joint_position[:] = now.joint_position + self.drive.control_period * now.joint_velocity
@@ -123,10 +123,10 @@ class EndEffectorVelocity:
 class Reactionless:
     """Joint rates, rad/s, projected onto the reaction null space.
 
-    From rest the attitude stays within 0.05 deg, whatever the action, as long as the satellite's mass is
-    the one that the model states; where it is 20 % off, within 0.3 deg. The attitude error is fed back.
-    Joints that a limit stops are taken out of the projection, since stopping them afterwards would take the
-    motion out of the null space. A start whose motion is far from the null space is braked.
+    From rest the attitude error stays below 0.05 deg for any action with the nominal mass of the satellite,
+    and below 0.3 deg with a mass error of 20 %. The attitude error is fed back. Joints stopped by a limit are
+    excluded from the projection, since stopping them afterwards would leave the null space. Initial motion
+    far from the null space is braked.
     """
 
     def __init__(self, drive: Drive) -> None:
@@ -153,7 +153,7 @@ class Reactionless:
         rate = projected(command, np.ones_like(command))
         adjustable = ((rate >= low) & (rate <= high)).astype(np.float64)
         rate = projected(np.minimum(np.maximum(rate, low), high), adjustable)
-        # Whatever still exceeds a limit is scaled as a whole, which stays in the null space.
+        # Rates that still exceed a limit are all scaled together, which stays in the null space.
         bound = np.where(rate > 0.0, high, -low)
         excess = (np.abs(rate) / np.maximum(bound, 1e-9)).max(axis=1, keepdims=True)
         rate = rate / np.maximum(excess, 1.0)

@@ -1,4 +1,4 @@
-"""Joint drives: from rate commands to torques that keep torque, rate and position limits, batched."""
+"""Joint drives: torques that track rate commands within torque, rate and position limits, batched."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,12 +6,12 @@ from numpy.typing import NDArray
 from space_envs.dynamics.rotations import Array
 from space_envs.simulation import Simulation
 
-BRAKING = 0.04  # rad/s^2 with which a joint may approach its limit; 60 N m give a resting arm 0.05 at least
-CORIOLIS_SHARE = 0.4  # of a drive's torque; where Coriolis forces take more, the arm is slowed
-CORIOLIS_LOST = 0.8  # of a drive's torque; where they take more, they are no longer compensated
-OVERSPEED = 1.05  # times the rate limit, beyond which the arm is slowed too
-BRAKING_SHARE = 0.2  # of a drive's torque; starts that take more to brake all joints together are refused
-STOP_MARGIN = 0.1  # rad; the drives stop this far inside the joint range, so that nothing hits its end
+BRAKING = 0.04  # rad/s^2 of joints approaching their limits; 60 N m give an arm at rest at least 0.05
+CORIOLIS_SHARE = 0.4  # of a drive's torque; the arm is slowed if Coriolis forces need more
+CORIOLIS_LOST = 0.8  # of a drive's torque; Coriolis forces are not compensated if they need more
+OVERSPEED = 1.05  # times the rate limit; the arm is slowed beyond it
+BRAKING_SHARE = 0.2  # of a drive's torque; starts that need more to brake all joints together are rejected
+STOP_MARGIN = 0.1  # rad; the drives stop joints this far inside their ranges
 
 
 def braking_rates(room: Array, rate_limit: float) -> Array:
@@ -77,12 +77,12 @@ class Drive:
     high: Array
 
     def reset(self, rows: NDArray[np.int64]) -> None:
-        """Forget the past of rows (k,) whose state was written."""
+        """Reset the extrapolation of rows (k,) whose state was set."""
         self._last_mass[rows] = self.simulation.mass_matrix()[rows]
         self._last_bias[rows] = self.simulation.bias()[rows]
 
     def begin(self) -> None:
-        """Take in the state at the start of a control period; call once before torques are asked for."""
+        """Update to the state at the start of a control period; call once per period, before the torques."""
         self.low, self.high = self._stops.rates(self.simulation.joint_position)
         mass, bias = self.simulation.mass_matrix(), self.simulation.bias().copy()
         self._mass, self._bias = mass, bias
@@ -96,7 +96,7 @@ class Drive:
         return self._last_mass.copy(), self._last_bias.copy()
 
     def restore(self, snapshot: tuple[Array, Array]) -> None:
-        """Take over a snapshot."""
+        """Restore a snapshot."""
         self._last_mass, self._last_bias = snapshot[0].copy(), snapshot[1].copy()
 
     def track(self, rate: Array) -> Array:
@@ -127,11 +127,11 @@ class Drive:
         after = held + braking * self._room(held, braking)
         rest = need - braking
         torque = after + rest * self._room(after, rest)
-        # Where Coriolis forces take much of a drive, the arm as a whole slows down while there is torque to
-        # hold its direction with. Where there is hardly any, nothing is held: Coriolis forces do no work, so
-        # torques opposed to M* times the rates always brake.
-        kept = np.where(load > CORIOLIS_LOST, 0.0, held)
-        slower = kept + stopping * self._room(kept, stopping)
+        # If Coriolis forces need much of a drive's torque, the whole arm is slowed along its direction of
+        # motion. If they need nearly all of it, they are not compensated: they do no work, so torques opposed
+        # to M* times the rates always brake.
+        retained = np.where(load > CORIOLIS_LOST, 0.0, held)
+        slower = retained + stopping * self._room(retained, stopping)
         return self._within(np.where(fast, slower, torque))
 
     def _inverse_dynamics(
@@ -140,12 +140,12 @@ class Drive:
         """Torques (N, n): for joint accelerations (N, n), for Coriolis and centrifugal forces, for the
         accelerations of the late joints (N, n) alone, and for stopping all joints within the period."""
         mass, bias, b = self._mass, self._bias, self._b
-        wanted = np.empty((*acceleration.shape, 3))
-        wanted[..., 0] = acceleration
-        wanted[..., 1] = acceleration * late
-        wanted[..., 2] = self.simulation.joint_velocity * (-1.0 / self.control_period)
+        command = np.empty((*acceleration.shape, 3))
+        command[..., 0] = acceleration
+        command[..., 1] = acceleration * late
+        command[..., 2] = self.simulation.joint_velocity * (-1.0 / self.control_period)
         force = np.empty((*bias.shape, 4))
-        force[..., :3] = mass[:, :, b:] @ wanted
+        force[..., :3] = mass[:, :, b:] @ command
         force[..., 3] = bias
         base = np.linalg.solve(mass[:, :b, :b], force[:, :b])
         torque = force[:, b:] - mass[:, b:, :b] @ base
@@ -166,7 +166,7 @@ class Drive:
         force[:, self._b :] += torque
         acceleration = np.linalg.solve(self._mass, force[..., None])[:, self._b :, 0]
         rate = self.simulation.joint_velocity + self.control_period * acceleration
-        # Half the rate limit in one period is more than a torque held that long can steer.
+        # Faster changes cannot be controlled by a torque that is constant over the period.
         harsh = np.abs(acceleration) > 0.5 * self.rate_limit / self.control_period
         violated = np.any((rate < self.low) | (rate > self.high) | harsh, axis=1)
         if not violated.any():

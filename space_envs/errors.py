@@ -1,7 +1,7 @@
-"""Every exception that users of the suite see, and the hint that names the nearest valid name.
+"""Exceptions of the suite, and error messages with the nearest valid name.
 
-All of them are Gymnasium's `Error`, and where Gymnasium or Python has a class for the case, they are of that
-class too, so that clients which know nothing of this suite catch what they expect.
+All are subclasses of Gymnasium's `Error` and, where Gymnasium or Python has a class for the case, of that
+class too, so that generic clients catch what they expect.
 """
 
 import difflib
@@ -16,11 +16,11 @@ _SHOWN = 100  # characters of a value in a message
 
 
 class SpaceEnvsError(error.Error):
-    """Base of all errors raised on purpose by this suite."""
+    """Base class of the errors of this suite."""
 
 
 class ConfigurationError(SpaceEnvsError, ValueError):
-    """A keyword, option, name or file content is not one that the suite knows or accepts."""
+    """A keyword, option, name or file content is unknown or invalid."""
 
 
 class UnknownKeywordError(ConfigurationError, TypeError):
@@ -44,11 +44,11 @@ class GoalError(SpaceEnvsError, ValueError):
 
 
 class RenderingError(SpaceEnvsError, RuntimeError):
-    """A picture was asked for on a machine that cannot draw one."""
+    """This machine cannot render images."""
 
 
 class PlanningError(SpaceEnvsError, RuntimeError):
-    """A planner found no plan; the message says why."""
+    """A planner found no plan; the message has the reason."""
 
 
 class PolicyError(SpaceEnvsError, RuntimeError):
@@ -56,7 +56,7 @@ class PolicyError(SpaceEnvsError, RuntimeError):
 
 
 def shown(value: object) -> str:
-    """A value as it stands in a message: its `repr`, cut where it is long, or its type if it has none."""
+    """Text of a value for a message: its `repr`, shortened, or its type if that fails."""
     try:
         text = repr(value)
     except Exception:  # of an untrusted class, or an integer of thousands of digits
@@ -68,7 +68,7 @@ def positive(name: str, value: object, largest: float | None = None) -> float:
     """`value` as a float, if it is a finite positive number of at most `largest`.
 
     Raises:
-        ConfigurationError: naming what was got.
+        ConfigurationError: with the value that was given.
     """
     number = _scalar(value)
     try:
@@ -85,7 +85,7 @@ def positive_integer(name: str, value: object, largest: int | None = None) -> in
     """`value` as an int, if it is a whole number from 1 to `largest`.
 
     Raises:
-        ConfigurationError: naming what was got.
+        ConfigurationError: with the value that was given.
     """
     number = _scalar(value)
     if not isinstance(number, numbers.Integral) or not 1 <= int(number) <= (largest or int(number)):
@@ -102,24 +102,24 @@ def _scalar(value: object) -> object:
 
 
 def unknown_name(kind: str, got: object, valid: Iterable[str]) -> ConfigurationError:
-    """Build the error for an unknown name: what was got, what is valid, and the nearest valid name."""
+    """Error for an unknown name, with the valid names and the nearest one."""
     return ConfigurationError(f"unknown {kind} {shown(got)}; {_hint(got, valid)}")
 
 
 def unknown_keyword(got: str, valid: Iterable[str]) -> UnknownKeywordError:
-    """Build the error for a keyword that there is not, in Python's words, with the nearest that there is."""
+    """Error for an unknown keyword, in Python's wording, with the nearest valid one."""
     return UnknownKeywordError(f"got an unexpected keyword argument {shown(got)}; {_hint(got, valid)}")
 
 
 def unknown_id(got: object, valid: Iterable[str]) -> UnknownIdError:
-    """Build the error for an environment id that there is not."""
+    """Error for an unknown environment id."""
     hint = f"{_hint(got, valid)} One that another package registers is named as module:id."
     return UnknownIdError(f"unknown environment id {shown(got)}; {hint}")
 
 
-def no_path(kind: str, path: Path, beside: Iterable[str]) -> ConfigurationError:
-    """Build the error for a path that there is not, with the nearest of the names that would do beside it."""
-    near = difflib.get_close_matches(path.name, list(beside), n=1)
+def no_path(kind: str, path: Path, names: Iterable[str]) -> ConfigurationError:
+    """Error for a path that does not exist, with the nearest of the valid names in its folder."""
+    near = difflib.get_close_matches(path.name, list(names), n=1)
     hint = f" Did you mean {str(path.parent / near[0])!r}?" if near else ""
     return ConfigurationError(f"there is no {kind} {str(path)!r}.{hint}")
 

@@ -18,7 +18,7 @@ _REAL = "fiu"  # kinds of numpy's numbers that an action may have
 
 
 def described(error: BaseException) -> str:
-    """Type and message of an exception on one line, also where its class raises when asked."""
+    """Type and message of an exception on one line, even if its `__str__` raises."""
     try:
         text = f"{type(error).__name__}: {error}"
     except BaseException:
@@ -27,7 +27,7 @@ def described(error: BaseException) -> str:
 
 
 def plain_text(text: str) -> str:
-    """A text that can be written anywhere: on one line, cut at LONGEST, no lone surrogates."""
+    """Text that can be written anywhere: on one line, at most LONGEST characters, no lone surrogates."""
     whole = text[: 4 * LONGEST].encode("utf-8", "replace").decode("utf-8")
     return " ".join(whole.split())[:LONGEST]
 
@@ -35,10 +35,10 @@ def plain_text(text: str) -> str:
 def actions_and_state(returned: Any, shape: tuple[int, int]) -> tuple[Array, Any]:
     """Actions of a shape, a copy of the policy's array, and the state, from the value of its `predict`.
 
-    The actions may hold NaN or infinity; the state is not looked at.
+    The actions may hold NaN or infinity; the state is not checked.
 
     Raises:
-        PolicyError: if it is no pair, or its first part is no array of real numbers of that shape.
+        PolicyError: if it is not a pair, or its first element is not an array of real numbers of that shape.
     """
     if type(returned) not in (tuple, list) or len(returned) != 2:
         raise PolicyError(f"it returned {_kind(returned)}, expected a pair of actions and state")
@@ -58,8 +58,8 @@ def _kind(value: Any) -> str:
 
 @contextmanager
 def undisturbed() -> Iterator[None]:
-    """Restore, afterwards, what foreign code may change for all of this process: its working directory,
-    umask, environment, search path, signal handlers, and the handling of warnings and floating-point errors.
+    """Restore the state of the process that foreign code may change: working directory, umask, environment,
+    search path, signal handlers, and the handling of warnings and floating-point errors.
     """
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     folder, environment, paths = os.getcwd(), dict(os.environ), list(sys.path)

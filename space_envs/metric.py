@@ -1,8 +1,8 @@
-"""Metric: a number of every episode, computed by one function, recorded and shown as one row says.
+"""Metric: a number per episode, defined by one row: function, unit and display.
 
-`space_envs.evaluation.records.metrics` has the table of those that every task has. A task adds its own by a
-class attribute `metrics: ClassVar[tuple[Metric, ...]]`; their keys stand in its records after the built-in
-ones, and their columns in its tables.
+`space_envs.evaluation.records.metrics` has the table of the common ones. A task adds its own by a
+class attribute `metrics: ClassVar[tuple[Metric, ...]]`; their keys follow the built-in ones in
+its records, and their columns appear in its tables.
 """
 
 import re
@@ -20,7 +20,7 @@ _NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 @dataclass(frozen=True)
 class Display:
-    """Figure of a metric in tables: what is made of the values of all episodes, and how it is written.
+    """Figure of a metric in tables: statistic over all episodes, and format.
 
     Attributes:
         title: heading of its column; without one the figure is in leaderboard.csv and summary.json alone.
@@ -30,7 +30,7 @@ class Display:
         key: of the figure, where it is not the metric's name.
         decimals: None for as many as the interval supports.
         room: smallest table that has the column: the full one, that of the README, or that of a paper.
-        priority: columns with larger numbers leave a narrow terminal first.
+        priority: columns with larger numbers are dropped first in a narrow terminal.
         order: among the figures; those of a task stand last.
     """
 
@@ -59,10 +59,10 @@ class Display:
 
 @dataclass(frozen=True)
 class Metric:
-    """Number of every episode.
+    """Number per episode, with its unit, function and display.
 
     Attributes:
-        name: key in the records: small letters, digits and underscores.
+        name: key in the records: lower case, digits and underscores.
         unit: in the records, empty for a number without one.
         meaning: in a clause, for the schema, the tables and the docs.
         of: function of K recorded episodes (`space_envs.evaluation.play.rollout.Rollout`) and their task;
@@ -86,7 +86,7 @@ class Metric:
     def __post_init__(self) -> None:
         if not _NAME.fullmatch(self.name):
             raise ConfigurationError(
-                f"a metric's name has small letters, digits and underscores, got {self.name!r}"
+                f"a metric's name has lower-case letters, digits and underscores, got {self.name!r}"
             )
 
     @property

@@ -1,4 +1,4 @@
-"""The interface of policies: signature, context, what one needs of a task, and loading a user's own class."""
+"""Interface of policies: signature, context, requirements on tasks, and loading of a user's class."""
 
 import importlib
 from collections.abc import Callable
@@ -27,8 +27,8 @@ class Policy(Protocol):
     """Chooses actions; the signature of `predict` is stable-baselines3's.
 
     A policy class is built as `Class(context, seed)` with a `PolicyContext` and an int. Two class attributes
-    may say more: `control_mode`, the one it acts in unless another is asked for (default joint_velocity), and
-    `needs`, a `Needs` that says which tasks it can act in (default all).
+    are optional: `control_mode`, its default control mode (joint_velocity if absent), and `needs`, a `Needs`
+    with its requirements on tasks (default: none).
     """
 
     def predict(
@@ -38,37 +38,37 @@ class Policy(Protocol):
         episode_start: NDArray[np.bool_] | None = None,
         deterministic: bool = True,
     ) -> tuple[Array, Any]:
-        """Actions (N, m) in [-1, 1] for observations (N, size), and the state to give to the next call.
+        """Actions (N, m) in [-1, 1] for observations (N, size), and the state for the next call.
 
         Args:
-            observation: (N, size), laid out as the context's layout says.
-            state: what the last call returned; None at first.
+            observation: (N, size), with the context's layout.
+            state: returned by the previous call; None at the first call.
             episode_start: (N,) rows whose episode begins with this observation; a planner plans these.
                 None means all rows if there is no state yet, otherwise none.
-            deterministic: whether a stochastic policy shall give its mean action.
+            deterministic: whether a stochastic policy returns its mean action.
 
-        A state that is a `space_envs.evaluation.play.causes.PlanState` says which episodes have no
-        plan; records of episodes that failed then give the cause and the reason. No other state is looked at.
+        A state that is a `space_envs.evaluation.play.causes.PlanState` marks the episodes without a plan: the
+        records of failed episodes then have the cause and the reason. Other states are not inspected.
         """
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class PolicyContext:
-    """All that a policy may know besides observations: the public model and the terms of the task.
+    """Information for a policy besides observations: the nominal model and the parameters of the task.
 
     Attributes:
-        env_id: registered id. control_mode: what an action means.
+        env_id: registered id. control_mode: meaning of an action.
         model: compiled MuJoCo model with nominal masses, read-only. arm: the same robot's momentum-level
             mathematics.
-        layout: where each named quantity lies in an observation.
-        control_period: s. horizon: steps after which an episode is cut.
+        layout: slices of the named quantities of an observation.
+        control_period: s. horizon: steps after which an episode is truncated.
         action_scale: (m,) physical units per unit action (rad/s, N m, or m/s and rad/s).
-        joint_limits: (n, 2) rad, least and largest angle that the drives go to.
+        joint_limits: (n, 2) rad, least and largest angle that the drives allow.
         rate_limit: rad/s. acceleration_limit: rad/s^2, of every joint.
         envelope: of a capture. c: m/rad of the attitude cost (eq. 20 of shyam2020).
-        jobs: processes that a policy may plan with; -1 is one for each core.
-        contacts: the links as capsules and the bodies that they may not touch; None where there are none.
+        jobs: number of processes for planning; -1 is one per core.
+        contacts: gaps between the links and other bodies; None if contacts are not checked.
     """
 
     env_id: str
@@ -127,7 +127,7 @@ class PolicyContext:
 
     @property
     def goals(self) -> Literal["static", "moving"]:
-        """Whether goals are moving or static: the velocity of moving ones is observed."""
+        """Kind of goals, moving or static: the velocity of moving ones is observed."""
         return "moving" if "goal_linear_velocity" in self.layout.slices else "static"
 
     @property
@@ -153,16 +153,16 @@ class PolicyContext:
 
 @dataclass(frozen=True)
 class Needs:
-    """Properties of the tasks that a policy can act in; the defaults fit every task.
+    """Requirements of a policy on tasks; the defaults fit every task.
 
     Attributes:
-        fields: of the observation, that it reads. control_modes: that it can act in; empty is any.
+        fields: required fields of the observation. control_modes: supported ones; empty is any.
         arms: how many; None is any number. joints: how many, of all arms together; None is any number.
         planar: a robot in the plane (True) or in space (False); None is either.
         goals: static or moving; None is either.
-        obstacles: whether there must be some (True) or none (False); None is either.
-        other: function of a context that returns the reason why it does not fit, or None; for what the
-            others cannot say.
+        obstacles: required (True) or not supported (False); None is either.
+        other: function of a context that returns the reason why the policy does not fit, or None; for any
+            other requirement.
     """
 
     fields: tuple[str, ...] = ()
@@ -175,11 +175,11 @@ class Needs:
     other: Callable[[PolicyContext], str | None] | None = None
 
     def missing(self, context: PolicyContext) -> list[str]:
-        """Reasons why a policy does not fit a context's task and control mode; empty where it fits."""
+        """Reasons why a policy does not fit a context's task and control mode; empty if it fits."""
         reasons = [
-            f"it needs {words(wanted)}, the task has {words(got)}"
+            f"it needs {words(needed)}, the task has {words(got)}"
             for name, words in _NEEDS.items()
-            if (wanted := getattr(self, name)) is not None and wanted != (got := getattr(context, name))
+            if (needed := getattr(self, name)) is not None and needed != (got := getattr(context, name))
         ]
         absent = [name for name in self.fields if name not in context.layout.slices]
         if absent:
@@ -218,7 +218,7 @@ def load_policy_class(path: str) -> type[Policy]:
         acts = isinstance(found, type) and callable(getattr(found, "predict", None))
     except KeyboardInterrupt:
         raise
-    except BaseException as error:  # whatever a user's module does when it is imported
+    except BaseException as error:  # a user's module may raise anything on import
         raise PolicyError(
             f"module {module_name!r} of policy {path!r} cannot be imported: {described(error)}"
         ) from None

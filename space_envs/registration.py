@@ -44,9 +44,9 @@ class RegisteredTask:
     """A registered id.
 
     Attributes:
-        id: as `gym.make` takes it once it is registered.
-        source: class of the task, or its name as "module:Class", imported when it is first needed.
-        module: that registers the id when it is imported.
+        id: as in `gym.make`, after registration.
+        source: class of the task, or its name as "module:Class", imported at first use.
+        module: module that registers the id on import.
         defaults: keywords of the task that differ from those of its class.
     """
 
@@ -57,7 +57,7 @@ class RegisteredTask:
 
     @property
     def name(self) -> str:
-        """The id as every process can make it: `module:id`, or the id alone if this package registers it."""
+        """Id that works in every process: `module:id`, or the id alone if this package registers it."""
         here = self.module.partition(".")[0] in (PACKAGE, "__main__")
         return self.id if here else f"{self.module}:{self.id}"
 
@@ -66,7 +66,7 @@ class RegisteredTask:
         """Class of the task.
 
         Raises:
-            ConfigurationError: if it cannot be imported, or is no task.
+            ConfigurationError: if it cannot be imported or is not a task.
         """
         return _imported(self.source, self.id) if isinstance(self.source, str) else self.source
 
@@ -86,13 +86,13 @@ class RegisteredTask:
         for name in keywords:
             if name not in names and name not in tolerances:
                 raise unknown_keyword(name, [*names, *tolerances, *sorted(own)])
-        asked = {
+        given = {
             ENVELOPE_KEYWORDS[name]: positive(name, keywords[name], LARGEST_TOLERANCE)
             for name in tolerances
             if name in keywords
         }
         usual = {name: value for name, value in keywords.items() if name in names}
-        return self.task(**usual, envelope=replace(task.envelope, **asked))
+        return self.task(**usual, envelope=replace(task.envelope, **given))
 
 
 ENTRIES: dict[str, RegisteredTask] = {}
@@ -106,13 +106,13 @@ def register(id: str, task: type[CaptureTask] | str, **defaults: Any) -> None:
 
     Args:
         id: of the form Namespace/Name-v0.
-        task: subclass of `CaptureTask`, or its name as "module:Class", which is imported when it is needed.
+        task: subclass of `CaptureTask`, or its name as "module:Class", imported at first use.
         **defaults: keywords of the task that differ from the defaults of its class.
 
     Raises:
-        ConfigurationError: for another form of the id, an id that another task has, something that is no
-            task, or a default that is not valid.
-        UnknownKeywordError: for a default that the task does not have.
+        ConfigurationError: for an invalid form of the id, an id of another task, an object that is not a
+            task, or an invalid default.
+        UnknownKeywordError: for a default that is not a keyword of the task.
     """
     if not isinstance(id, str) or not _ID.fullmatch(id):
         raise ConfigurationError(f"an environment id has the form 'Namespace/Name-v0', got {shown(id)}")
@@ -129,7 +129,7 @@ def register(id: str, task: type[CaptureTask] | str, **defaults: Any) -> None:
     if not isinstance(task, str):
         entry.make({})
     ENTRIES[id] = entry
-    gym.registry.pop(id, None)  # Gymnasium warns of an id that it knows
+    gym.registry.pop(id, None)  # Gymnasium warns of a known id
     gym.register(
         id=id,
         entry_point=f"{PACKAGE}.envs:CaptureEnv",
@@ -139,7 +139,7 @@ def register(id: str, task: type[CaptureTask] | str, **defaults: Any) -> None:
 
 
 def unregister(id: str) -> None:
-    """Forget an id.
+    """Remove an id.
 
     Raises:
         UnknownIdError: if it is not registered.
@@ -148,10 +148,10 @@ def unregister(id: str) -> None:
 
 
 def find(name: str) -> RegisteredTask:
-    """The entry of an id; of `module:id` after its module was imported, which runs that module's code.
+    """Entry of an id; for `module:id` its module is imported first, which runs that module's code.
 
     Raises:
-        UnknownIdError: if there is no such id, or the module cannot be imported.
+        UnknownIdError: if the id is unknown or the module cannot be imported.
     """
     if not isinstance(name, str):
         raise unknown_id(name, ENTRIES)
@@ -162,7 +162,7 @@ def find(name: str) -> RegisteredTask:
                 import_module(module)
         except KeyboardInterrupt:
             raise
-        except BaseException as error:  # whatever a user's module does when it is imported
+        except BaseException as error:  # a user's module may raise anything on import
             raise UnknownIdError(
                 f"module {module!r} of environment id {name!r} cannot be imported: {described(error)}"
             ) from None
@@ -176,7 +176,7 @@ def make_task(name: str, keywords: Mapping[str, Any]) -> CaptureTask:
 
     Raises:
         UnknownIdError: for an unknown id. UnknownKeywordError: for an unknown keyword.
-        ConfigurationError: for a value that is not valid.
+        ConfigurationError: for an invalid value.
     """
     return find(name).make(keywords)
 
@@ -211,13 +211,13 @@ def _words(entry: RegisteredTask) -> tuple[str, dict[str, Any]]:
     return name, dict(entry.defaults)
 
 
-def asked_of_make(env: gym.Env) -> Any:
-    """`max_episode_steps` of the `gym.make` that constructs `env`, argument or spec; None if nothing says it.
+def max_steps_of_make(env: gym.Env) -> Any:
+    """`max_episode_steps` of the `gym.make` call that constructs `env`, from its argument or spec, or None.
 
-    `gym.make` adds a TimeLimit of as many steps and keeps the number to itself. An environment that ends its
-    episodes on its own must know it, or there would be two limits; so it is read from the frame of the call.
-    That frame is the first outside the constructors of `env`: one further out makes something else, of which
-    `env` is only a part.
+    `gym.make` adds a TimeLimit wrapper and does not pass the number on. The environment truncates its
+    episodes itself and must know it, or there would be two limits; so it is read from the frame of the call.
+    That frame is the first one outside the constructors of `env`; frames further out construct other objects
+    that contain `env`.
     """
     frame = inspect.currentframe()
     frame = frame and frame.f_back
@@ -225,5 +225,5 @@ def asked_of_make(env: gym.Env) -> Any:
         frame = frame.f_back
     if frame is None or frame.f_code is not make.__code__:
         return None
-    asked, spec = (frame.f_locals.get(name) for name in ("max_episode_steps", "env_spec"))
-    return getattr(spec, "max_episode_steps", None) if asked is None else asked
+    given, spec = (frame.f_locals.get(name) for name in ("max_episode_steps", "env_spec"))
+    return getattr(spec, "max_episode_steps", None) if given is None else given

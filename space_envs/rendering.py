@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from space_envs.checks import finite_array
 from space_envs.errors import ConfigurationError, RenderingError, positive_integer, unknown_name
-from space_envs.system.forking import never_end, tell_child
+from space_envs.system.forking import never_end, notify_after_fork
 from space_envs.system.opengl import check_window, chosen_backend, create_context, find_backend, missing_gl
 
 __all__ = ["Renderer", "missing_gl"]
@@ -20,8 +20,8 @@ __all__ = ["Renderer", "missing_gl"]
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 _MAX_GEOMS = 2000
 MAX_SIDE = 4096
-OVERVIEW = "overview"  # camera that is looked through by default
-_WINDOW_SECONDS = 10.0  # that closing a window may take
+OVERVIEW = "overview"  # default camera
+_WINDOW_SECONDS = 10.0  # time limit for closing a window
 _TRAIL_COLOUR = np.array([0.35, 0.95, 1.0, 0.9], dtype=np.float32)
 _TRAIL_WIDTH = 0.012  # m
 
@@ -29,9 +29,9 @@ _TRAIL_WIDTH = 0.012  # m
 class Renderer:
     """Draws states of one model: `render` makes pictures, `show` moves a window.
 
-    OpenGL is looked for when the first picture is asked for and then kept, so making a Renderer never fails
-    for want of it. Threads may draw in turn: each picture takes the OpenGL context and gives it back. A
-    forked child cannot go on with the context or window of its parent, and says so.
+    OpenGL is initialised at the first image, so constructing a Renderer never fails without it. Threads may
+    render one after another: each image acquires and releases the OpenGL context. A forked child cannot use
+    the context or window of its parent: it raises a RenderingError.
 
     Args:
         model: compiled with `ModelOptions(visual=True)`. It is copied.
@@ -79,7 +79,7 @@ class Renderer:
         self._window_threads: set[threading.Thread] = set()
         self._lock = threading.RLock()
         self._shown: tuple[float, float] = (0.0, 0.0)  # simulated time and clock of the last state shown, s
-        tell_child(self)
+        notify_after_fork(self)
 
     def render(
         self, state: ArrayLike, camera: str | None = None, trail: ArrayLike | None = None
@@ -134,18 +134,18 @@ class Renderer:
         self._window.sync()
         time_before, clock_before = self._shown
         ahead = self._data.time - time_before
-        if ahead > 0:  # a reset turns the simulated time back
+        if ahead > 0:  # a reset sets the simulated time back
             time.sleep(max(0.0, min(ahead, clock_before + ahead - time.monotonic())))
         self._shown = (self._data.time, time.monotonic())
         return True
 
     @property
     def model(self) -> mujoco.MjModel:
-        """The Renderer's own copy of the model, to be adapted to what is drawn next."""
+        """The Renderer's own copy of the model, which may be modified between images."""
         return self._model
 
     def close(self) -> None:
-        """Free the window and the OpenGL context; closing twice does nothing, drawing opens them again."""
+        """Close the window and the OpenGL context; rendering opens them again."""
         window, self._window = self._window, None
         if window is not None:
             window.close()
@@ -185,8 +185,8 @@ class Renderer:
         mujoco.mj_comPos(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
 
-    def leave_to_parent(self) -> None:
-        """In a forked child, put the context and the window aside, which are those of the parent."""
+    def after_fork(self) -> None:
+        """Set the context and the window aside in a forked child, since they belong to the parent."""
         for opened in (self._window, self._context, self._gl):
             never_end(opened)
         self._window = self._context = self._gl = self._scene = None
@@ -203,7 +203,7 @@ class Renderer:
                         self._context = mujoco.MjrContext(self._model, font)
             except RenderingError:
                 raise
-            except Exception as error:  # whatever a driver raises
+            except Exception as error:  # a driver may raise anything
                 self.close()
                 raise RenderingError(f"OpenGL ({backend}) could not be opened: {error}") from error
             scene = self._scene = mujoco.MjvScene(self._model, _MAX_GEOMS)
@@ -211,14 +211,14 @@ class Renderer:
         return self._scene, self._context
 
     def _open_window(self) -> Any:
-        import mujoco.viewer  # it needs GLFW, which pictures do not
+        import mujoco.viewer  # it needs GLFW, which images do not
 
         before = set(threading.enumerate())
         try:
             window = mujoco.viewer.launch_passive(
                 self._model, self._data, show_left_ui=False, show_right_ui=False
             )
-        except RuntimeError as error:  # macOS asks for `mjpython` in place of `python`
+        except RuntimeError as error:  # macOS needs `mjpython` instead of `python`
             raise RenderingError(f"no window for render_mode='human': {error}") from error
         # The window's thread crashes in a process that ends under it, so `close` waits for it, at exit too.
         self._window_threads = set(threading.enumerate()) - before

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array
 from space_envs.dynamics.tree import base_kind
-from space_envs.system.forking import Pool, tell_child
+from space_envs.system.forking import Pool, notify_after_fork
 
 Rows = NDArray[np.int64]
 
 STAGE_VEL = mujoco.mjtStage.mjSTAGE_VEL
 STAGE_POS = mujoco.mjtStage.mjSTAGE_POS
 STAGE_NONE = mujoco.mjtStage.mjSTAGE_NONE
-# What is bound of a batch, by attribute of the simulation.
+# Fields of a batch that are bound, by attribute of the simulation.
 _VIEWS = {
     **{name: name for name in ("qpos", "qvel", "ctrl", "mocap_pos", "mocap_quat")},
     "sensors": "sensordata",
@@ -31,7 +31,7 @@ class Simulation:
     """N simulations of a free-floating robot with n joints.
 
     The base's own joints are the model's first ones: a free joint in space, two slides and a hinge in the
-    plane. The robot's hinges follow them, and then what else there is. The robot's generalised velocity is
+    plane. The robot's hinges follow them, and then the other joints. The robot's generalised velocity is
     [v0 in inertial axes; w0 in base axes; joint rates], its base part having b = 6 components or, in the
     plane, b = 3.
 
@@ -41,7 +41,7 @@ class Simulation:
         qpos (N, nq), qvel (N, nv), ctrl (N, n): live and writable.
         mocap_pos (N, k, 3), mocap_quat (N, k, 4): likewise, of the k mocap bodies.
         sensors (N, ns): live, current after `step` and `refresh`.
-        watch: called after every single step of the simulation, for callers that need them all.
+        watch: called after every step of the simulation.
     """
 
     def __init__(self, model: mujoco.MjModel, n: int, threads: int | None = None) -> None:
@@ -72,24 +72,24 @@ class Simulation:
     _bias: Array
 
     def _open(self, threads: int) -> None:
-        """Make the batch, and bind what is looked at."""
+        """Create the batch and bind its fields."""
         self.batch = Pool(self.model, self.n, threads)
         if self.batch.nthread > 1:
-            tell_child(self)
+            notify_after_fork(self)
         for attribute, name in _VIEWS.items():
             setattr(self, attribute, self.batch.bind(name))
 
-    def leave_to_parent(self) -> None:
-        """In a forked child, put the batch aside, whose threads are those of the parent."""
+    def after_fork(self) -> None:
+        """Set the batch aside in a forked child, since its threads exist in the parent only."""
         if "batch" in self.__dict__:
             self._inherited = self.batch
             for name in ("batch", *_VIEWS):
                 del self.__dict__[name]
 
-    if not TYPE_CHECKING:  # a type checker shall find missing attributes
+    if not TYPE_CHECKING:  # type checkers must find missing attributes
 
         def __getattr__(self, name: str) -> Any:
-            """Go on with a batch of one's own from where the one that was put aside stood."""
+            """Create a new batch in the state of the one that was set aside."""
             inherited = self.__dict__.pop("_inherited", None)
             if inherited is None:
                 raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
@@ -148,7 +148,7 @@ class Simulation:
             self.watch()
 
     def refresh(self, rows: Rows | None = None) -> None:
-        """Make derived quantities agree with a state that was written."""
+        """Update derived quantities after the state was set."""
         self.batch.forward(ids=rows, stage=STAGE_VEL)
 
     def reset(self, rows: Rows) -> None:
@@ -188,16 +188,16 @@ class Simulation:
         self.batch.expand("site_pos")[rows[:, None], sites] = position
 
     def snapshot(self) -> dict[str, Array]:
-        """State with which `restore` goes on from here with the same bits."""
-        kept = {"state": np.stack([self.state(row) for row in range(self.n)])}
+        """State from which `restore` continues bitwise identically."""
+        state = {"state": np.stack([self.state(row) for row in range(self.n)])}
         for name in ("body_mass", "body_inertia", "site_pos"):
             own = self.batch.expanded(name)
             if own is not None:
-                kept[name] = own.copy()
-        return kept
+                state[name] = own.copy()
+        return state
 
     def restore(self, snapshot: dict[str, Array]) -> None:
-        """Take over a snapshot of as many simulations of the same model."""
+        """Restore a snapshot of the same number of simulations of the same model."""
         rows = np.arange(self.n)
         data = mujoco.MjData(self.model)
         for name in ("body_mass", "body_inertia", "site_pos"):

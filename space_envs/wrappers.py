@@ -11,7 +11,7 @@ from space_envs.dynamics.rotations import Array, angle_between
 from space_envs.envs import CaptureEnv
 from space_envs.errors import ConfigurationError, shown
 
-# What an end-effector does, and where it shall be; a task has the position and at most one of the others.
+# Observation fields of end-effectors and of their goals: position and at most one kind of orientation.
 PAIRS = (
     ("end_effector_position", "goal_position"),
     ("end_effector_quaternion", "goal_quaternion"),
@@ -20,15 +20,15 @@ PAIRS = (
 
 
 class GoalConditioned(gym.Wrapper[Any, NDArray, Any, NDArray], RecordConstructorArgs):
-    """A capture environment as Gymnasium-Robotics' goal environments and HER expect it.
+    """Wrap a capture environment as a goal environment of Gymnasium-Robotics, for HER.
 
     Observations are a dictionary of `observation` (all of it), `achieved_goal` and `desired_goal` (g,):
-    positions of the end-effectors and of their grapples in the inertial frame, m, and then what the capture
-    asks of their attitude, quaternions or approach axes, if anything. The reward is 0 if every end-effector
+    positions of the end-effectors and of their grapples in the inertial frame, m, then their
+    quaternions or approach axes, if the capture limits these. The reward is 0 if every end-effector
     is inside the capture envelope's position and angle, else -1, and can be recomputed for any goal.
 
     Raises:
-        ConfigurationError: for an environment that is not one of a capture task.
+        ConfigurationError: for an environment of another kind.
     """
 
     def __init__(self, env: gym.Env[Any, NDArray]) -> None:
@@ -76,8 +76,8 @@ class GoalConditioned(gym.Wrapper[Any, NDArray, Any, NDArray], RecordConstructor
         )
         inside = np.linalg.norm(achieved - desired, axis=-1) <= limits.position
         if len(self._achieved) > 1:
-            turns = (self._each(goal[..., self._positions :]) for goal in (achieved_goal, desired_goal))
-            inside &= _angle(*turns) <= limits.orientation
+            rotations = (self._each(goal[..., self._positions :]) for goal in (achieved_goal, desired_goal))
+            inside &= _angle(*rotations) <= limits.orientation
         return np.where(inside.all(axis=-1), 0.0, -1.0)
 
     def _each(self, values: Array) -> Array:

@@ -159,7 +159,7 @@ def test_two_metrics_of_one_name_are_refused(metrics: tuple[Metric, ...]) -> Non
 @pytest.mark.parametrize(
     ("made", "message"),
     [
-        (lambda: Metric("Two words", "", "", jerkiness), "small letters"),
+        (lambda: Metric("Two words", "", "", jerkiness), "lower-case letters"),
         (lambda: Display(statistic="mode"), "unknown statistic of a display"),
         (lambda: Display(better="smaller"), "unknown better of a display"),  # type: ignore[arg-type]
     ],

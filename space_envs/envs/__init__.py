@@ -1,4 +1,4 @@
-"""The environments: one arm or many at a time, what a reset may ask for, and starts that can brake."""
+"""Environments: single and vector, options of `reset`, and validation of initial states."""
 
 from space_envs.envs.single import CaptureEnv
 from space_envs.envs.vector import CaptureVectorEnv

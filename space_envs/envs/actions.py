@@ -1,4 +1,4 @@
-"""Actions as they come from outside: numbers in [-1, 1] of the right shape, or an error."""
+"""Validation of actions: an array in [-1, 1] of the expected shape, or an error."""
 
 from typing import Any
 
@@ -13,16 +13,17 @@ def action_array(action: Any) -> NDArray:
     """`action` as an array.
 
     Raises:
-        ActionError: if it cannot be made one.
+        ActionError: if it cannot be converted.
     """
     try:
         return np.asarray(action)
-    except Exception as error:  # whatever a user's object raises
+    except Exception as error:  # a user's object may raise anything
         raise ActionError(f"action must be an array of numbers: {error}") from None
 
 
 def checked_actions(actions: Any, shape: tuple[int, int]) -> tuple[Array, NDArray[np.bool_] | None]:
-    """Actions (N, m) as float64, clipped to [-1, 1], and which rows (N,) were; None if there are none.
+    """Actions (N, m) as float64, clipped to [-1, 1], and the mask (N,) of clipped rows; None if there are
+    none.
 
     Raises:
         ActionError: for another shape or type, NaN or infinity.
@@ -34,7 +35,7 @@ def checked_actions(actions: Any, shape: tuple[int, int]) -> tuple[Array, NDArra
         raise ActionError(f"action must be real numbers, got dtype {action.dtype}")
     action = action.astype(np.float64)
     inside = np.minimum(np.maximum(action, -1.0), 1.0)
-    # One comparison finds what was clipped and NaN alike; infinity is among the clipped.
+    # One comparison finds clipped values and NaN; infinity is among the clipped ones.
     changed = inside != action
     if not changed.any():
         return inside, None

@@ -1,4 +1,4 @@
-"""Starts that the drives can brake, by the braking law of the drives and by the torque that it takes."""
+"""Check that the drives can brake an initial state: by their braking law and by the torque needed."""
 
 import numpy as np
 
@@ -11,10 +11,10 @@ from space_envs.tasks.common import Goals
 
 
 def braking_load(task: CaptureTask, goals: Goals, velocity: Array) -> Array:
-    """Shares (k, n) of each drive's torque that it takes to brake starts with joint rates (k, n), rad/s.
+    """Share (k, n) of each drive's torque needed to brake initial joint rates (k, n), rad/s.
 
-    Every joint brakes evenly to the end of its range, less the margin: the torque for that, |M* a|, and the
-    torque that Coriolis and centrifugal forces take meanwhile, |h*|. Both are quadratic in the rates.
+    Every joint decelerates uniformly to the end of its range, less the margin. The torque is the sum of
+    |M* a| and |h*|, the Coriolis and centrifugal part. Both are quadratic in the rates.
     """
     rows, simulation = np.arange(len(velocity)), Simulation(task.model, len(velocity))
     simulation.scale_base(rows, goals.mass_scale)
@@ -31,14 +31,14 @@ def braking_load(task: CaptureTask, goals: Goals, velocity: Array) -> Array:
 
 
 def check_brakes(task: CaptureTask, goals: Goals, velocity: Array | None) -> None:
-    """Refuse starts that the drives could not keep off the ends of the joint ranges.
+    """Reject starts from which the drives cannot stop the joints before the ends of their ranges.
 
     Args:
         goals: k of the task, with the joint angles at the start. velocity: (k, n) rad/s, or None for rest.
 
     Raises:
-        ConfigurationError: for a joint within the stop's margin, or too fast to brake before it, and for
-            joints that together take more of a drive's torque to brake than `BRAKING_SHARE`.
+        ConfigurationError: for a joint within the margin of its stop, or too fast to brake before it, and for
+            joints that together need more of a drive's torque than `BRAKING_SHARE`.
     """
     position = goals.joint_position
     if not len(position):

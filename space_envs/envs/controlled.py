@@ -1,4 +1,4 @@
-"""Simulations of a task's robot under a control mode: what moves in an environment."""
+"""Simulations of a task's robot under a control mode: the dynamics of an environment."""
 
 from typing import Any
 
@@ -17,7 +17,7 @@ class ControlledSimulation:
     """N simulations of a task's robot, its drives and its control mode.
 
     Attributes:
-        simulation, drive, mode: the three of them.
+        simulation: N simulations. drive: joint drives. mode: control mode.
     """
 
     def __init__(self, task: CaptureTask, n: int, control_mode: str, threads: int | None) -> None:
@@ -28,7 +28,7 @@ class ControlledSimulation:
         self.mode = MODES[control_mode](self.drive)
 
     def begin(self, rows: NDArray[np.int64], start: Start) -> None:
-        """Put rows (k,) into the state of k starts."""
+        """Set rows (k,) to the state of k starts."""
         simulation = self.simulation
         simulation.reset(rows)
         simulation.scale_base(rows, start.goals.mass_scale)
@@ -46,11 +46,11 @@ class ControlledSimulation:
         """Simulate a control period.
 
         Args:
-            action: (N, m) in [-1, 1]. running: rows (k,) that move; None moves all.
-            watched: whether contacts are looked for.
+            action: (N, m) in [-1, 1]. running: rows (k,) to advance; None is all.
+            watched: whether contacts are checked.
 
         Returns:
-            Codes (N,) of what was touched in it; None if contacts are not looked for.
+            Codes (N,) of the first contacts; None if contacts are not checked.
         """
         simulation, task = self.simulation, self._task
         self.drive.begin()
@@ -69,9 +69,9 @@ class ControlledSimulation:
     def observe(
         self, time: Array, previous: Array, ended: NDArray[np.bool_] | None
     ) -> tuple[Array, NDArray[np.bool_] | None]:
-        """Observations (N, size), the previous ones of rows that ended before or diverge now.
+        """Observations (N, size), and the mask (N,) of diverged simulations, None if there are none.
 
-        Also (N,) bool, which simulations diverged; None if none did.
+        Rows that ended before or have diverged have their previous observations.
 
         Args:
             time: (N,) s. previous: (N, size). ended: (N,); None if no row has.
@@ -90,6 +90,6 @@ class ControlledSimulation:
         return {"simulation": self.simulation.snapshot(), "drive": self.drive.snapshot()}
 
     def restore(self, snapshot: dict[str, Any]) -> None:
-        """Take over a snapshot of as many simulations of the same task."""
+        """Restore a snapshot of the same number of simulations of the same task."""
         self.simulation.restore(snapshot["simulation"])
         self.drive.restore(snapshot["drive"])

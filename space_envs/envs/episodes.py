@@ -1,5 +1,5 @@
-"""Bookkeeping of N episodes, and the infos that follow from it: in those of the vector environment a key has
-an array, and with a leading underscore the mask of the rows that have it."""
+"""State of N episodes and the infos derived from it. In a vector info each key has an array and, with a
+leading underscore, the mask of the rows for which it is valid."""
 
 import copy
 from typing import Any
@@ -25,10 +25,10 @@ class EpisodeTracker:
     Attributes:
         watched: whether contacts end an episode.
         observation: (N, size), the last one. steps: (N,) control periods since the start.
-        held: (N,) observations in a row, up to the last, that are inside the capture envelope.
+        held: (N,) number of consecutive observations, up to the last, inside the capture envelope.
         clipped: (N,) control periods of the episode whose action was clipped.
         outcome: (N,) codes of `Outcome`. touched: (N,) codes of the task's `contact_names`.
-        index, split: (N,) where the goals come from. goals: N of the task, None before the first reset.
+        index, split: (N,) source of the goals. goals: N of the task, None before the first reset.
     """
 
     def __init__(self, task: CaptureTask, n: int) -> None:
@@ -52,11 +52,11 @@ class EpisodeTracker:
 
     @property
     def ended(self) -> NDArray[np.bool_] | None:
-        """Episodes (N,) bool that are over; None if none is."""
+        """Mask (N,) of finished episodes; None if there are none."""
         return self.outcome != _RUNNING if self.outcome.any() else None
 
     def begin(self, rows: NDArray[np.int64], start: Start) -> None:
-        """Forget the episodes of rows (k,), of which new ones start."""
+        """Start new episodes in rows (k,)."""
         self.index[rows], self.split[rows] = start.index, start.split
         for place, row in enumerate(rows):
             self.goals[row] = start.goals.take(np.array([place]))
@@ -64,12 +64,12 @@ class EpisodeTracker:
             counter[rows] = 0
 
     def observe_start(self, rows: NDArray[np.int64], observation: Array) -> None:
-        """Take rows (k,) of observations (N, size) as those at the start."""
+        """Store rows (k,) of observations (N, size) as initial ones."""
         self.observation[rows] = observation[rows]
         self.held[rows] = self._task.errors(self.observation).within(self._task.limits)[rows]
 
     def count(self, clipped: NDArray[np.bool_] | None, ended: NDArray[np.bool_] | None) -> None:
-        """Count a control period of the episodes that run, and clipped actions (N,) bool."""
+        """Count a control period of the running episodes, and their clipped actions (N,) bool."""
         if clipped is not None:
             self.clipped += clipped if ended is None else clipped & ~ended
         self.steps += 1 if ended is None else ~ended
@@ -85,7 +85,7 @@ class EpisodeTracker:
 
         Args:
             observation: (N, size) at its end. action: (N, m) in [-1, 1].
-            diverged: (N,), None if no simulation did. touched: (N,) codes, None if contacts do not count.
+            diverged: (N,), None if no simulation has. touched: (N,) codes, None if contacts are not checked.
 
         Returns:
             Weighted reward terms (N, k) and attitude (N,) rad.
@@ -108,7 +108,7 @@ class EpisodeTracker:
         diverged: NDArray[np.bool_] | None,
         touched: NDArray[np.int64] | None,
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Set the outcome of episodes that end now; which of them (N,) were captured, and which failed."""
+        """Set the outcome of episodes that end now; returns the masks (N,) of captured and of failed ones."""
         over = self.steps >= self._task.horizon
         collided = touched > 0 if touched is not None and touched.any() else None
         for other in (collided, diverged):
@@ -129,7 +129,7 @@ class EpisodeTracker:
         return captured, failed
 
     def flags(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Whether episodes (N,) have terminated, and whether their horizon has cut them."""
+        """Whether episodes (N,) have terminated, and whether they were truncated."""
         over = self.steps >= self._task.horizon
         return _TERMINATED[self.outcome], (self.outcome != _RUNNING) & over
 
@@ -150,21 +150,21 @@ class EpisodeTracker:
         return info | {f"_{key}": present for key in info}
 
     def reset_info(self, rows: NDArray[np.bool_]) -> dict[str, Any]:
-        """Vector info of rows (N,) bool that were reset: which goals they have."""
+        """Vector info of reset rows (N,) bool: the source of their goals."""
         return {"split": self.split.copy(), "_split": rows, "index": self.index.copy(), "_index": rows}
 
     def snapshot(self) -> dict[str, Any]:
-        """State for `restore`, independent of what happens next."""
+        """Copy of the state, for `restore`."""
         own = {name: value for name, value in vars(self).items() if name != "_task"}
         return copy.deepcopy(own)
 
     def restore(self, snapshot: dict[str, Any]) -> None:
-        """Take over a snapshot of as many episodes of the same task."""
+        """Restore a snapshot of the same number of episodes of the same task."""
         vars(self).update(snapshot)
 
 
 def masked(info: dict[str, Any], rows: NDArray[np.bool_]) -> dict[str, Any]:
-    """A copy of a vector info, present in `rows` only."""
+    """Copy of a vector info, valid in `rows` only."""
     return {
         key: rows.copy()
         if key.startswith("_")
@@ -176,7 +176,7 @@ def masked(info: dict[str, Any], rows: NDArray[np.bool_]) -> dict[str, Any]:
 
 
 def first_row(info: dict[str, Any]) -> dict[str, Any]:
-    """Row 0 of a vector info, without its presence masks, as plain Python values."""
+    """Row 0 of a vector info, without its masks, as plain Python values."""
     return {
         key: first_row(value) if isinstance(value, dict) else value.item(0)
         for key, value in info.items()

@@ -1,4 +1,4 @@
-"""Keywords that every environment has: their types, the defaults of those that no task sets, their checks."""
+"""Keywords of every environment: types, defaults and validation."""
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
@@ -9,13 +9,13 @@ from space_envs.errors import ConfigurationError, positive_integer, shown, unkno
 
 P = ParamSpec("P")
 RENDER_MODES = ("human", "rgb_array")
-CAMERA = "overview"  # which every drawn model has
+CAMERA = "overview"  # exists in every model for rendering
 MAX_THREADS = 256
-MAX_SIDE = 4096  # of a picture, pixels
+MAX_SIDE = 4096  # of an image, pixels
 
 
 class EnvKeywords(TypedDict, total=False):
-    """Keywords of an environment besides its id and control mode; what is left out is the task's default."""
+    """Keywords of an environment besides its id and control mode; omitted ones have the task's defaults."""
 
     # Of the environment.
     threads: int | None
@@ -48,7 +48,7 @@ class EnvKeywords(TypedDict, total=False):
 
 @dataclass(frozen=True)
 class EnvOptions:
-    """Keywords of an environment that are not its task's, checked.
+    """Keywords of an environment that do not belong to its task, validated.
 
     Attributes:
         threads, render_mode, width, height, camera, max_episode_steps: as in `CaptureVectorEnv`.
@@ -82,7 +82,7 @@ class EnvOptions:
         return options, options.with_horizon(task)
 
     def with_horizon(self, keywords: dict[str, Any]) -> dict[str, Any]:
-        """Keywords of the task, with the horizon that `max_episode_steps` asks for.
+        """Keywords of the task, with the horizon set by `max_episode_steps`.
 
         Raises:
             ConfigurationError: where both are given and differ.

@@ -1,4 +1,4 @@
-"""Largest batches of episodes: how many there may be, and whether they fit into this machine's memory."""
+"""Limits on the number of episodes in a batch, by this machine's memory."""
 
 import os
 
@@ -6,18 +6,18 @@ from space_envs.errors import ConfigurationError, positive_integer
 from space_envs.tasks.base import CaptureTask
 
 MAX_ENVS = 2**20
-_FIXED = 4096  # bytes an episode takes apart from its arrays: generator, goal
-_MATRICES = 10  # of the size of the mass matrix, an episode
-_VECTORS = 10  # of the size of the observation, an episode
+_FIXED = 4096  # bytes per episode besides its arrays: generator, goal
+_MATRICES = 10  # per episode, of the size of the mass matrix
+_VECTORS = 10  # per episode, of the size of the observation
 
 
 def needed_bytes(num_envs: int, task: CaptureTask) -> int:
-    """Bytes that episodes of a task take, estimated from above."""
+    """Upper estimate of the memory of episodes of a task, bytes."""
     return num_envs * (8 * (_MATRICES * task.model.nv**2 + _VECTORS * task.layout.size) + _FIXED)
 
 
 def checked_num_envs(num_envs: int, task: CaptureTask) -> int:
-    """Number of episodes, if it is one and they fit into this machine's memory.
+    """Validated number of episodes that fits into this machine's memory.
 
     Raises:
         ConfigurationError: if not; the message says how many fit.

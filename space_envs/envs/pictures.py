@@ -1,4 +1,4 @@
-"""Pictures and a window of episodes, drawn from their simulation and goals."""
+"""Images and a window of episodes, rendered from their simulation and goals."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 
 class Pictures:
-    """Draws the episodes of a task; OpenGL is looked for when the first picture is asked for.
+    """Renders the episodes of a task; OpenGL is initialised at the first image.
 
     Raises:
-        ConfigurationError: for a camera that the task's drawn model does not have.
+        ConfigurationError: for a camera that the task's model for rendering does not have.
     """
 
     def __init__(self, task: CaptureTask, options: EnvOptions) -> None:
@@ -37,10 +37,10 @@ class Pictures:
         self._renderer: Renderer | None = None
 
     def draw(self, simulation: Simulation, episodes: EpisodeTracker) -> tuple[NDArray[np.uint8], ...]:
-        """Pictures (H, W, 3) of all episodes.
+        """Images (H, W, 3) of all episodes.
 
         Raises:
-            RenderingError: on a machine that cannot draw.
+            RenderingError: if this machine cannot render.
         """
         pictures = []
         for row in range(simulation.n):
@@ -55,7 +55,7 @@ class Pictures:
     def _prepared(self, episodes: EpisodeTracker, row: int) -> "Renderer":
         """The renderer, with the visuals of a row's goal."""
         if self._renderer is None:
-            from space_envs.rendering import Renderer  # pictures are rare, and OpenGL may be missing
+            from space_envs.rendering import Renderer  # images are rare, and OpenGL may be missing
 
             self._renderer = Renderer(self._task.render_model, **self._view)
         if (goals := episodes.goals[row]) is not None:
@@ -63,7 +63,7 @@ class Pictures:
         return self._renderer
 
     def close(self) -> None:
-        """Free the window and what pictures needed."""
+        """Close the window and release OpenGL."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None

@@ -1,4 +1,4 @@
-"""Random generators of the rows of a vector environment, and the seeds that they come from."""
+"""Random generators of the rows of a vector environment, and their seeds."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,13 +14,13 @@ from space_envs.errors import ConfigurationError, shown
 
 @dataclass(frozen=True, eq=False)
 class Seeds:
-    """Random generators of n rows, and the seeds that they come from.
+    """Random generators of n rows, and their seeds.
 
-    Before anything was seeded, row i has a random seed plus i.
+    Without a given seed, row i has a random seed plus i.
 
     Attributes:
-        n: rows.
-        given: (generator, seed) of each row; seed -1 of a generator from elsewhere.
+        n: number of rows.
+        given: (generator, seed) of each row; seed -1 for a generator set from outside.
     """
 
     n: int
@@ -42,10 +42,10 @@ class Seeds:
         return [number for _, number in self._all]
 
     def renewed(self, seed: Any, rows: NDArray[np.int64]) -> "Seeds":
-        """The same, with rows (k,) seeded again: row i with seed + i, or with the i-th of n seeds.
+        """Copy with rows (k,) seeded again: row i with seed + i, or with the i-th of n seeds.
 
         Raises:
-            ConfigurationError: if the seed is neither None, nor a number, nor n of them.
+            ConfigurationError: if the seed is not None, an integer or n of them.
         """
         if seed is None:
             return self
@@ -69,7 +69,7 @@ class Seeds:
         return Seeds(self.n, tuple(every))
 
     def derived(self, generator: np.random.Generator) -> "Seeds":
-        """As many rows: the first with this generator, the others with seeds drawn from it."""
+        """Copy whose first row has this generator and whose other rows have seeds drawn from it."""
         others = generator.integers(2**63, size=self.n - 1).tolist() if self.n > 1 else []
         return Seeds(self.n, ((generator, -1), *(_from_seed(number) for number in others)))
 

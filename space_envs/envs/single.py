@@ -13,7 +13,7 @@ from space_envs.envs.episodes import first_row
 from space_envs.envs.keywords import EnvKeywords, explicit_keywords
 from space_envs.envs.vector import METADATA, CaptureVectorEnv
 from space_envs.errors import ActionError, ConfigurationError, UnknownKeywordError, shown
-from space_envs.registration import asked_of_make
+from space_envs.registration import max_steps_of_make
 from space_envs.tasks.base import CaptureTask
 
 
@@ -34,7 +34,7 @@ class CaptureEnv(gym.Env[NDArray, NDArray]):
                 raise UnknownKeywordError(
                     f"got an unexpected keyword argument {name!r}: it is one of gym.make_vec, not of gym.make"
                 )
-        keywords.setdefault("max_episode_steps", asked_of_make(self))
+        keywords.setdefault("max_episode_steps", max_steps_of_make(self))
         self.vector = CaptureVectorEnv(env_id, 1, control_mode, "disabled", **keywords)
         self.render_mode = self.vector.render_mode
         self.metadata = {**METADATA, "render_fps": self.vector.metadata["render_fps"]}
@@ -55,7 +55,7 @@ class CaptureEnv(gym.Env[NDArray, NDArray]):
     def spec(self, spec: EnvSpec | None) -> None:
         self.vector.spec = spec
 
-    # Gymnasium's own accessors and its checkers look at these two.
+    # Gymnasium's accessors and checkers use these two.
 
     @property
     def _np_random(self) -> np.random.Generator | None:  # type: ignore[override]
@@ -71,7 +71,7 @@ class CaptureEnv(gym.Env[NDArray, NDArray]):
 
     @_np_random_seed.setter
     def _np_random_seed(self, seed: int) -> None:
-        """Setting `np_random` sets it to -1, as the vector environment has already done."""
+        """No effect: setting `np_random` has set it to -1 in the vector environment."""
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -91,10 +91,10 @@ class CaptureEnv(gym.Env[NDArray, NDArray]):
         return observation[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), first_row(info)
 
     def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
-        """A picture (H, W, 3) or a window, by render_mode."""
+        """Image (H, W, 3), or None after updating a window, by render_mode."""
         pictures = self.vector.render()
         return None if pictures is None else pictures[0]
 
     def close(self) -> None:
-        """Free what pictures needed."""
+        """Close the window and release OpenGL."""
         self.vector.close()

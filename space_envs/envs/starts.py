@@ -1,4 +1,4 @@
-"""Starts of episodes, from the options of `reset`, validated before anything moves."""
+"""Initial states of episodes, from the validated options of `reset`."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -23,7 +23,7 @@ class Start:
 
     Attributes:
         goals: of the task, k of them, with the joint angles at the start.
-        split, index: (k,) where the goals come from; `given` and -1 for a user's own.
+        split, index: (k,) source of the goals; `given` and -1 for a user's own.
         joint_velocity: (k, n), or None for rest.
     """
 
@@ -34,10 +34,10 @@ class Start:
 
 
 def rows_to_reset(task: CaptureTask, options: Mapping[str, Any], n: int) -> NDArray[np.int64]:
-    """Rows (k,) that are to be reset, of n.
+    """Rows (k,) to reset, of n.
 
     Raises:
-        ConfigurationError: for an option that does not exist or a mask that is none.
+        ConfigurationError: for an unknown option or an invalid mask.
     """
     if not isinstance(options, Mapping):
         raise ConfigurationError(f"options must be a dictionary, got {shown(options)}")
@@ -58,16 +58,16 @@ def choose_start(
     rows: NDArray[np.int64],
     generators: Sequence[np.random.Generator],
 ) -> Start:
-    """Starts of rows (k,) of len(generators); what the options do not set is drawn from each row's generator.
+    """Starts of rows (k,) of len(generators); omitted options are drawn from each row's generator.
 
     Raises:
-        ConfigurationError: for a value that is not valid. GoalError: for a goal that cannot be reached. The
-            generators are then as they were.
+        ConfigurationError: for an invalid value. GoalError: for an unreachable goal. The state of the
+            generators is then unchanged.
     """
     before = [generators[row].bit_generator.state for row in rows]
     try:
         return _start(task, options, rows, generators)
-    except Exception:  # a goal may be drawn before something else is refused
+    except Exception:  # a goal may have been drawn before another option is rejected
         for row, state in zip(rows, before, strict=True):
             generators[row].bit_generator.state = state
         raise
@@ -116,7 +116,7 @@ def _start(
 def _goal_values(
     task: CaptureTask, options: Mapping[str, Any], rows: NDArray[np.int64], n: int
 ) -> dict[str, Array]:
-    """Numbers (k, width) of every option that makes up a goal."""
+    """Values (k, width) of every option that is part of a goal."""
     values = {}
     given = next(name for name in task.goal_options if name in options)
     missing = [n for n, option in task.goal_options.items() if n not in options and option.default is None]
@@ -159,18 +159,18 @@ def _joint_option(
 def _row_values(
     options: Mapping[str, Any], name: str, width: int, rows: NDArray[np.int64], n: int, parts: str = ""
 ) -> Array:
-    """The option's numbers for rows (k,): (k, width), from (width,) for all or (n, width).
+    """Values (k, width) of an option for rows (k,), from (width,) for all rows or (n, width).
 
-    One number for all needs no brackets. `parts` says in a message what the numbers are.
+    A scalar is accepted for width 1. `parts` describes the components in error messages.
     """
     given = options[name]
     value = numbers(given)
     if value is None:
         raise ConfigurationError(f"{name} must be numbers, got {shown(given)}")
     if value.shape not in ((width,), (n, width)) and not (width == 1 and value.shape == ()):
-        wanted = f"{'be a number or ' if width == 1 else ''}have shape ({width},) or ({n}, {width})"
-        said = f", {parts}" if parts else ""
-        raise ConfigurationError(f"{name} must {wanted}{said}, got {value.shape}")
+        expected = f"{'be a number or ' if width == 1 else ''}have shape ({width},) or ({n}, {width})"
+        description = f", {parts}" if parts else ""
+        raise ConfigurationError(f"{name} must {expected}{description}, got {value.shape}")
     if not np.isfinite(value).all():
         raise ConfigurationError(f"{name} must be finite, got {shown(value.tolist())}")
     return np.broadcast_to(value, (n, width))[rows]

@@ -1,4 +1,4 @@
-"""The vector environment: N episodes at once, of which the single environment is the case N = 1."""
+"""The vector environment: N episodes in parallel; the single environment is the case N = 1."""
 
 import copy
 from typing import Any, Unpack
@@ -31,23 +31,23 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
     """N episodes of a capture task in one batch of simulations.
 
     Args:
-        env_id: registered id whose task is simulated, or `module:id` of one that a module registers.
+        env_id: registered id whose task is simulated, or `module:id` of an id registered by a module.
         num_envs: N, the number of episodes.
         control_mode: joint_velocity, joint_torque, end_effector_velocity or reactionless.
         autoreset_mode: next_step, same_step or disabled (Gymnasium's `AutoresetMode`).
-        threads: of the simulation; None chooses by N.
+        threads: of the simulation; None is a default that depends on N.
         render_mode: None, rgb_array (of every simulation) or human (of the first).
-        width, height: of pictures, pixels. camera: name of a camera of the model.
-        max_episode_steps: the horizon, as Gymnasium calls it; None and -1 leave it to the task. `env.spec`
-            then says the task's; `gym.spec(id)` says None, and so does the spec of Gymnasium's own
+        width, height: of images, pixels. camera: name of a camera of the model.
+        max_episode_steps: the horizon, as Gymnasium calls it; None and -1 are the task's default, which
+            `env.spec` then has; `gym.spec(id)` has None, and so does the spec of Gymnasium's own
             vectorization (`vectorization_mode="sync"` or `"async"`).
         **keywords: of the task (difficulty, split, reward, variant, horizon, timestep, control_period,
-            attitude_limit, c, collisions; docs/environments has those of each id) and of its capture envelope
-            (position_tolerance m, linear_velocity_tolerance m/s, hold_time s, ...).
+            attitude_limit, c, collisions; docs/environments lists those of each id) and of its capture
+            envelope (position_tolerance m, linear_velocity_tolerance m/s, hold_time s, ...).
 
     Raises:
-        ConfigurationError: for a value that is not valid, naming the nearest that is.
-        UnknownKeywordError: for a keyword that there is not, likewise.
+        ConfigurationError: for an invalid value, with the nearest valid name.
+        UnknownKeywordError: for an unknown keyword, with the nearest valid name.
     """
 
     metadata: dict[str, Any] = {**METADATA, "autoreset_mode": AutoresetMode.NEXT_STEP}
@@ -130,7 +130,7 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
 
     @property
     def np_random_seed(self) -> int:  # type: ignore[override]
-        """Seed of row 0; row i has it plus i, unless it was given its own. -1 after `np_random` was set."""
+        """Seed of row 0; row i has this seed plus i, unless given its own. -1 after `np_random` was set."""
         return self._seeds.numbers[0]
 
     # Reset ---------------------------------------------------------------------------------------------
@@ -141,15 +141,16 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         """Start new episodes.
 
         Args:
-            seed: of row 0; row i takes seed + i. Or a list with one seed a row. None goes on with the
-                generators there are.
-            options: any of split and index (which goal; a number or one a row), or the task's own
+            seed: of row 0; row i takes seed + i. Or a list with one seed per row. None keeps the
+                present generators.
+            options: split and index of the goal (one value, or one per row), or the task's own
                 `goal_options` (of SingleArm: goal_position (3,) m and goal_quaternion (4,) in the inertial
-                frame), one for all rows or one a row; joint_position and joint_velocity (n,), likewise, the
-                base then moving so that total momentum is zero; reset_mask (N,) bool, the rows to reset.
+                frame), one for all rows or one per row; joint_position and joint_velocity (n,), likewise,
+                with the base velocity that makes total momentum zero; reset_mask (N,) bool, the rows to
+                reset.
 
         Raises:
-            ConfigurationError: for an option, split or index that does not exist.
+            ConfigurationError: for an unknown option, split or index.
             GoalError: for a goal that is malformed or out of reach.
         """
         options = {} if options is None else options
@@ -170,9 +171,9 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         options: dict[str, Any],
         seeds: Seeds | None = None,
     ) -> None:
-        """Reset rows (k,) of the simulation and of the bookkeeping, and observe them.
+        """Reset rows (k,) of simulations and episodes, and observe them.
 
-        The seeds take the place of those there are once nothing can be refused any more.
+        New seeds replace the present ones after all options have been validated.
         """
         seeds = self._seeds if seeds is None else seeds
         start = choose_start(self.task, options, rows, seeds.generators)
@@ -191,14 +192,14 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         """Advance every episode by one control period.
 
         Args:
-            actions: (N, m) in [-1, 1]; what lies outside is clipped and counted in info["clipped_actions"].
+            actions: (N, m) in [-1, 1]; values outside are clipped and counted in info["clipped_actions"].
 
         Returns:
             Observations (N, size), rewards (N,), terminated (N,), truncated (N,) and infos. A row that ended
             before is frozen (autoreset disabled) or is reset (next_step), with reward 0 for that step.
 
         Raises:
-            ActionError: for a wrong shape or type, NaN or infinity; nothing has moved then.
+            ActionError: for a wrong shape or type, NaN or infinity; the state is then unchanged.
         """
         if not self._started:
             raise ResetNeededError("call reset before step")
@@ -216,7 +217,7 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         if ended is not None and self.autoreset_mode is AutoresetMode.NEXT_STEP:
             self._begin(np.flatnonzero(ended), {})
             terminated[ended] = truncated[ended] = False
-            # Rows that were only reset have no info of a step.
+            # Rows that were only reset have no step info.
             info = masked(episodes.step_info(terms, np.where(ended, 0.0, attitude)), ~ended)
             info |= episodes.reset_info(ended)
         else:
@@ -240,7 +241,7 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
     # Copies ----------------------------------------------------------------------------------------------
 
     def __getstate__(self) -> dict[str, Any]:
-        """State of a copy that goes on exactly as the original; batches and windows are made again."""
+        """State of a copy that continues exactly like the original; batches and windows are created again."""
         return {
             "arguments": self._arguments,
             "controlled": self._controlled.snapshot(),
@@ -258,10 +259,10 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
     # Pictures --------------------------------------------------------------------------------------------
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """Pictures (H, W, 3) of the simulations (rgb_array), or the first in a window (human).
+        """Images (H, W, 3) of the simulations (rgb_array), or None after updating a window (human).
 
         Raises:
-            RenderingError: on a machine that cannot draw; the simulation itself goes on.
+            RenderingError: if this machine cannot render; the simulation can continue.
         """
         if self.render_mode is None:
             gym.logger.warn(
@@ -276,7 +277,7 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         return self._pictures.draw(self.simulation, self.episodes)
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Free what pictures needed."""
+        """Close the window and release OpenGL."""
         self._pictures.close()
 
 

@@ -1,9 +1,9 @@
 """Forks of the process: how simulations and pictures continue in a child.
 
-A forked child has the memory of its parent's thread pools, and none of their threads: what it asks of such a
-pool waits for ever, and so does the pool's end. Hence a fork waits until no pool is at work, the pools of the
-parent never end in a child, and a simulation there makes a pool of its own when it is first used. OpenGL has
-threads too; what was opened by the parent is left to it.
+A forked child has the memory of its parent's thread pools but none of their threads: a call to such a pool,
+or its destructor, would never return. Hence a fork waits until no pool is working, the parent's pools are
+never destroyed in a child, and a simulation there creates a new pool at its first use. OpenGL has threads
+too: contexts opened by the parent are not used in a child.
 """
 
 import ctypes
@@ -17,30 +17,32 @@ from mujoco.batch import Batch
 
 
 def never_end(thing: object) -> None:
-    """Keep a thing for ever: not even the end of the interpreter runs its destructor."""
+    """Leak a reference to an object, so that its destructor never runs."""
     ctypes.pythonapi.Py_IncRef(ctypes.py_object(thing))
 
 
-class Heir(Protocol):
+class ForkAware(Protocol):
     """Owner of resources that a forked child cannot use."""
 
-    def leave_to_parent(self) -> None:
-        """Set the resources aside, for ever; called in a forked child."""
+    def after_fork(self) -> None:
+        """Set the resources aside for good; called in a forked child."""
         ...
 
 
-def tell_child(heir: Heir) -> None:
-    """Have `heir.leave_to_parent` called in every forked child."""
-    _heirs[id(heir)] = heir
+def notify_after_fork(owner: ForkAware) -> None:
+    """Register `owner.after_fork` to be called in every forked child."""
+    _fork_aware[id(owner)] = owner
 
 
 class Pool(Batch):
-    """A `Batch` that a fork of the process does not interrupt, and that does not end in a child."""
+    """A `Batch` that is not interrupted by a fork and not destroyed in a child."""
 
     def __init__(self, model: mujoco.MjModel, n: int, threads: int) -> None:
         super().__init__(model, n, threads)
         self._lock = threading.RLock()
-        _locks[self.state.base] = self._lock  # what ends with the last view, and ends the threads
+        _locks[self.state.base] = (
+            self._lock
+        )  # this object dies with the last view, and its destructor joins the threads
 
     def step(self, *arguments: Any, **keywords: Any) -> None:
         """Same as `Batch.step`, uninterrupted by a fork."""
@@ -69,7 +71,7 @@ class Pool(Batch):
 
 
 _locks: "weakref.WeakKeyDictionary[Any, threading.RLock]" = weakref.WeakKeyDictionary()
-_heirs: "weakref.WeakValueDictionary[int, Heir]" = weakref.WeakValueDictionary()
+_fork_aware: "weakref.WeakValueDictionary[int, ForkAware]" = weakref.WeakValueDictionary()
 _one_fork = threading.Lock()
 _held: list[tuple[Any, Any]] = []  # pools and their locks, while a fork is under way
 
@@ -96,10 +98,10 @@ def _after_in_parent() -> None:
 def _after_in_child() -> None:
     while _held:
         _held.pop()[1].release()
-    for reference in _heirs.valuerefs():
-        heir = reference()
-        if heir is not None:
-            heir.leave_to_parent()
+    for reference in _fork_aware.valuerefs():
+        owner = reference()
+        if owner is not None:
+            owner.after_fork()
     _one_fork.release()
 
 
