@@ -8,6 +8,8 @@ from hypothesis import settings
 from page_layout import CHROMIUM
 from playwright.sync_api import Browser, Playwright, sync_playwright
 
+from space_envs.evaluation.harness import policy_times
+from space_envs.evaluation.report import folder
 from space_envs.system.opengl import trial_failure
 
 # Speeds of shared machines vary too much for deadlines. In CI the same examples are drawn every time, so
@@ -35,6 +37,13 @@ def browser(engine: Playwright) -> Iterator[Browser]:
     )
     yield opened
     opened.close()
+
+
+@pytest.fixture
+def brief_reports(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Evaluations in this process time each policy once and draw no plots."""
+    monkeypatch.setattr(policy_times, "ROUNDS", 1)
+    monkeypatch.setattr(folder, "make_plots", lambda _, rows, *more: {row.task: [] for row in rows})
 
 
 @pytest.fixture

@@ -320,6 +320,7 @@ def test_drawn_spheres_have_the_size_and_place_of_the_goal():
         assert getattr(plain, name) == getattr(model, name)
 
 
+@pytest.mark.usefixtures("brief_reports")
 def test_collisions_are_counted_in_the_records(tmp_path, capsys):
     from agents.commands.evaluate import main
     from agents.policies.registry import policies_for

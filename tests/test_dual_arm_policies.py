@@ -241,6 +241,7 @@ def test_policies_refuse_other_tasks_and_modes(name: str) -> None:
 
 
 @every_id
+@pytest.mark.usefixtures("brief_reports")
 def test_evaluation_of_a_dual_arm_id(env_id: str, tmp_path: Any, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["--env", env_id, "--policy", "hold", "reactionless_rate", "--episodes", "3", "--no-pictures"]
     assert main([*arguments, "--output", str(tmp_path)]) == 0

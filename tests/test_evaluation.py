@@ -230,6 +230,7 @@ class Ticking(Nan):
         ("harness_policies:HasNoPlan", True, None),
     ],
 )
+@pytest.mark.usefixtures("brief_reports")
 def test_an_exception_of_a_built_in_policy_is_no_score(policy, built_in, said, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(harness_policies.Well, "bad", lambda self, observation: np.ones(1, dtype=bool))
     if built_in:
@@ -327,6 +328,7 @@ def test_a_restart_that_was_killed_is_not_complete(tmp_path, monkeypatch):
     assert prepare(evaluation, tmp_path, resume=True)
 
 
+@pytest.mark.usefixtures("brief_reports")
 def test_a_users_own_class_runs_by_its_name(tmp_path, capsys, monkeypatch):
     (tmp_path / "my_package.py").write_text(
         "import numpy as np\n"

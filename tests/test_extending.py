@@ -90,6 +90,7 @@ def test_datasets_and_trained_runs(ran: Path) -> None:
     assert trained == "sprint"
 
 
+@pytest.mark.usefixtures("brief_reports")
 def test_a_ray_cluster_imports_the_package_too(ran: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("ray")
     monkeypatch.chdir(ran)

@@ -209,13 +209,13 @@ def test_a_stranger_that_breaks_its_process_loses_its_episodes(name: str, reason
     assert found.reason.tolist() == [reason]
 
 
+@pytest.mark.usefixtures("brief_reports")
 def test_a_stranger_reaches_neither_the_environment_nor_the_harness(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """With one job, where the harness plays in this process; results come to where they were asked for."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(Path(__file__).parent))
-    monkeypatch.setattr("space_envs.evaluation.harness.policy_times.ROUNDS", 1)
     policies = [f"{__name__}:Cheats", f"{__name__}:Chaotic", "hold"]
     arguments = ["--policy", *policies, "--episodes", "2", "--no-pictures", "--jobs", "1"]
     assert main([*arguments, "--output", "out"]) == 0

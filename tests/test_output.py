@@ -144,6 +144,7 @@ def test_files_are_replaced_only_where_that_was_asked_for(
     assert not (tmp_path / "d").exists() and not prior.exists()
 
 
+@pytest.mark.usefixtures("brief_reports")
 def test_one_process_writes_at_a_time(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code = "from pathlib import Path; from space_envs.system.output import held; import time\n"
     code += (
@@ -210,8 +211,7 @@ def test_a_named_pipe_in_a_folder_does_not_hold_a_command_up(tmp_path: Path) -> 
     assert main([*QUICK, "--output", str(folder), "--resume"]) == 2
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_a_full_disk_and_signals_end_in_one_line(number: signal.Signals, tmp_path: Path) -> None:
+def test_a_full_disk_ends_in_one_line(tmp_path: Path) -> None:
     """The limit of a file's size stands for a full disk: the same error comes from the same call."""
     arguments = [sys.executable, "evaluate.py", *QUICK, "--output", str(tmp_path / "out")]
     limited = ["bash", "-c", 'ulimit -f 8; exec "$@"', "bash", *arguments]
@@ -219,9 +219,13 @@ def test_a_full_disk_and_signals_end_in_one_line(number: signal.Signals, tmp_pat
     assert full.returncode == 1, full.stderr
     assert "Traceback" not in full.stderr
     assert "the same command with --resume goes on from here" in full.stderr
-    again = [*arguments[:-1], str(tmp_path / "again"), "--episodes", "256"]
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_signals_end_in_one_line(number: signal.Signals, tmp_path: Path) -> None:
+    folder = tmp_path / "out"
     process = subprocess.Popen(
-        again,
+        [sys.executable, "evaluate.py", *QUICK, "--output", str(folder), "--episodes", "256"],
         cwd=ROOT,
         stderr=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
@@ -229,7 +233,7 @@ def test_a_full_disk_and_signals_end_in_one_line(number: signal.Signals, tmp_pat
         # Shells start jobs in the background with SIGINT ignored, which children inherit.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
-    while not (tmp_path / "again" / "run.json").exists():
+    while not (folder / "run.json").exists():
         time.sleep(0.01)
     process.send_signal(number)
     _, told = process.communicate(timeout=60)

@@ -148,6 +148,7 @@ def test_copies_of_an_environment_find_their_task_in_another_process() -> None:
     assert done.returncode == 0, done.stderr.decode()
 
 
+@pytest.mark.usefixtures("brief_reports")
 def test_a_task_that_no_table_of_ours_knows_is_evaluated(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

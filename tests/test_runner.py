@@ -135,6 +135,7 @@ def test_killed_again_and_again_it_ends_with_the_same_records(tmp_path: Path) ->
     assert not (folder / "chunks").exists()
 
 
+@pytest.mark.usefixtures("brief_reports")
 def test_killed_while_it_plays_it_ends_with_the_same_records(usual, tmp_path: Path) -> None:
     evaluated, records = usual
     arguments = ["--policy", "gjm", "random", "--split", "validation", "--seeds", "0,3", "--jobs", "2"]
@@ -358,6 +359,7 @@ def test_the_fastest_of_several_rounds_is_its_time(
     policy_times(chunks, tmp_path)
 
 
+@pytest.mark.usefixtures("brief_reports")
 def test_several_ids_splits_and_seeds_in_one_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     ids = [SINGLE.env_id, PLANAR.env_id]
     more = ["--split", "validation", "train", "--episodes", "2", "--seeds", "0-1", "--no-pictures"]
