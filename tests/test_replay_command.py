@@ -208,14 +208,14 @@ def test_without_a_screen_a_video_is_suggested(
         monkeypatch.delenv(name, raising=False)
     given = [str(folder), "--policy", "mpc", "--episode", "0"]
     assert command.main(given) == 2
-    assert "no screen to open a window on; write a video in place of it: --video FILE.mp4" in (
+    assert "no screen to open a window on; write a video instead: --video FILE.mp4" in (
         capsys.readouterr().err
     )
     monkeypatch.setenv("DISPLAY", ":9999")
     monkeypatch.setattr(opengl, "_TRIAL", "raise RuntimeError('cannot connect')")
     assert command.main(given) == 2
     said = capsys.readouterr().err
-    assert "no window can be opened; write a video in place of it" in said and "cannot connect" in said
+    assert "no window can be opened; write a video instead" in said and "cannot connect" in said
 
 
 def test_the_window_plays_the_episode_until_it_is_closed(

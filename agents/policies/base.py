@@ -1,4 +1,4 @@
-"""Base of the project's policies: one `predict`, which checks observations, updates the state and acts."""
+"""Base class of the policies: one `predict` that checks observations, updates the state and acts."""
 
 from typing import Any, ClassVar
 
@@ -10,7 +10,7 @@ from space_envs.policy import Needs, PolicyContext
 
 
 class BasePolicy:
-    """Base of policies: a subclass gives joint rates or actions, and updates a state if it has one.
+    """Base class of policies: a subclass returns joint rates or actions, and updates a state if it has one.
 
     Attributes:
         needs: properties of the tasks that it can act in.
@@ -22,15 +22,15 @@ class BasePolicy:
         self.context = context
 
     def update(self, state: Any, observation: Array, episode_start: NDArray[np.bool_] | None) -> Any:
-        """State to act by on observations (N, size); None for a policy without memory."""
+        """State for acting on observations (N, size); None for a policy without memory."""
         return None
 
     def rates(self, observation: Array, state: Any) -> Array:
-        """Joint rates (N, n), rad/s, that the drives shall have at the end of the control period."""
+        """Joint rates (N, n), rad/s, commanded for the end of the control period."""
         raise NotImplementedError
 
     def actions(self, observation: Array, state: Any, deterministic: bool) -> Array:
-        """Actions (N, m): `rates` in units of the action scale, cut off at -1 and 1."""
+        """Actions (N, m): `rates` in units of the action scale, clipped to [-1, 1]."""
         return np.clip(self.rates(observation, state) / self.context.action_scale, -1.0, 1.0)
 
     def predict(
@@ -40,7 +40,7 @@ class BasePolicy:
         episode_start: NDArray[np.bool_] | None = None,
         deterministic: bool = True,
     ) -> tuple[Array, Any]:
-        """Actions (N, m) for observations (N, size) and the next state, as `Policy.predict` says."""
+        """Actions (N, m) for observations (N, size) and the next state, as in `Policy.predict`."""
         observation = self.context.check_observation(observation)
         state = self.update(state, observation, episode_start)
         return self.actions(observation, state, deterministic), state

@@ -1,4 +1,4 @@
-"""Policies without a plan, which a table needs as its floor."""
+"""Baseline policies without a plan, the lower end of every table."""
 
 from typing import Any
 
@@ -17,12 +17,12 @@ class Random(BasePolicy):
         self._rng = np.random.default_rng(seed)
 
     def actions(self, observation: Array, state: Any, deterministic: bool) -> Array:
-        """Actions (N, m), random whatever `deterministic` says."""
+        """Actions (N, m), random also if `deterministic` is set."""
         return self._rng.uniform(-1.0, 1.0, (len(observation), len(self.context.action_scale)))
 
 
 class Hold(BasePolicy):
-    """Zero actions in any control mode: in the velocity modes the arm rests."""
+    """Zero actions in any control mode: in the velocity modes the arm stays at rest."""
 
     def actions(self, observation: Array, state: Any, deterministic: bool) -> Array:
         """Actions (N, m), all zero."""

@@ -19,14 +19,14 @@ from space_envs.policy import PolicyContext
 from space_envs.robots.parameters import SINGLE_ARM
 from space_envs.tasks.contacts import Contacts
 
-MARGIN = 0.002  # m, that a plan keeps beyond what the simulation requires, for the errors of the drives
-SPHERE_MARGIN = 0.004  # m, by which optimisers enlarge spheres, so that their plans keep `MARGIN`
-COARSE = 5  # samples, of which one is checked where a motion is only chosen by it
-CHUNK = 10  # motions that are checked at once
+MARGIN = 0.002  # m, added to the clearance that the simulation requires, for errors of the drives
+SPHERE_MARGIN = 0.004  # m, by which optimisers enlarge spheres, so that their plans satisfy `MARGIN`
+COARSE = 5  # every so many samples one is checked where a motion is only selected
+CHUNK = 10  # motions checked at once
 
 
 def spheres_seen(context: PolicyContext, observation: Array) -> Array | None:
-    """Centres and radii (N, K, 4) in m of the keep-out spheres, in the frame of the satellite as it is now.
+    """Centres and radii (N, K, 4) in m of the keep-out spheres, in the satellite's current frame.
 
     None for a task without spheres.
     """
@@ -46,7 +46,7 @@ class KeepOut:
 
     Attributes:
         arm: the robot. contacts: of its links and the satellite.
-        spheres: (N, K, 4) as `spheres_seen` gives them where the motions begin; None without.
+        spheres: (N, K, 4) from `spheres_seen` at the start of the motions; None without.
     """
 
     arm: FloatingRobot
@@ -55,14 +55,14 @@ class KeepOut:
 
     @classmethod
     def of(cls, context: PolicyContext, observation: Array) -> Self | None:
-        """Bodies around motions from observations (N, size) on; None where no collision is checked."""
+        """Bodies around motions that start at observations (N, size); None if collisions are not checked."""
         contacts = context.contacts
         if contacts is None or contacts.shape.half is None:
             return None
         return cls(context.arm, contacts, spheres_seen(context, observation))
 
     def take(self, rows: NDArray[Any]) -> Self:
-        """The bodies of rows, by number or mask."""
+        """Bodies of the selected rows, by number or mask."""
         return self if self.spheres is None else replace(self, spheres=self.spheres[rows])
 
     def gaps(self, path: Array, rate: Array, dt: float) -> Array:
@@ -83,11 +83,11 @@ class KeepOut:
         return np.concatenate([found, _flat(gaps)], axis=-1)
 
     def clear(self, path: Array, rate: Array, dt: float) -> NDArray[np.bool_]:
-        """Whether each motion (N,) keeps `MARGIN` from everything; arguments as in `gaps`."""
+        """Whether each motion (N,) has a clearance of at least `MARGIN`; arguments as in `gaps`."""
         return self.gaps(path, rate, dt).min(axis=(1, 2)) > MARGIN
 
     def first_clear(self, paths: Array, rates: Array, dt: float, order: Sequence[int]) -> int | None:
-        """Number of the first of motions (M, T, n), in an order, that is clear; for N = 1. None without one.
+        """Index of the first clear motion of (M, T, n) in a given order, or None; for N = 1.
 
         Only every `COARSE`-th sample is checked where the satellite's motion does not matter: enough to
         choose by, not to be sure.

@@ -1,4 +1,4 @@
-"""Planning where an episode starts, following the plan, and staying with the goal when the plan is over."""
+"""Planning at the start of an episode, following the plan, and holding the goal once the plan is over."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -17,13 +17,13 @@ State = TypeVar("State")
 
 
 class Reference(NamedTuple):
-    """Reference of N episodes from their plans, now and one control period later.
+    """References of N episodes from their plans, now and one control period later.
 
     Attributes:
         step: (N,) control periods since the start of each plan.
         position, rate: (N, n) rad and rad/s, now.
         next_position, next_rate: (N, n), a control period later; the drives reach a rate at its end.
-        over: (k,) rows whose plan is over.
+        over: (k,) rows with a finished plan.
     """
 
     step: NDArray[np.int64]
@@ -36,12 +36,12 @@ class Reference(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FollowedPlans(PlanState):
-    """Joint motions that N episodes follow; never changed in place, so that they serve as a policy's state.
+    """Joint motions that N episodes follow; a policy's state, therefore never changed in place.
 
     Attributes:
         position, rate: (N, T, n) rad and rad/s, one sample a control period.
-        start: (N,) s, time in the episode at which each plan begins.
-        failures: (N,) None, or the `Failure` that says why there is no plan and the arm rests.
+        start: (N,) s, time in the episode at which each plan starts.
+        failures: (N,) None, or the `Failure` because of which there is no plan and the arm stays at rest.
     """
 
     position: Array
@@ -51,7 +51,7 @@ class FollowedPlans(PlanState):
 
     @property
     def planned(self) -> NDArray[np.bool_]:
-        """Rows (N,) that have a plan to the goal."""
+        """Mask (N,) of the rows with a plan to the goal."""
         return np.array([failure is None for failure in self.failures], dtype=bool)
 
     def reference(self, time: Array, period: float) -> Reference:
@@ -72,7 +72,7 @@ class FollowedPlans(PlanState):
 def sampled_plans(
     rest: Array, plans: Sequence[JointPath | Failure], times: Array, start: Array
 ) -> FollowedPlans:
-    """Plans of N episodes sampled at times (T,) s; without a plan the arm rests.
+    """Plans of N episodes sampled at times (T,) s; without a plan the arm stays at rest.
 
     Args:
         rest: (N, n) rad, joint angles at the start. plans: of each episode. start: (N,) s.
@@ -89,12 +89,12 @@ def sampled_plans(
 
 
 class FollowingPolicy(BasePolicy):
-    """Follows the plans that a subclass makes, with feedback of the joint angles, then holds the goal."""
+    """Follows the plans of a subclass with feedback of the joint angles, then holds the goal."""
 
     tracking_gain: ClassVar[float]  # 1/s, of the joint error while a plan is followed
 
     def plans(self, observation: Array) -> FollowedPlans:
-        """Plans of the episodes that begin with observations (N, size)."""
+        """Plans of the episodes that start with observations (N, size)."""
         raise NotImplementedError
 
     def track(self, observation: Array, plans: FollowedPlans, reference: Reference) -> Array:
@@ -103,17 +103,17 @@ class FollowingPolicy(BasePolicy):
         return reference.next_rate + self.tracking_gain * (reference.position - angle)
 
     def hold(self, observation: Array, planned: NDArray[np.bool_]) -> Array:
-        """Joint rates (k, n), rad/s, that keep the end-effectors at their goals once the plan is over.
+        """Joint rates (k, n), rad/s, that hold the end-effectors at their goals once the plan is over.
 
         Args:
-            observation: (k, size). planned: (k, 1), whether there was a plan; otherwise the arm rests.
+            observation: (k, size). planned: (k, 1), whether there was a plan; the rates are zero without.
         """
         raise NotImplementedError
 
     def update(
         self, state: FollowedPlans | None, observation: Array, episode_start: NDArray[np.bool_] | None
     ) -> FollowedPlans:
-        """The plans with new ones in the rows whose episode begins; errors as in `rows_to_plan`."""
+        """The plans, with new ones in the rows of starting episodes; errors as in `rows_to_plan`."""
         rows = rows_to_plan(state, episode_start, len(observation))
         if state is not None and not rows.size:
             return state
@@ -121,7 +121,7 @@ class FollowingPolicy(BasePolicy):
         return new if state is None or rows.size == len(observation) else merged(state, new, rows)
 
     def rates(self, observation: Array, state: FollowedPlans) -> Array:
-        """Joint rates (N, n), rad/s: along the plan, then at the goal; without a plan the arm rests."""
+        """Joint rates (N, n), rad/s: along the plan, then at the goal; zero without a plan."""
         time = self.context.layout.read(observation, "time")[:, 0]
         reference = state.reference(time, self.context.control_period)
         rate, over = self.track(observation, state, reference), reference.over
@@ -131,7 +131,7 @@ class FollowingPolicy(BasePolicy):
 
 
 def rows_to_plan(state: Any, episode_start: NDArray[np.bool_] | None, n: int) -> NDArray[np.int64]:
-    """Rows whose episode begins.
+    """Rows with a starting episode.
 
     Raises:
         PolicyError: if `episode_start` has not N entries, or N changed in the middle of episodes.
@@ -150,7 +150,7 @@ def rows_to_plan(state: Any, episode_start: NDArray[np.bool_] | None, n: int) ->
 
 
 def merged(old: State, new: State, rows: NDArray[np.int64]) -> State:
-    """`old` with its rows replaced by those of `new`; both are dataclasses of arrays, nested or not."""
+    """Copy of `old` with some rows replaced by those of `new`; both are (nested) dataclasses of arrays."""
     values = {}
     for field in fields(old):  # pyright: ignore[reportArgumentType]
         before, after = getattr(old, field.name), getattr(new, field.name)

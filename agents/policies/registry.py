@@ -1,4 +1,4 @@
-"""The table of policies that commands know by name, and which of them fit a task."""
+"""The table of registered policies, and the selection of those that fit a task."""
 
 import traceback
 from dataclasses import dataclass
@@ -115,12 +115,12 @@ POLICIES: dict[str, RegisteredPolicy] = {
 
 
 def policies_for(env_id: str, mode: str | None = None) -> list[str]:
-    """Names of the policies that fit a task in a control mode; None is each policy's own."""
+    """Names of the policies that fit a task in a control mode; None for each policy's default mode."""
     return [name for name in POLICIES if not missing(name, env_id, mode)]
 
 
 def missing(name: str, env_id: str, mode: str | None = None) -> list[str]:
-    """Reasons why a policy does not fit a task in a control mode, empty where it fits; None is its own mode.
+    """Reasons why a policy does not fit a task in a control mode (None: its default), empty if it fits.
 
     Raises:
         ConfigurationError, PolicyError: as `policy_class`.
@@ -144,7 +144,7 @@ def _context(env: str, mode: str) -> PolicyContext:
 
 
 def policy_class(name: str) -> type[Policy]:
-    """The class of a registered policy, or of a user's own, named as `package.module:Class`.
+    """Class of a registered policy, or of a user's policy named as `package.module:Class`.
 
     Raises:
         ConfigurationError: for a name that is neither. PolicyError: if a user's class cannot be loaded.
@@ -157,7 +157,7 @@ def policy_class(name: str) -> type[Policy]:
 
 
 def needs(name: str) -> Needs:
-    """The needs that a policy's class declares; errors as in `policy_class`."""
+    """Needs that a policy's class declares; errors as in `policy_class`."""
     declared = getattr(policy_class(name), "needs", Needs())
     if not isinstance(declared, Needs):
         raise PolicyError(f"policy {name!r}: needs must be a space_envs.policy.Needs, got {shown(declared)}")
@@ -165,7 +165,7 @@ def needs(name: str) -> Needs:
 
 
 def control_mode(name: str) -> str:
-    """The control mode that a policy acts in unless another is asked for; errors as in `policy_class`."""
+    """Default control mode of a policy; errors as in `policy_class`."""
     mode = getattr(policy_class(name), "control_mode", DEFAULT_CONTROL_MODE)
     if type(mode) is not str or mode not in CONTROL_MODES:
         got = mode if type(mode) is str else type(mode)
@@ -174,7 +174,7 @@ def control_mode(name: str) -> str:
 
 
 def control_modes(name: str) -> tuple[str, ...]:
-    """The control modes that a policy was made for; errors as in `policy_class`."""
+    """Control modes that a policy supports; errors as in `policy_class`."""
     return needs(name).control_modes or (control_mode(name),)
 
 

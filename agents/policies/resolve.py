@@ -1,4 +1,4 @@
-"""From what a user calls a policy to something that can be built."""
+"""Policies from the names, paths and files that a user gives."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,15 +14,15 @@ from space_envs.errors import ConfigurationError, no_path, unknown_name
 from space_envs.foreign_code import undisturbed
 from space_envs.policy import DEFAULT_CONTROL_MODE, Policy, PolicyContext
 
-ZIP = ".zip"  # suffix of what stable-baselines3 saves
+ZIP = ".zip"  # suffix of files of stable-baselines3
 
 
 @dataclass(frozen=True)
 class ResolvedPolicy:
-    """A policy that exists. It is plain data, so that another process can build it too.
+    """An existing policy as plain data, so that another process can build it too.
 
     Attributes:
-        name: in tables. control_mode: that it acts in.
+        name: in tables. control_mode: of its actions.
         source: registered name or `package.module:Class`; or the absolute path of a file.
     """
 
@@ -32,7 +32,7 @@ class ResolvedPolicy:
 
     @property
     def foreign(self) -> bool:
-        """Whether it is code that is not of this project, which is called in a process of its own."""
+        """Whether its code is not part of this project and therefore runs in a process of its own."""
         return isinstance(self.source, str) and self.source not in POLICIES
 
     def build(self, context: PolicyContext, seed: int) -> Policy:
@@ -48,7 +48,7 @@ class ResolvedPolicy:
         return LearnedPolicy.from_path(self.source, context, seed)
 
     def factory(self, seed: int) -> Callable[[PolicyContext], Policy]:
-        """Builds the policy with a seed."""
+        """Function that builds the policy with a seed."""
         return partial(self.build, seed=seed)
 
 
@@ -56,8 +56,8 @@ def resolve_policy(name: str, mode: str | None = None) -> ResolvedPolicy:
     """Find a policy by its registered name, as `package.module:Class`, or as a run's folder or a file.
 
     Args:
-        name: what the user wrote; a file is one of `train.py`, or a zip of stable-baselines3.
-        mode: control mode to use instead of the policy's own.
+        name: given by the user; a file is from `train.py`, or a zip of stable-baselines3.
+        mode: control mode to use instead of the policy's default.
 
     Raises:
         ConfigurationError: if there is nothing of that name. PolicyError: if it cannot be loaded.
@@ -84,8 +84,8 @@ def resolve_policy(name: str, mode: str | None = None) -> ResolvedPolicy:
 
 
 def _no_path(path: Path) -> ConfigurationError:
-    """That there is no such run's folder or file, and the nearest that there is beside it."""
+    """Error for a run's folder or file that does not exist, with the nearest name next to it."""
     usual = "policy file" if path.suffix else "run's folder"
     what = "zip of stable-baselines3" if path.suffix == ZIP else usual
-    beside = sorted(each.name for each in path.parent.iterdir()) if path.parent.is_dir() else []
-    return no_path(what, path, beside)
+    siblings = sorted(each.name for each in path.parent.iterdir()) if path.parent.is_dir() else []
+    return no_path(what, path, siblings)

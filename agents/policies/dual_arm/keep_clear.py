@@ -8,10 +8,10 @@ from space_envs.dynamics.rotations import Array, conjugate, exponential, multipl
 from space_envs.tasks.contacts import Contacts
 
 CLOSING = 0.5  # 1/s, speed at which a gap may close for each metre of it
-MARGIN = 0.02  # m, least gap that is kept, but for the grippers' to the target, which they have to reach
+MARGIN = 0.02  # m, least gap, except between grippers and target, which have to meet
 DAMPING = 0.1  # m/rad, of the correction where a gap hardly depends on the joints
 NEAR = 0.6  # m; wider gaps are ignored, since nothing closes them fast enough
-_SWEEPS = 4  # corrections, each for the gap that then is most in excess
+_SWEEPS = 4  # corrections, each for the gap that violates its bound most
 _STEP = 1e-6  # rad and s, of difference quotients
 
 
@@ -22,7 +22,7 @@ def clear_rates(reader: Reader, observation: Array, q: Array, rate: Array) -> Ar
     base stays that of `rate`. Nothing is changed where the environment checks no collisions.
 
     Args:
-        observation: (N, size). q: (N, n) rad, joint angles at which the rates are asked for.
+        observation: (N, size). q: (N, n) rad, joint angles at which the rates are evaluated.
         rate: (N, n) rad/s.
     """
     contacts = reader.context.contacts
@@ -46,7 +46,7 @@ def clear_rates(reader: Reader, observation: Array, q: Array, rate: Array) -> Ar
 def _gaps(
     reader: Reader, contacts: Contacts, observation: Array, q: Array, carried: Array
 ) -> tuple[Array, Array, Array]:
-    """Gaps to close obstacles, and how they change.
+    """Gaps to close obstacles, and their rates of change.
 
     Returns:
         Gaps (N, M) m, their gradients (N, M, n) m/rad while the base keeps its attitude, and the rates (N, M)

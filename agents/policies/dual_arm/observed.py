@@ -1,4 +1,4 @@
-"""Observations of the dual-arm tasks as policies read them, in the plane and in space alike."""
+"""Observations of the dual-arm tasks for policies, in the same form for the plane and for space."""
 
 from dataclasses import dataclass
 
@@ -33,11 +33,11 @@ class Reader:
         self.inertia = context.model.body("target").inertia.copy()
 
     def field(self, observation: NDArray, name: str) -> Array:
-        """A field as it is in the layout."""
+        """A field in the layout's shape."""
         return self.context.layout.read(observation, name)
 
     def vectors(self, observation: NDArray, name: str) -> Array:
-        """A field of one vector an arm, (N, 2, 3)."""
+        """A field with one vector per arm, (N, 2, 3)."""
         values = self.field(observation, name)
         n = len(values)
         if not self.context.planar:

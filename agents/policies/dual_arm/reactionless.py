@@ -1,4 +1,4 @@
-"""The reactionless planners as policies: plan where an episode starts, follow, stay with the target."""
+"""The reactionless planners as policies: plan when an episode starts, follow the plan, hold the target."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -27,7 +27,7 @@ from space_envs.robots.parameters import DUAL_ARM_PLANAR, DUAL_ARM_SPATIAL
 
 RENDEZVOUS_TIME = 20.0  # s after the start of the episode, when every plan ends
 CHECKS = 201  # times at which the clearance of a plan is checked
-_ALWAYS = 1e9  # s before the end, when grippers are open
+_ALWAYS = 1e9  # s before the end at which grippers open: from the start
 ATTITUDE_GAIN = 0.3  # 1/s, of the attitude error
 
 
@@ -51,7 +51,7 @@ class PlannerInput:
 
     @property
     def surroundings(self) -> Surroundings:
-        """Bodies that the arms keep clear of."""
+        """Bodies from which the arms keep their distance."""
         planar = self.capture.axis is None
         parameters = DUAL_ARM_PLANAR if planar else DUAL_ARM_SPATIAL
         target, side = parameters.target, 0.5 * parameters.satellite_side
@@ -63,7 +63,7 @@ class PlannerInput:
         )
 
     def checked(self, plan: CapturePlan | Failure) -> CapturePlan | Failure:
-        """The plan, or why it is none: a motion in which arms touch something is not followed.
+        """The plan, or the failure of a plan in which the arms touch something.
 
         The gripper counts by its centre line all the time, as it does in the simulation.
         """
@@ -81,7 +81,7 @@ class PlannerInput:
 
 
 class ReactionlessPolicy(FollowingPolicy):
-    """Plans with a method of `agents.planners.dual_arm`; where there is no plan, the arms rest.
+    """Plans with a method of `agents.planners.dual_arm`; without a plan the arms stay at rest.
 
     The plan ends `RENDEZVOUS_TIME` seconds after the start of the episode, with both end-effectors as fast as
     their grapple points; from then on the resolved rate of `reactionless_rate` stays with them.
@@ -101,7 +101,7 @@ class ReactionlessPolicy(FollowingPolicy):
         raise NotImplementedError
 
     def inputs(self, observation: Array) -> list[PlannerInput]:
-        """Planner inputs of episodes that begin with observations (N, size)."""
+        """Planner inputs of episodes that start with observations (N, size)."""
         reader, context = self.reader, self.context
         origin = reader.vector(observation, "base_position")
         to_base = conjugate(reader.quaternion(observation, "base"))
@@ -139,7 +139,7 @@ class ReactionlessPolicy(FollowingPolicy):
         return found
 
     def plans(self, observation: Array) -> FollowedPlans:
-        """Plans of the episodes that begin with observations (N, size), clear of what they keep out of."""
+        """Plans with sufficient clearance for the episodes that start with observations (N, size)."""
         tasks = self.inputs(observation)
         plans: Any = Parallel(n_jobs=self.context.jobs)(delayed(self.plan)(task) for task in tasks)
         if self.context.contacts is not None:
@@ -156,7 +156,7 @@ class ReactionlessPolicy(FollowingPolicy):
         return reactionless_projection(rotating, rate, -ATTITUDE_GAIN * attitude)
 
     def hold(self, observation: Array, planned: NDArray[np.bool_]) -> Array:
-        """Joint rates (k, n), rad/s, with which the end-effectors stay with their grapple points."""
+        """Joint rates (k, n), rad/s, that keep the end-effectors at their grapple points."""
         rate = track_rates(self.reader, observation) * planned
         return within_drives(self.reader, observation, rate)
 

@@ -19,18 +19,18 @@ from space_envs.dynamics.rotations import Array, conjugate, logarithm, rotate
 from space_envs.policy import PolicyContext
 
 GAIN = 0.5  # 1/s, of the end-effectors' error
-SPEED = 0.12  # m/s, the most an end-effector is asked for beyond what the grapple point does
+SPEED = 0.12  # m/s, largest speed of an end-effector relative to its grapple point
 ANGULAR_SPEED = 0.2  # rad/s, of an end-effector
 ATTITUDE_GAIN = 0.3  # 1/s, of the attitude error
 DAMPING = 0.04  # m/rad
-POSTURE_GAIN = 0.05  # 1/s, towards the middle of the joint range, where nothing else is asked
-ACCELERATION_SHARE = 0.6  # of the drives' limit; they limit each joint on its own, which bends the path
+POSTURE_GAIN = 0.05  # 1/s, towards the middle of the joint range, in the remaining null space
+ACCELERATION_SHARE = 0.6  # of the drives' limit, since limits on single joints would bend the path
 
 
 def track_rates(reader: Reader, observation: Array) -> Array:
     """Joint rates (N, n), rad/s, towards the grapple points and then along with them.
 
-    The attitude is kept, and the arms stay clear of the satellite, of the target and of each other.
+    The attitude stays constant, and the arms stay clear of the satellite, of the target and of each other.
 
     Args:
         observation: (N, size).
@@ -39,13 +39,13 @@ def track_rates(reader: Reader, observation: Array) -> Array:
     period, q = context.control_period, reader.field(observation, "joint_position")
     attitude = reader.quaternion(observation, "base")
     to_base = conjugate(attitude)
-    # The command is reached at the end of the period, so it is made for the configuration then.
+    # The command is reached at the end of the period, so it is computed for the configuration at that time.
     then = q + period * reader.field(observation, "joint_velocity")
     now = end_effectors(context.arm, then)
     ahead = reader.grapples(observation, np.array([period]))
     hand = reader.vectors(observation, "end_effector_position")
     hand = hand + period * reader.vectors(observation, "end_effector_linear_velocity")
-    wanted = _slowed(GAIN * (ahead.position[:, 0] - hand), SPEED) + ahead.velocity[:, 0]
+    velocity = _slowed(GAIN * (ahead.position[:, 0] - hand), SPEED) + ahead.velocity[:, 0]
     rotation = None
     if ahead.axis is not None:
         rotation = _slowed(
@@ -54,7 +54,7 @@ def track_rates(reader: Reader, observation: Array) -> Array:
     middle = 0.5 * (context.joint_limits[:, 0] + context.joint_limits[:, 1])
     rate = reactionless_rates(
         now,
-        rotate(to_base[:, None], wanted),
+        rotate(to_base[:, None], velocity),
         rotation,
         base_rate=-ATTITUDE_GAIN * logarithm(attitude),
         posture=POSTURE_GAIN * (middle - q),
@@ -63,10 +63,10 @@ def track_rates(reader: Reader, observation: Array) -> Array:
     return clear_rates(reader, observation, then, rate)
 
 
-def _slowed(wanted: Array, most: float) -> Array:
-    """Vectors (N, 2, 3), both scaled alike so that neither is longer than `most`."""
-    size = np.sqrt((wanted * wanted).sum(axis=-1)).max(axis=-1)
-    return wanted / np.maximum(size / most, 1.0)[:, None, None]
+def _slowed(vectors: Array, most: float) -> Array:
+    """Vectors (N, 2, 3), both scaled by the same factor so that neither is longer than `most`."""
+    size = np.sqrt((vectors * vectors).sum(axis=-1)).max(axis=-1)
+    return vectors / np.maximum(size / most, 1.0)[:, None, None]
 
 
 def within_drives(reader: Reader, observation: Array, rate: Array) -> Array:
@@ -79,7 +79,7 @@ def within_drives(reader: Reader, observation: Array, rate: Array) -> Array:
     room = np.where(rate > 0.0, context.joint_limits[:, 1] - q, q - context.joint_limits[:, 0])
     fastest = braking_rates(np.maximum(room, 0.0), context.rate_limit)
     rate = rate / np.maximum((np.abs(rate) / np.maximum(fastest, 1e-9)).max(axis=1, keepdims=True), 1.0)
-    # The present rates are reactionless where the joints are; here they are made so where these will be.
+    # The current rates are reactionless at the current joint angles; here they become so at the next ones.
     rotating = context.arm.base_map(q + context.control_period * now)[:, 3:]
     attitude = logarithm(reader.quaternion(observation, "base"))
     present = reactionless_projection(rotating, now, -ATTITUDE_GAIN * attitude)
@@ -91,7 +91,7 @@ def within_drives(reader: Reader, observation: Array, rate: Array) -> Array:
 class ReactionlessRate(BasePolicy):
     """Moves both end-effectors to their grapple points and along with them, clear of bodies in the path.
 
-    The attitude of the satellite is kept.
+    The attitude of the satellite stays constant.
     """
 
     needs = RENDEZVOUS
@@ -101,5 +101,5 @@ class ReactionlessRate(BasePolicy):
         self.reader = Reader(context)
 
     def rates(self, observation: Array, state: Any) -> Array:
-        """Joint rates (N, n), rad/s, within what the drives can do."""
+        """Joint rates (N, n), rad/s, within the limits of the drives."""
         return within_drives(self.reader, observation, track_rates(self.reader, observation))

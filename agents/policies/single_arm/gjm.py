@@ -9,10 +9,10 @@ from space_envs.dynamics.rotations import Array, conjugate, rotate
 from space_envs.policy import Needs, PolicyContext
 
 GAIN = 0.6  # 1/s, of the end-effector's error
-LINEAR_SPEED = 0.15  # m/s, the most the end-effector is asked for
+LINEAR_SPEED = 0.15  # m/s, largest commanded speed of the end-effector
 ANGULAR_SPEED = 0.25  # rad/s
 DAMPING = 0.03  # of the inverse, in the units of the generalised Jacobian's singular values
-# The drives limit every joint on its own, which bends the path; staying below keeps the twist's direction.
+# The drives limit every joint separately, which bends the path; below the limit the direction is unchanged.
 ACCELERATION_SHARE = 0.8
 
 
@@ -25,7 +25,7 @@ def resolved_rate(
 ) -> Array:
     """Joint rates (N, n), rad/s, that move the end-effector towards the goal in the inertial frame (eq. 8).
 
-    The twist gain * error is slowed as a whole to the speed limits. Total momentum is taken as zero.
+    The twist gain * error is slowed as a whole to the speed limits. Total momentum is assumed to be zero.
 
     Args:
         observation: (N, size). gain: 1/s. linear_speed: m/s. angular_speed: rad/s.

@@ -1,4 +1,4 @@
-"""Following of motions that end at joint goals; those that would touch something get other joint goals."""
+"""Following of motions to joint goals, which are replaced if the motion would touch something."""
 
 from dataclasses import dataclass, replace
 
@@ -13,8 +13,8 @@ from agents.policies.single_arm.reaching import ReachingPolicy
 from space_envs.dynamics.rotations import Array
 from space_envs.policy import PolicyContext
 
-DETOURS = 8  # other joint goals that are tried in place of a motion that touches something
-DETOUR_RADIUS = 1.2  # rad, largest offset of a joint of the posture that these are drawn to
+DETOURS = 8  # other joint goals that are tried if a motion touches something
+DETOUR_RADIUS = 1.2  # rad, largest offset of a joint in the preferred posture of these goals
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class JointGoalPolicy(ReachingPolicy):
     """Follows joint motions that a subclass plans.
 
     A motion that would put a link into the satellite or a sphere is planned again to other joint goals, a few
-    times; if they all would, the arm rests.
+    times; if they all would, the arm stays at rest.
     """
 
     def __init__(self, context: PolicyContext, seed: int = 0) -> None:
@@ -42,15 +42,15 @@ class JointGoalPolicy(ReachingPolicy):
         self._detours = random.uniform(-DETOUR_RADIUS, DETOUR_RADIUS, (DETOURS, context.arm.n_joints))
 
     def plan(self, observation: Array, preferred: Array | None = None) -> tuple[JointMotion, JointGoals]:
-        """Motions (N, T, n), sampled at `motion_times`, and the joint goals they end at.
+        """Motions (N, T, n), sampled at `motion_times`, and the joint goals at which they end.
 
         Args:
-            preferred: (N, n) rad, joint angles that the redundancy draws the goals to; None is the start.
+            preferred: (N, n) rad, angles that the goals approach within the redundancy; None for the start.
         """
         raise NotImplementedError
 
     def plans(self, observation: Array) -> JointGoalPlans:
-        """Plans of the episodes that begin with observations (N, size), clear of what they keep out of."""
+        """Plans with sufficient clearance for the episodes that start with observations (N, size)."""
         motion, goals = self.plan(observation)
         start = self.context.layout.read(observation, "time")[:, 0]
         failures = np.full(len(observation), None, dtype=object)

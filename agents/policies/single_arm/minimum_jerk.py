@@ -1,4 +1,4 @@
-"""Minimum-jerk joint motion to a joint goal that is corrected for the base's own motion."""
+"""Minimum-jerk joint motion to a joint goal that accounts for the motion of the base."""
 
 from dataclasses import dataclass
 
@@ -48,10 +48,10 @@ def minimum_jerk_profile(times: Array) -> Profile:
 def profile_goals(
     context: PolicyContext, observation: Array, profile: Profile, preferred: Array | None = None
 ) -> JointGoals:
-    """Joint goals to which `profile` leads from what is observed, so that the inertial goal is met.
+    """Joint goals of `profile` from the observed states with which the inertial goal is reached.
 
     Args:
-        preferred: (N, n) rad, joint angles that the redundancy draws the goals to; None is the start.
+        preferred: (N, n) rad, joint angles that the goals approach within the redundancy; None for the start.
     """
 
     def read(name: str) -> Array:
@@ -75,12 +75,12 @@ def profile_goals(
 
 
 class ProfilePolicy(JointGoalPolicy):
-    """Follows motions of one profile, which a subclass gives, to corrected joint goals."""
+    """Follows motions of a subclass's profile to joint goals that account for the motion of the base."""
 
     profile: Profile
 
     def plan(self, observation: Array, preferred: Array | None = None) -> tuple[JointMotion, JointGoals]:
-        """The motions of the profile to joint goals at which the inertial goal is met, and these goals."""
+        """The motions of the profile with which the inertial goal is reached, and their joint goals."""
         read = self.context.layout.read
         goals = profile_goals(self.context, observation, self.profile, preferred)
         start, rate = read(observation, "joint_position"), read(observation, "joint_velocity")

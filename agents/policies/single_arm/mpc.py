@@ -10,14 +10,14 @@ from agents.policies.single_arm.reaching import motion_times
 from space_envs.dynamics.rotations import Array
 from space_envs.policy import PolicyContext
 
-# Of every joint alike, so that the joints do not disturb each other; only the ratio of the weights matters.
+# The same for every joint, so that the joints are decoupled; only the ratio of the weights matters.
 POSITION_WEIGHT = 100.0  # 1/rad^2
 RATE_WEIGHT = 0.0  # s^2/rad^2
 CONTROL_WEIGHT = 1.0  # s^4/rad^2
 
 
 class ModelPredictive(ProfilePolicy):
-    """At every step the first control of the best motion over the horizon, from the joint state observed.
+    """At every step the first control of the optimal motion over the horizon, from the observed joint state.
 
     The joint goal comes from inverse kinematics in the base frame that the controller's own motion, as it
     predicts it, ends in.

@@ -24,12 +24,12 @@ LOOK_AHEAD = 4.0  # s; at the limits of rate and acceleration a joint stops in 1
 
 @dataclass(frozen=True, eq=False)
 class RecedingPlans(PlanState):
-    """Motions that N episodes follow for now; never changed in place.
+    """Motions that N episodes currently follow; never changed in place.
 
     Attributes:
         horizons: N motions, None where the first plan failed.
-        start: (N,) s, time at which each episode began.
-        failures: (N,) None, or the `Failure` that says why there is no motion to follow now.
+        start: (N,) s, time at which each episode started.
+        failures: (N,) None, or the `Failure` because of which there is no motion to follow.
     """
 
     horizons: Sequence[Horizon | None]
@@ -38,7 +38,7 @@ class RecedingPlans(PlanState):
 
 
 class NMPC(BasePolicy):
-    """At every step the first move of the best motion over the remaining time, from the state observed.
+    """At every step the first part of the optimal motion over the remaining time, from the observed state.
 
     What lies far ahead is planned again many times before it is reached, so that only the next `LOOK_AHEAD`
     of a motion must be clear of the satellite. Where it is not, the motion before goes on if as much of it is
@@ -54,7 +54,7 @@ class NMPC(BasePolicy):
         self.controller = Controller(context.arm, limits, context.c, library, self.weights)
 
     def target(self, observation: Array) -> Target:
-        """Predicted goal of one observation (size,): it keeps the velocity observed, if any."""
+        """Predicted goal from one observation (size,), which moves at the observed velocity, if any."""
         layout, read = self.context.layout, self.context.layout.read
         twist = np.zeros(6)
         for part, name in ((twist[:3], "goal_linear_velocity"), (twist[3:], "goal_angular_velocity")):
@@ -72,21 +72,21 @@ class NMPC(BasePolicy):
     def update(
         self, state: RecedingPlans | None, observation: Array, episode_start: NDArray[np.bool_] | None
     ) -> RecedingPlans:
-        """The motions from here on; an episode without a first motion stays without."""
+        """The updated motions; an episode without a first motion never gets one."""
         n, time = len(observation), self.context.layout.read(observation, "time")[:, 0]
-        begins = np.zeros(n, dtype=bool)
-        begins[rows_to_plan(state, episode_start, n)] = True
-        start = time.copy() if state is None else np.where(begins, time, state.start)
+        starting = np.zeros(n, dtype=bool)
+        starting[rows_to_plan(state, episode_start, n)] = True
+        start = time.copy() if state is None else np.where(starting, time, state.start)
         failures = np.full(n, None, dtype=object) if state is None else state.failures.copy()
         horizons: list[Horizon | None] = [None] * n if state is None else list(state.horizons)
         for row, seen in enumerate(observation):
-            before = None if begins[row] else horizons[row]
-            if begins[row] or before is not None:
+            before = None if starting[row] else horizons[row]
+            if starting[row] or before is not None:
                 horizons[row], failures[row] = self._advanced(before, seen)
         return RecedingPlans(tuple(horizons), start, failures)
 
     def rates(self, observation: Array, state: RecedingPlans) -> Array:
-        """Joint rates (N, n), rad/s, of the motions at the end of the period; zero without one to follow."""
+        """Joint rates (N, n), rad/s, of the motions at the end of the period; zero without a motion."""
         time = self.context.layout.read(observation, "time")[:, 0]
         rate = np.zeros((len(observation), self.context.arm.n_joints))
         for row, horizon in enumerate(state.horizons):
@@ -95,7 +95,7 @@ class NMPC(BasePolicy):
         return rate
 
     def _advanced(self, before: Horizon | None, observation: Array) -> tuple[Horizon | None, Failure | None]:
-        """The motion from one observation (size,) on, and the failure that forbids following it."""
+        """The motion from one observation (size,), and the failure because of which it is not followed."""
         arm, target = self.arm_state(observation), self.target(observation)
         if before is None:
             found = self.controller.first_plan(arm, target)
@@ -109,7 +109,7 @@ class NMPC(BasePolicy):
         return found, failure
 
     def _touching(self, horizon: Horizon, arm: ArmState, observation: Array) -> Failure | None:
-        """Why a motion is not to be followed in the state of an observation (size,). Otherwise None."""
+        """Failure of a motion that must not be followed from an observation (size,); None if it may be."""
         keep_out = KeepOut.of(self.context, observation[None])
         if keep_out is None:
             return None

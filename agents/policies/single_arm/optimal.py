@@ -1,4 +1,4 @@
-"""Policies that plan an optimal motion where an episode begins, and follow it to the goal pose."""
+"""Policies that plan an optimal motion at the start of an episode, and follow it to the goal pose."""
 
 from typing import Any, Protocol
 
@@ -16,11 +16,11 @@ from space_envs.dynamics.rotations import Array, conjugate, multiply, rotate
 from space_envs.policy import PolicyContext
 
 STARTS = 4  # initial guesses of the collocation
-TORQUE_SHARE = 0.9  # of the torque at which drives give way, that a plan uses
+TORQUE_SHARE = 0.9  # of the torque limit of the drives, available to a plan
 
 
 def drive_limits(context: PolicyContext) -> Limits:
-    """Limits within which the drives follow a motion; a torque that is held over a period needs some room."""
+    """Limits within which the drives follow a motion, with a margin for torques held over a period."""
     torque = float(context.model.actuator_forcerange[0, 1])
     return Limits(
         position=context.joint_limits,
@@ -32,7 +32,7 @@ def drive_limits(context: PolicyContext) -> Limits:
 
 
 def reaches(context: PolicyContext, observation: Array, keep_attitude: bool) -> list[Reach]:
-    """Problem of each row, in the frame of the base as it is now, with some room around spheres."""
+    """Problem of each row, in the current frame of the base, with a margin around spheres."""
 
     def read(name: str) -> Array:
         return context.layout.read(observation, name)
@@ -63,26 +63,26 @@ class ReachPlanner(Protocol):
     """Plans one reach at a time."""
 
     def plan(self, reach: Reach) -> ReachPlan | Failure:
-        """The motion, or why there is none."""
+        """The motion, or the failure."""
         ...
 
 
 class OptimalPolicy(ReachingPolicy):
-    """Follows the motion of a planner that a subclass names. Without a plan the arm rests."""
+    """Follows the motion of a subclass's planner. Without a plan the arm stays at rest."""
 
-    keep_attitude = False  # whether the base shall have its first attitude again at the end
+    keep_attitude = False  # whether the final attitude of the base is constrained to its initial attitude
     planner: ReachPlanner
 
     def __init__(self, context: PolicyContext, seed: int = 0) -> None:
         super().__init__(context, seed)
         self.limits = drive_limits(context)
 
-    def plan(self, asked: list[Reach]) -> list[ReachPlan | Failure]:
+    def plan(self, reaches: list[Reach]) -> list[ReachPlan | Failure]:
         """Plans of all rows."""
-        return [self.planner.plan(reach) for reach in asked]
+        return [self.planner.plan(reach) for reach in reaches]
 
     def plans(self, observation: Array) -> FollowedPlans:
-        """Plans of the episodes that begin with observations (N, size), clear of what they keep out of."""
+        """Plans with sufficient clearance for the episodes that start with observations (N, size)."""
         read = self.context.layout.read
         plans = self.plan(reaches(self.context, observation, self.keep_attitude))
         times, keep_out = motion_times(self.context), KeepOut.of(self.context, observation)
@@ -95,7 +95,7 @@ class OptimalPolicy(ReachingPolicy):
 
 
 def _checked(plan: ReachPlan | Failure, times: Array, keep_out: KeepOut) -> ReachPlan | Failure:
-    """The plan, or why it is none: a motion that puts a link into something is not followed."""
+    """The plan, or the failure of a plan in which a link touches something."""
     if isinstance(plan, Failure):
         return plan
     path, rate, _ = plan.sample(times)
@@ -103,14 +103,14 @@ def _checked(plan: ReachPlan | Failure, times: Array, keep_out: KeepOut) -> Reac
 
 
 class OptimalControl(OptimalPolicy):
-    """Least eq. 20 by collocation from several initial guesses; the attitude at the end is unconstrained."""
+    """Minimum base disturbance (eq. 20) by collocation; the final attitude is unconstrained."""
 
-    def plan(self, asked: list[Reach]) -> list[ReachPlan | Failure]:
+    def plan(self, reaches: list[Reach]) -> list[ReachPlan | Failure]:
         """Plans of all rows, about half a second each, in as many processes as the context allows."""
         context = self.context
         work = [
             delayed(plan_ocp)(context.model, context.arm, reach, self.limits, starts=STARTS)
-            for reach in asked
+            for reach in reaches
         ]
         plans: Any = Parallel(n_jobs=context.jobs)(work)
         return list(plans)

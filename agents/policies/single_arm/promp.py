@@ -1,4 +1,4 @@
-"""The algorithm of shyam2020, sec. V-D: condition a ProMP, sample, and take the least cost by eq. 20."""
+"""The algorithm of shyam2020, sec. V-D: condition a ProMP, sample, and take the minimum of eq. 20."""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -25,16 +25,16 @@ ROWS_AT_ONCE = 8  # whose samples are in memory together
 
 @lru_cache(maxsize=1)
 def shipped_prior() -> ProMP:
-    """The ProMP fitted to the 540 demonstrations; agents/data says how they were made."""
+    """The ProMP fitted to the 540 demonstrations; agents/data has their provenance."""
     with as_file(files("agents") / "data" / PRIOR) as path:
         return ProMP.load(path)
 
 
 class ConditionedPrior:
-    """A ProMP conditioned on any start and goal states at once: the gain of eq. 19, which they all share.
+    """A ProMP conditioned on many start and goal states at once, which share the gain of eq. 19.
 
     Only the mean depends on the states (eq. 18), and it does so linearly; the gain and the
-    distribution that conditioning leaves are computed once.
+    conditional distribution are computed once.
 
     Args:
         prior: of the weights (n, nb). times: (T,) s, of the motion's samples.
@@ -65,7 +65,7 @@ class ConditionedPrior:
         return self._mean + (self._gain @ residual[..., None]).reshape(-1, *self._mean.shape)
 
     def moved(self, weights: Array, shift: Array) -> Array:
-        """Weights (N, n, nb) with their goals moved by `shift` (N, n) rad and the other end states kept."""
+        """Weights (N, n, nb) with goals shifted by `shift` (N, n) rad and the other end states unchanged."""
         n = self._mean.shape[0]
         return weights + (self._gain[:, 2 * n : 3 * n] @ shift[..., None]).reshape(weights.shape)
 
@@ -81,14 +81,14 @@ class ConditionedPrior:
 
 
 class ProMPPolicy(JointGoalPolicy):
-    """Samples motions to the goal, takes the one that disturbs the base least, and corrects its end.
+    """Samples motions to the goal, takes the one with the least base disturbance, and corrects its end.
 
     All episodes share the standard normal draws behind the samples, which the seed fixes: a plan depends on
     the observation and the seed alone, not on what else is planned.
 
     Args:
-        context, seed: as of every policy. prior: the ProMP; None is the one that is shipped.
-        samples: number of motions to choose from; 0 takes the conditional mean.
+        context, seed: as of every policy. prior: the ProMP; None for the shipped one.
+        samples: number of sampled motions; 0 for the conditional mean.
 
     Raises:
         PolicyError: if the prior is for another number of joints.
@@ -160,7 +160,7 @@ class ProMPPolicy(JointGoalPolicy):
         violated |= (np.abs(velocity) > context.rate_limit).any(axis=(2, 3))
         violated |= (np.abs(acceleration) > context.acceleration_limit).any(axis=(2, 3))
         cost[violated] = np.inf
-        chosen, kept = np.zeros(len(mean), dtype=np.int64), np.zeros(len(mean), dtype=bool)
+        chosen, valid = np.zeros(len(mean), dtype=np.int64), np.zeros(len(mean), dtype=bool)
         for row, costs in enumerate(cost):
             order = [int(k) for k in np.argsort(costs, kind="stable") if not violated[row, k]]
             if keep_out is None:
@@ -168,8 +168,8 @@ class ProMPPolicy(JointGoalPolicy):
             else:
                 own = keep_out.take(np.array([row]))
                 best = own.first_clear(position[row], velocity[row], centre.dt, order)
-            chosen[row], kept[row] = (0, False) if best is None else (best, True)
-        return mean + kept[:, None, None] * self._offsets[chosen]
+            chosen[row], valid[row] = (0, False) if best is None else (best, True)
+        return mean + valid[:, None, None] * self._offsets[chosen]
 
     def _solve(self, observation: Array, motion: MotionModel, start: Array) -> JointGoals:
         read, context = self.context.layout.read, self.context
@@ -186,7 +186,7 @@ class ProMPPolicy(JointGoalPolicy):
 
 
 class ConditionalMean(ProMPPolicy):
-    """The same without sampling: what the best of the samples is measured against."""
+    """The same with the conditional mean instead of samples, for comparison."""
 
     def __init__(self, context: PolicyContext, seed: int = 0) -> None:
         super().__init__(context, seed, samples=0)

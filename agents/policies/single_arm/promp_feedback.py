@@ -13,7 +13,7 @@ from agents.policies.single_arm.stochastic_feedback import StochasticFeedback
 from space_envs.dynamics.rotations import Array
 from space_envs.policy import PolicyContext
 
-# rad and rad/s, deviations with which angles and rates are taken to be measured: they bound the gains
+# rad and rad/s, assumed standard deviations of measured angles and rates: they bound the gains
 # where the distribution has hardly any spread, at its ends.
 POSITION_NOISE, RATE_NOISE = 1e-3, 2e-3
 
@@ -21,7 +21,7 @@ POSITION_NOISE, RATE_NOISE = 1e-3, 2e-3
 class PrompFeedback(ConditionalMean):
     """Draws accelerations so that motions are distributed as the ProMP conditioned on start and goal.
 
-    Gains and noise (`StochasticFeedback`) are those of the distribution that conditioning leaves, which is
+    Gains and noise (`StochasticFeedback`) are those of the conditional distribution, which is
     the same for all goals; only its mean depends on them. Where the distribution narrows, the expected
     acceleration leads back to the mean; while it widens, a deviation may grow as those of the demonstrations
     do. Where its spread is below that with which the state is taken to be measured, it hardly corrects.

@@ -26,6 +26,6 @@ class ReachingPolicy(FollowingPolicy):
     tracking_gain = 2.0
 
     def hold(self, observation: Array, planned: NDArray[np.bool_]) -> Array:
-        """Joint rates (k, n), rad/s, towards the goal pose; zero where there is no plan."""
+        """Joint rates (k, n), rad/s, towards the goal pose; zero without a plan."""
         rate = resolved_rate(self.context, observation, HOLD_GAIN, HOLD_LINEAR_SPEED, HOLD_ANGULAR_SPEED)
         return rate * planned

@@ -1,4 +1,4 @@
-"""Stochastic feedback from a ProMP: accelerations under which motions are distributed as the ProMP says.
+"""Stochastic feedback from a ProMP: accelerations under which motions have the distribution of the ProMP.
 
 The paper leaves the controller to future work; Paraschos, Daniel, Peters and Neumann (2018) give it: a linear
 law whose gains and noise reproduce the mean and the covariance of the ProMP's state from one instant to the
@@ -48,7 +48,7 @@ class StochasticFeedback:
         position_noise: float = 0.0,
         rate_noise: float = 0.0,
     ) -> Self:
-        """The law of a ProMP.
+        """Feedback law of a ProMP.
 
         With x_k and the acceleration a_k = (qdot_k+1 - qdot_k) / period jointly Gaussian under the ProMP, the
         law is their conditional a_k | x_k: gain = cov(a, x) cov(x)^-1, and noise with the covariance that the
@@ -58,7 +58,7 @@ class StochasticFeedback:
         Args:
             duration: s, a multiple of the period. position_noise, rate_noise: standard deviations with which
                 the state is measured, rad and rad/s: they are added to cov(x), which lowers gains where
-                measurements say less than the ProMP does.
+                measurements are less informative than the ProMP.
 
         Raises:
             ConfigurationError: if the duration is no multiple of the period or a noise is negative.

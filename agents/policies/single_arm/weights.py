@@ -12,7 +12,7 @@ from space_envs.policy import PolicyContext
 
 
 class PrompOptimal(OptimalPolicy):
-    """Least eq. 20 in the weights of a ProMP; the attitude at the end is unconstrained."""
+    """Minimum base disturbance (eq. 20) in the weights of a ProMP; the final attitude is unconstrained."""
 
     needs = replace(POSE, joints=7)
 
@@ -22,7 +22,7 @@ class PrompOptimal(OptimalPolicy):
 
 
 class PrompOptimalKept(PrompOptimal):
-    """The same with the base at its first attitude again at the end."""
+    """The same with the final attitude constrained to the initial one."""
 
     keep_attitude = True
 
@@ -30,7 +30,7 @@ class PrompOptimalKept(PrompOptimal):
 class PrompDemonstrated(OptimalPolicy):
     """Best of the samples of ProMPs fitted to optimal motions, conditioned on the goal in task space.
 
-    All episodes share the samples' draws, which the seed fixes. The attitude at the end is unconstrained.
+    All episodes share the samples' draws, which the seed fixes. The final attitude is unconstrained.
     """
 
     needs = replace(POSE, joints=7, obstacles=False)
@@ -44,7 +44,7 @@ class PrompDemonstrated(OptimalPolicy):
 class PrompAvoiding(OptimalPolicy):
     """Samples of ProMPs with a larger variance, refined where they come least near to keep-out spheres.
 
-    All episodes share the samples' draws, which the seed fixes. The attitude at the end is unconstrained.
+    All episodes share the samples' draws, which the seed fixes. The final attitude is unconstrained.
     """
 
     needs = replace(POSE, joints=7, obstacles=True)
