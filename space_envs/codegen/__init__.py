@@ -1,1 +1,1 @@
-"""CasADi functions as compiled C code: one cache of libraries on disk, one of what was built in memory."""
+"""CasADi functions as compiled C code: a cache of libraries on disk and a cache of objects in memory."""

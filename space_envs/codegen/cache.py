@@ -21,7 +21,7 @@ class UnsafeCacheError(LibraryError):
 
 
 class UnsafeCacheWarning(RuntimeWarning):
-    """The cache of compiled code is not used, since other users can write to it; another one is."""
+    """The cache of compiled code is replaced by another one, since other users can write to it."""
 
 
 def cache_folder() -> Path:
@@ -81,7 +81,7 @@ def usable_folder() -> Path:
         return private_folder(cache_folder())
     except UnsafeCacheError as error:
         other = Path(tempfile.gettempdir()) / f"space_envs-{os.geteuid()}"
-        message = f"compiled code is kept in {other}: {error}, or set {CACHE_VARIABLE}"
+        message = f"compiled code is stored in {other}: {error}, or set {CACHE_VARIABLE}"
         warnings.warn(message, UnsafeCacheWarning, stacklevel=4)
         return private_folder(other)
 

@@ -1,4 +1,4 @@
-"""CasADi functions as machine code, or in CasADi's interpreter where nothing can be compiled."""
+"""CasADi functions as machine code, or in CasADi's interpreter if there is no compiler."""
 
 import ctypes
 from collections.abc import Callable, Mapping
@@ -12,7 +12,7 @@ from space_envs.codegen.libraries import load_library, warn_uncompiled
 
 Array = NDArray[np.floating]
 
-# Derivatives are long straight-line code: more optimisation takes minutes and gains little.
+# Derivatives are long straight-line code: higher optimisation levels take minutes and gain little.
 _LITTLE_OPTIMISATION = '#ifdef __GNUC__\n#pragma GCC optimize("O1")\n#endif\n'
 # Static, so that the compiler can inline the functions into the loops.
 _STATIC = "#define CASADI_SYMBOL_EXPORT static\n"
@@ -87,13 +87,13 @@ class Batched:
 
 
 def batched(functions: Mapping[str, ca.Function], *, optimise: bool = False) -> dict[str, Batched]:
-    """The functions over batches, compiled in one library or interpreted where nothing can be compiled.
+    """The functions over batches, compiled in one library or interpreted if there is no compiler.
 
     Args:
         optimise: whether the compiler optimises fully; of use for short functions only.
 
     Warns:
-        NoCompiledCodeWarning: if they are interpreted, saying what is missing.
+        NoCompiledCodeWarning: if they are interpreted, with the reason.
     """
     pragma = "" if optimise else _LITTLE_OPTIMISATION
     source = pragma + _STATIC + _code(functions) + "".join(map(_loop_source, functions.values()))
@@ -112,10 +112,10 @@ def batched(functions: Mapping[str, ca.Function], *, optimise: bool = False) -> 
 
 
 def compiled(functions: Mapping[str, ca.Function]) -> dict[str, ca.Function]:
-    """The functions as compiled CasADi functions, to build on, or as they are where nothing can be compiled.
+    """The functions as compiled CasADi functions, to build on, or as they are if there is no compiler.
 
     Warns:
-        NoCompiledCodeWarning: if they are interpreted, saying what is missing.
+        NoCompiledCodeWarning: if they are interpreted, with the reason.
     """
     try:
         path = load_library(_LITTLE_OPTIMISATION + _code(functions))._name

@@ -27,16 +27,16 @@ from space_envs.system.digests import file_digest
 # Without contraction into fused multiply-add a result is the same on every machine with IEEE arithmetic.
 FLAGS = ("-O2", "-ffp-contract=off", "-fPIC", "-shared")
 TIMEOUT = 120.0  # s
-_MODULE = "space_envs"  # that warnings are of
+_MODULE = "space_envs"  # module of the warnings
 
 
 class NoCompiledCodeWarning(RuntimeWarning):
-    """Nothing can be compiled on this machine: results are the same and take many times as long."""
+    """No C compiler is available: results are the same, computation is many times slower."""
 
 
 @functools.cache
 def warn_uncompiled(reason: str) -> None:
-    """Warn that compiled code is lacking: once a process for each reason, in one line without the source.
+    """Warn that there is no compiled code: once per process and reason, in one line without the source.
 
     Warns:
         NoCompiledCodeWarning: with the reason.

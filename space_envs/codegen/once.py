@@ -1,4 +1,4 @@
-"""Objects that are built once a process for each description that they are built from."""
+"""Objects built once per process for each description."""
 
 import functools
 import threading
@@ -20,18 +20,18 @@ class Described(Protocol):
 
 Builder = Callable[Concatenate[Any, Options], Built]
 
-_lock = threading.RLock()  # builders use what other builders have built
+_lock = threading.RLock()  # reentrant: builders call other builders
 _built: dict[tuple[Any, ...], Any] = {}
 
 
 def built_once(build: Builder[Options, Built]) -> Builder[Options, Built]:
-    """The function with its results cached, by the fingerprint of its first argument and by all others.
+    """Decorate a function to cache its results, by the fingerprint of its first argument and by all others.
 
-    Threads that ask at the same time share one result. The other arguments must be hashable.
+    Concurrent calls share one result. The other arguments must be hashable.
     """
 
     @functools.wraps(build)
-    def kept(description: Described, *args: Options.args, **kwargs: Options.kwargs) -> Built:
+    def cached(description: Described, *args: Options.args, **kwargs: Options.kwargs) -> Built:
         key = (build, description.fingerprint, args, tuple(kwargs.items()))
         if key not in _built:
             with _lock:
@@ -39,10 +39,10 @@ def built_once(build: Builder[Options, Built]) -> Builder[Options, Built]:
                     _built[key] = build(description, *args, **kwargs)
         return _built[key]
 
-    return kept
+    return cached
 
 
 def clear() -> None:
-    """Forget everything that was built, as after a change of the compiler."""
+    """Clear the cache, for example after a change of the compiler."""
     with _lock:
         _built.clear()

@@ -1,1 +1,1 @@
-"""Robots: parameters with their sources, and the MuJoCo models that are built from them."""
+"""Robots: parameters with their sources, and MuJoCo models built from them."""

@@ -1,8 +1,8 @@
-"""The bodies that may not touch: arms as chains of capsules, the satellite and the target as boxes.
+"""Collision shapes: arms as chains of capsules, the satellite and the target as boxes.
 
-One definition for the simulation, whose sensors measure the points of the chains, for the drawing of goals
-and for planners. Parts that are joined to a body count against it by their centre line alone: the arm that
-stands on the satellite's deck, and the gripper at the target.
+One definition for the simulation, whose sensors measure the points of the chains, for the sampling of goals
+and for planners. Parts that are in contact with a body by design have zero radius with respect to it: the arm
+on the satellite's deck, and the gripper at the target.
 """
 
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ import mujoco
 
 from space_envs.robots.parameters import DUAL_ARM_PLANAR, DUAL_ARM_SPATIAL, SINGLE_ARM, TargetParameters
 
-_NEVER = float("-inf")  # m, radius of a link that does not count
+_IGNORED = float("-inf")  # m, radius of a link that is not checked
 
 
 @dataclass(frozen=True)
@@ -22,11 +22,11 @@ class ArmShape:
     Attributes:
         points: names of the links' bodies, whose origins they are, and of sites; `{arm}` is the arm's number.
         link: (S,) number of the link that each capsule is part of.
-        radius: m, of the capsules. satellite, target: (S,) m, the radius with which each counts against
-            these; 0 counts the centre line, minus infinity nothing.
-        half: m, half a side of the satellite's cube; None where the arms always move next to it.
+        radius: m, of the capsules. satellite, target: (S,) m, radius of each in checks against that body;
+            0 is the centre line alone, minus infinity no check.
+        half: m, half a side of the satellite's cube; None if the arms cannot reach it.
         body: (3,) m, half sides of the target's box for each metre of the grapple points' distance from its
-            centre; None where there is no target but a pose.
+            centre; None for a task without a target body.
     """
 
     points: tuple[str, ...]
@@ -60,7 +60,7 @@ PLANAR_SHAPE = ArmShape(
     points=("arm{arm}_link1", "arm{arm}_link2", "arm{arm}_link3", "gripper{arm}", "end_effector{arm}"),
     link=(1, 2, 3, 3),
     radius=DUAL_ARM_PLANAR.link_radius,
-    satellite=(_NEVER,) * 4,
+    satellite=(_IGNORED,) * 4,
     target=(DUAL_ARM_PLANAR.link_radius,) * 3 + (0.0,),
     body=_per_metre(DUAL_ARM_PLANAR.target),
 )
@@ -73,7 +73,7 @@ SPATIAL_SHAPE = ArmShape(
     ),
     link=(1, 3, 4, 5, 6, 7, 7),
     radius=_r,
-    satellite=(_NEVER, *(_r,) * 6),
+    satellite=(_IGNORED, *(_r,) * 6),
     target=(_r,) * 6 + (0.0,),
     half=DUAL_ARM_SPATIAL.satellite_side / 2,
     body=_per_metre(DUAL_ARM_SPATIAL.target),

@@ -41,7 +41,9 @@ def _build_planar(spec: mujoco.MjSpec, parameters: DualArmPlanarParameters) -> N
             body = parent.add_body(name=f"arm{arm}_link{number}", pos=position, explicitinertial=True)
             body.mass = link.mass
             body.ipos = [link.length / 2, 0.0, 0.0]
-            axial = link.mass * parameters.link_radius**2 / 2  # it does not rotate about its length
+            axial = (
+                link.mass * parameters.link_radius**2 / 2
+            )  # unused: links do not rotate about their length
             body.inertia = [axial, link.inertia, link.inertia]
             reach = parameters.first_reach if number == 1 else parameters.joint_reach
             _add_joint(spec, body, f"arm{arm}_joint{number}", reach, parameters.torque_limit)
@@ -78,8 +80,8 @@ def _build_spatial(spec: mujoco.MjSpec, parameters: DualArmSpatialParameters) ->
             name, reach = f"arm{arm}_joint{number}", parameters.joint_reach
             _add_joint(spec, body, name, reach, parameters.torque_limit, parameters.rotor_inertia)
             parent, position, orientation = body, [a, 0.0, d], quaternion_x(alpha)
-        # DH frame 7, whose z axis is the approach axis. It is square to joint 7: with a tool along its axis
-        # that joint would have no use, and the other six one constraint too many.
+        # DH frame 7, whose z axis is the approach axis. It is perpendicular to joint 7: with a tool along
+        # its axis that joint would have no effect, and the other six would be over-constrained.
         parent.add_site(
             name=f"end_effector{arm}", pos=position, quat=orientation, size=[0.01, 0.01, 0.01], group=4
         )
@@ -104,7 +106,7 @@ def _base(spec: mujoco.MjSpec, mass: float, inertia: tuple[float, float, float])
 
 
 def _target(spec: mujoco.MjSpec, parameters: TargetParameters) -> mujoco.MjsBody:
-    """The object: free like the satellite, at its place through the keyframe alone."""
+    """Target body with a free joint or planar joints; the keyframe sets its position."""
     target = spec.worldbody.add_body(name=TARGET, explicitinertial=True)
     target.mass, target.ipos, target.inertia = parameters.mass, [0.0, 0.0, 0.0], parameters.inertia
     target.add_site(name=TARGET, size=[0.01, 0.01, 0.01], group=4)
@@ -174,9 +176,9 @@ class DualArmOptions:
 
     Attributes:
         kind: planar or spatial.
-        timestep: integration step of RK4, s. docs/momentum.md shows what follows from it.
+        timestep: integration step of RK4, s. docs/momentum.md shows its effect.
         visual: whether geometry, lights and cameras are drawn; they have no mass and do not collide.
-        mounts: of the planar arms, in the satellite's frame, m; None takes those of the parameters.
+        mounts: of the planar arms, in the satellite's frame, m; None is those of the parameters.
     """
 
     kind: str = "planar"
@@ -236,11 +238,11 @@ def dual_arm_model(options: DualArmOptions = DualArmOptions()) -> mujoco.MjModel
 
 
 def _add_sensors(spec: mujoco.MjSpec) -> None:
-    """Sensors by name; the task picks those that it observes."""
+    """Sensors by name; the task selects those that it observes."""
     sensor, obj = mujoco.mjtSensor, mujoco.mjtObj
 
-    def add(name: str, type: mujoco.mjtSensor, of: mujoco.mjtObj, what: str) -> None:
-        spec.add_sensor(name=name, type=type, objtype=of, objname=what)
+    def add(name: str, type: mujoco.mjtSensor, of: mujoco.mjtObj, object_name: str) -> None:
+        spec.add_sensor(name=name, type=type, objtype=of, objname=object_name)
 
     joints = [actuator.name for actuator in spec.actuators]
     for joint in joints:
@@ -261,7 +263,7 @@ def _add_sensors(spec: mujoco.MjSpec) -> None:
 
 
 def _add_half_width_sensor(spec: mujoco.MjSpec) -> None:
-    """Add a sensor of a grapple point in the target's frame, from which its size is known."""
+    """Add a sensor of a grapple point in the target's frame, which gives the target's size."""
     spec.add_sensor(
         name="half_width",
         type=mujoco.mjtSensor.mjSENS_FRAMEPOS,

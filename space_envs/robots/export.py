@@ -31,9 +31,9 @@ def _spec(options: Options) -> mujoco.MjSpec:
 
 
 def mjcf(options: Options = ModelOptions()) -> str:
-    """The model as MJCF text that holds all it needs, with what matters to the dynamics to full precision.
+    """The model as self-contained MJCF text, with dynamic parameters in full precision.
 
-    A drawn planet is plain there, without clouds.
+    A visible planet has one plain color, without clouds.
     """
     spec = _spec(options)
     if options.visual:
@@ -46,7 +46,7 @@ def mjcf(options: Options = ModelOptions()) -> str:
 
 
 def _restore_digits(root: ET.Element, model: mujoco.MjModel) -> None:
-    """Write the numbers of the compiled model over those of MuJoCo's writer, which keeps six digits."""
+    """Replace the numbers of MuJoCo's writer, which have six digits, by those of the compiled model."""
     for element in root.iter("body"):
         body = model.body(element.attrib["name"])
         element.attrib.update(pos=_text(body.pos), quat=_text(body.quat))
@@ -72,11 +72,11 @@ def _restore_digits(root: ET.Element, model: mujoco.MjModel) -> None:
 def urdf(options: Options = ModelOptions()) -> str:
     """The robot as URDF text: the satellite, links with inertia, hinges with limits, the end-effector frames.
 
-    Links have the frames of the MuJoCo bodies of their names: the DH frame at the joint, turned by it, so
-    every joint turns about z. URDF has no rotor inertia: what the model has of it is left out.
+    Links have the frames of the MuJoCo bodies of their names: the DH frame at the joint, rotated by the joint
+    angle, so every joint rotates about z. URDF has no rotor inertia: that of the model is omitted.
 
     Raises:
-        ConfigurationError: if drawn geometry is asked for, which URDF could only refer to as files.
+        ConfigurationError: with visual geometry, which URDF could only refer to as files.
     """
     if options.visual:
         raise ConfigurationError("URDF is exported without geometry; ask for mjcf, or leave out --visual")
@@ -116,12 +116,12 @@ def urdf(options: Options = ModelOptions()) -> str:
 
 
 def _text(values: float | Sequence[float] | np.ndarray) -> str:
-    """Numbers with every digit they have."""
+    """Numbers with all digits."""
     return " ".join(repr(float(value) + 0.0) for value in np.atleast_1d(values))
 
 
 def _add_link(robot: ET.Element, model: mujoco.MjModel, name: str) -> None:
-    """Add a link; its inertia is turned into the axes of the link, since not every reader turns it itself."""
+    """Add a link, with its inertia in the axes of the link, since not every reader rotates it."""
     body = model.body(name)
     axes = np.zeros(9)
     mujoco.mju_quat2Mat(axes, body.iquat)
@@ -157,17 +157,17 @@ def _roll_pitch_yaw(quaternion: np.ndarray) -> tuple[float, float, float]:
     r = axes.reshape(3, 3)
     level = np.hypot(r[0, 0], r[1, 0])
     pitch = np.arctan2(-r[2, 0], level)
-    # Where x points straight up or down, roll and yaw turn about the same axis and any yaw will do.
+    # Where x points straight up or down, roll and yaw rotate about the same axis and any yaw is valid.
     yaw = np.arctan2(r[1, 0], r[0, 0]) if level > 1e-12 else 0.0
     across = np.cos(yaw) * r[1] - np.sin(yaw) * r[0]  # y axis of the frame that roll starts from
     return float(np.arctan2(-across[2], across[1])), float(pitch), float(yaw)
 
 
 def export(file_format: str, options: Options = ModelOptions()) -> str:
-    """A model as text in one of FORMATS; the options say which robot's.
+    """Model of the robot given by the options, as text in one of FORMATS.
 
     Raises:
-        ConfigurationError: for an unknown format, or one that cannot hold what the options ask for.
+        ConfigurationError: for an unknown format, or options that the format does not support.
     """
     if file_format not in FORMATS:
         raise unknown_name("model format", file_format, FORMATS)
@@ -218,7 +218,7 @@ def _options(robot: str, variant: str | None, visual: bool) -> Options:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; returns the exit status, 2 after an error that is the user's to mend."""
+    """Run the command; returns the exit status, 2 after a user error."""
     return exit_status("python -m space_envs.robots.export", lambda: _run(_parser().parse_args(arguments)))
 
 

@@ -1,7 +1,7 @@
 """Tables I and II of shyam2020 as frozen parameters, each with its unit and source.
 
 The single-arm robot is a free-floating satellite (link 0) with seven revolute links in standard
-(classical) Denavit-Hartenberg convention: frame i is fixed to link i, joint i turns about z of frame
+(classical) Denavit-Hartenberg convention: frame i is fixed to link i, joint i rotates about z of frame
 i - 1, and frame 0 is the satellite's centre of mass.
 """
 
@@ -13,18 +13,18 @@ VARIANTS = ("paper", "physical")
 
 
 class StepLimits(NamedTuple):
-    """Steps in time of a robot's simulation: the default, one of docs/momentum.md whose drift stays well
-    inside the bound, the largest, and the largest control period, s."""
+    """Time steps of a robot's simulation: the default, whose momentum drift is well below the bound (see
+    docs/momentum.md), the largest, and the largest control period, s."""
 
     default_timestep: float
     largest_timestep: float
     largest_control_period: float
 
 
-# What was shown to work under full strokes in every control mode, by python -m benchmarks.limits: momentum
-# drifts by at most a quarter of the promised 1e-6, no joint comes near the end of its range, and rates stay
+# Verified for full-range motions in every control mode by python -m benchmarks.limits: momentum
+# drifts by at most a quarter of the bound of 1e-6, no joint comes near the end of its range, and rates stay
 # within 1.2 times their limit. At 0.3 s the servo of `physical` reaches 1.6 times, at 0.5 s 27 times. A
-# search for the worst fast start broke the promise in `physical` at 0.15 s, in the spatial robot at 0.2 s.
+# search for the worst fast start exceeded the bound in `physical` at 0.15 s, in the spatial robot at 0.2 s.
 STEP_LIMITS = {
     "paper": StepLimits(0.02, 0.025, 0.2),
     "physical": StepLimits(0.01, 0.0125, 0.1),
@@ -55,7 +55,7 @@ class DHLink:
 
 @dataclass(frozen=True)
 class SingleArmParameters:
-    """The 7-DoF robot of shyam2020; what the paper leaves open is marked as our choice."""
+    """The 7-DoF robot of shyam2020; values not given in the paper are marked as our choice."""
 
     satellite_mass: float = 200.0  # kg, Table II, L 0
     satellite_inertia: tuple[float, float, float] = (1400.0, 1400.0, 2040.0)  # kg m^2, Table II, L 0
@@ -72,10 +72,10 @@ class SingleArmParameters:
     home: tuple[float, ...] = (0.0, 5 * pi / 4, 0.0, 0.0, pi / 2, -pi / 2, 0.0)  # rad, sec. VI
     joint_reach: float = 3.0  # rad to either side of home; our choice, the paper gives no limits
     rate_limit: float = 0.3  # rad/s, our choice: a slow, strong arm as flown on stations
-    acceleration_limit: float = 0.25  # rad/s^2, our choice: what 60 N m give the whole arm, roughly
+    acceleration_limit: float = 0.25  # rad/s^2, our choice: about what 60 N m give the whole arm
     torque_limit: float = 60.0  # N m, our choice
     rotor_inertia: float = 1.0  # kg m^2 behind the gear, `physical` variant only; our choice
-    link_radius: float = 0.08  # m, rods of the `physical` variant and what is drawn; our choice
+    link_radius: float = 0.08  # m, rods of the `physical` variant and visual geometry; our choice
 
 
 SINGLE_ARM = SingleArmParameters()
@@ -106,7 +106,7 @@ def cube_inertia(mass: float, side: float) -> tuple[float, float, float]:
 
 @dataclass(frozen=True)
 class PlanarLink:
-    """One link of an arm of shah2013: a body that turns in the plane, its mass in the middle."""
+    """One link of an arm of shah2013: a body that rotates in the plane, with its mass in the middle."""
 
     length: float  # m, Table I
     mass: float  # kg, Table I
@@ -115,18 +115,18 @@ class PlanarLink:
 
 @dataclass(frozen=True)
 class TargetParameters:
-    """The object that two arms take, all of it our choice: the paper says nothing about it."""
+    """Target of two arms; all values are our choice, the paper has none."""
 
     mass: float  # kg
     inertia: tuple[float, float, float]  # kg m^2, principal, at the nominal size; scales with its square
     half_width: float  # m, nominal distance of the grapple points from the centre
     body: tuple[float, float, float]  # m, half sides of the box between the grapple points, nominal
-    gripper: float = 0.15  # m, outer part of an arm that may be at it
+    gripper: float = 0.15  # m, outer part of an arm that may touch the target
 
 
 @dataclass(frozen=True)
 class DualArmPlanarParameters:
-    """The planar robot of shah2013: Table I; what it leaves open is marked as our choice."""
+    """The planar robot of shah2013: Table I; values not given there are marked as our choice."""
 
     satellite_mass: float = 500.0  # kg, Table I
     satellite_inertia: float = 83.61  # kg m^2, Table I
@@ -139,7 +139,7 @@ class DualArmPlanarParameters:
     rate_limit: float = 0.3  # rad/s, our choice
     acceleration_limit: float = 0.25  # rad/s^2, our choice
     torque_limit: float = 60.0  # N m, our choice
-    link_radius: float = 0.05  # m, for clearances and what is drawn; our choice
+    link_radius: float = 0.05  # m, for clearances and visual geometry; our choice
     target: TargetParameters = TargetParameters(100.0, (10.0, 10.0, 10.0), 0.3, (0.16, 0.18, 0.16))
 
 

@@ -25,7 +25,7 @@ END_EFFECTOR = "end_effector"
 GRAPPLE = "grapple"
 ROOT = "root"
 OBSTACLE = "obstacle"
-OBSTACLE_RADIUS = 0.25  # m, as compiled; every episode has its own
+OBSTACLE_RADIUS = 0.25  # m, default of the model; set per episode
 
 
 @dataclass(frozen=True)
@@ -35,13 +35,13 @@ class ModelOptions:
     Attributes:
         variant: `paper` takes the inertias of Table II literally; `physical` makes the links solid rods
             and the satellite a homogeneous cube of the same masses.
-        timestep: integration step of RK4, s. docs/momentum.md shows what follows from it.
+        timestep: integration step of RK4, s. See docs/momentum.md for its effect.
         visual: whether geometry, lights and cameras are drawn. They have no mass and do not collide; the
-            simulation leaves them out since MuJoCo would move every geom along.
+            simulation omits them since MuJoCo would update every geom.
         obstacles: number of keep-out spheres. Sphere i is the mocap body `obstacle{i}` with a site of that
             name in its centre and another, `obstacle{i}_surface`, as far from it as the radius; nothing
-            collides with it. Sensors of the spheres and of the links' ends follow those that are always
-            there.
+            collides with it. Their sensors and those of the links' ends follow the other
+            sensors.
     """
 
     variant: str = "paper"
@@ -69,7 +69,7 @@ def link_inertia(link: DHLink, variant: str, radius: float) -> tuple[float, floa
 
 def rod_link_inertia(link: DHLink, radius: float) -> tuple[float, float, float]:
     """Principal inertia of a link that is a solid rod, in the axes of its DH frame, kg m^2."""
-    # The link runs along (a, 0, d) before Rx(alpha); alpha is a quarter turn, so it lies on an axis after it.
+    # The link runs along (a, 0, d) before Rx(alpha); alpha is a multiple of pi/2, so it is along an axis.
     along = (link.a, link.d * float(np.sin(link.alpha)), link.d * float(np.cos(link.alpha)))
     return rod_inertia(link.mass, radius, (along[0], along[1], 0.0 if abs(along[2]) < 1e-12 else along[2]))
 
@@ -128,7 +128,7 @@ def single_arm_spec(
         ).set_to_motor()
         parent, position, orientation = body, [link.a, 0.0, link.d], quaternion_x(link.alpha)
     parent.add_site(name=END_EFFECTOR, pos=position, quat=orientation, size=[0.01, 0.01, 0.01], group=4)
-    # Where the upper arm leaves the deck that it rotates on.
+    # Point where the upper arm emerges from the deck.
     foot = [parameters.link_radius, 0.0, 0.0]
     spec.body("link3").add_site(name=ROOT, pos=foot, size=[0.01, 0.01, 0.01], group=4)
 

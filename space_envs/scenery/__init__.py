@@ -1,1 +1,1 @@
-"""Scenery, which is only drawn: satellites, arms, targets, the planet and the stars."""
+"""Visual geometry, without effect on the dynamics: satellites, arms, targets, the planet and the stars."""

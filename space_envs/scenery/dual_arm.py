@@ -1,4 +1,4 @@
-"""Look of the dual-arm models: geometry without mass that never collides."""
+"""Visual geometry of the dual-arm models: no mass and no collisions."""
 
 from math import cos, pi, sin
 
@@ -19,7 +19,7 @@ from space_envs.scenery.parts import (
 )
 from space_envs.scenery.shapes import Brush, Vector, add_crumpled_box, rotation_to
 
-_ARM_SCALE = 0.5  # of joints and hands, against the single arm
+_ARM_SCALE = 0.5  # of joints and hands, relative to the single arm
 _PLANAR_DECK = -0.34  # m, z of the deck that the planar arms rotate above
 _PLANAR_TARGET = -0.30  # m, z of the target's middle, below the arms
 _QUARTER_X = (cos(pi / 4), -sin(pi / 4), 0.0, 0.0)  # z becomes y
@@ -77,11 +77,11 @@ def draw_spatial(spec: mujoco.MjSpec, side: float, link_radius: float, target_ha
 
 
 def scale_target(model: mujoco.MjModel, half_width: float) -> None:
-    """Make the target of a drawn model larger or smaller, in place: its geoms and its sites.
+    """Scale the geoms and sites of the target of a model for rendering, in place.
 
     Args:
-        model: compiled from what `draw_planar` or `draw_spatial` drew, and not shared.
-        half_width: distance that the grapple points shall have from the target's centre, m.
+        model: compiled after `draw_planar` or `draw_spatial`; must not be shared.
+        half_width: new distance of the grapple points from the target's centre, m.
 
     Raises:
         ConfigurationError: if half_width is not positive and finite.
@@ -137,23 +137,23 @@ def _draw_arm(spec: mujoco.MjSpec, arm: int, radius: float, grip: Vector) -> Non
             hand = Brush(link).at(site.pos, site.quat).at((0.0, 0.0, 0.0), grip, _ARM_SCALE)
             end = np.array(hand.at((0.0, 0.0, -0.30)).origin)
             draw_hand(hand, f"end_effector{arm}", fingers=3)
-            body.ball("dark_metal", (end / _ARM_SCALE).tolist(), (0.11, 0.11, 0.11))
+            body.ellipsoid("dark_metal", (end / _ARM_SCALE).tolist(), (0.11, 0.11, 0.11))
         if end.any():
             draw_boom(body, (end / _ARM_SCALE).tolist(), radius / _ARM_SCALE)
 
 
 def _draw_fixture(grapple: Brush) -> None:
     """Draw a knob in the origin on a post that runs along +z, to a plate with marks for the camera."""
-    grapple.ball("warning", (0, 0, 0), (0.017, 0.017, 0.017))
+    grapple.ellipsoid("warning", (0, 0, 0), (0.017, 0.017, 0.017))
     grapple.rod("aluminium", (0, 0, 0), (0, 0, 0.09), 0.011)
     grapple.rod("white_paint", (0, 0, 0.09), (0, 0, 0.10), 0.085)
-    for turn in range(3):
-        u, v = 0.06 * cos(2 * pi * turn / 3), 0.06 * sin(2 * pi * turn / 3)
+    for number in range(3):
+        u, v = 0.06 * cos(2 * pi * number / 3), 0.06 * sin(2 * pi * number / 3)
         grapple.rod("dark_metal", (u, v, 0.086), (u, v, 0.09), 0.014)
 
 
 def _draw_debris(target: Brush, half_sides: Vector) -> None:
-    """Draw a dead satellite around the origin, without meshes, which `scale_target` could not scale.
+    """Draw a defunct satellite around the origin, without meshes, which `scale_target` cannot scale.
 
     Its box has these half sides in m; the remains of its wings are at +y and -y, across the grapple points
     if these are at +x and -x.
@@ -182,7 +182,7 @@ def _draw_debris(target: Brush, half_sides: Vector) -> None:
 
 
 def _draw_quilt(target: Brush, half: np.ndarray, tiles: int = 3) -> None:
-    """Draw a foil blanket on a box: tiles, each a little askew so that it glints on its own."""
+    """Draw a foil blanket on a box: slightly rotated tiles with separate reflections."""
     generator = np.random.default_rng(2)  # a picture must not depend on a seed
     for axis in range(3):
         first, second = (axis + 1) % 3, (axis + 2) % 3

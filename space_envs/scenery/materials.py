@@ -27,12 +27,12 @@ def add_space(
     earth: tuple[float, float, float],
     sun: tuple[float, float, float] = (-0.50, 0.45, -0.74),
 ) -> None:
-    """Add materials, stars, a planet, sunlight, and how it is all rendered.
+    """Add materials, stars, a planet, sunlight, and settings of the renderer.
 
     Args:
         spec: to add to.
         earth: centre of the planet, inertial frame, m.
-        sun: the way that its light travels, inertial frame.
+        sun: direction in which sunlight travels, inertial frame.
     """
     add_materials(spec)
     add_sky(spec)
@@ -46,7 +46,7 @@ def _textured(spec: mujoco.MjSpec, name: str, texture: str, repeat: tuple[float,
 
 
 def add_materials(spec: mujoco.MjSpec) -> None:
-    """Add every material that the drawings name."""
+    """Add all materials of the visual geometry."""
     for name, (rgba, specular, shininess, emission) in PLAIN.items():
         spec.add_material(name=name, rgba=rgba, specular=specular, shininess=shininess, emission=emission)
 
@@ -61,13 +61,13 @@ def add_materials(spec: mujoco.MjSpec) -> None:
     _textured(spec, "radiator", "mirror", (5, 5), specular=1.0, shininess=0.9)
 
 
-def add_sunlight(spec: mujoco.MjSpec, way: tuple[float, float, float]) -> None:
-    """Add the sun whose light travels that way, what is scattered of it, and the quality of shadows."""
+def add_sunlight(spec: mujoco.MjSpec, direction: tuple[float, float, float]) -> None:
+    """Add sunlight along a direction, ambient light, and the quality of shadows."""
     spec.worldbody.add_light(
         name="sun",
         type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
-        pos=[-8 * part for part in way],
-        dir=way,
+        pos=[-8 * part for part in direction],
+        dir=direction,
         ambient=[0.0, 0.0, 0.0],
         diffuse=[0.95, 0.93, 0.88],
         specular=[0.6, 0.58, 0.5],

@@ -1,6 +1,6 @@
-"""Parts that every spacecraft here is drawn of: bus, solar wings, arms and hands.
+"""Visual parts of all spacecraft: bus, solar wings, arms and hands.
 
-Each function draws in the frame of the brush that it is given; lengths in m.
+Each function draws in the frame of its brush; lengths in m.
 """
 
 from math import cos, pi, sin
@@ -28,8 +28,8 @@ def add_part_meshes(spec: mujoco.MjSpec) -> None:
 def add_views(spec: mujoco.MjSpec, overview: tuple[Vector, Vector], chase: tuple[Vector, Vector]) -> None:
     """Add the cameras `overview`, at rest, and `chase`, which moves along with the robot.
 
-    Each is given by where it is and what it looks at: in the inertial frame, and as seen from the satellite
-    in the model's initial state.
+    Each is given by its position and the point it looks at, in the inertial frame and in the satellite's
+    frame in the model's initial state.
     """
     eye, at = overview
     spec.worldbody.add_camera(name="overview", pos=eye, quat=look_at(eye, at), fovy=46)
@@ -61,10 +61,10 @@ def draw_bus(bus: Brush, side: float) -> None:
     bus.box("dark_metal", (0.36 * side, -0.36 * side, h + 0.04), (0.14, 0.14, 0.06))
     for tilt in (-0.5, 0.5):
         base = np.array([0.36 * side, -0.36 * side, h + 0.06])
-        way = np.array([0.5 * tilt, -0.35, 0.8])
-        tip = base + 0.20 * way
-        bus.rod("white_paint", base.tolist(), tip.tolist(), 0.045)
-        bus.rod("glass", tip.tolist(), (tip + 0.004 * way).tolist(), 0.038)
+        direction = np.array([0.5 * tilt, -0.35, 0.8])
+        end = base + 0.20 * direction
+        bus.rod("white_paint", base.tolist(), end.tolist(), 0.045)
+        bus.rod("glass", end.tolist(), (end + 0.004 * direction).tolist(), 0.038)
     # Lidar and cameras of the rendezvous sensor look along +y.
     bus.box("dark_metal", (0.3 * side, h - 0.02, h + 0.06), (0.2, 0.16, 0.10))
     for u in (0.25, 0.35):
@@ -83,9 +83,9 @@ def draw_bus(bus: Brush, side: float) -> None:
     for u in (-h, h):
         for v in (-h, h):
             bus.box("dark_metal", (u * 1.03, v * 1.03, -h * 0.86), (0.09, 0.09, 0.09))
-            for way in ((np.sign(u), 0), (0, np.sign(v))):
+            for direction in ((np.sign(u), 0), (0, np.sign(v))):
                 start = (u * 1.03, v * 1.03, -h * 0.86)
-                end = (u * 1.03 + 0.10 * way[0], v * 1.03 + 0.10 * way[1], -h * 0.86)
+                end = (u * 1.03 + 0.10 * direction[0], v * 1.03 + 0.10 * direction[1], -h * 0.86)
                 bus.rod("titanium", start, end, 0.024)
 
 
@@ -121,12 +121,12 @@ def draw_wing(bus: Brush, side: float, sign: float, panels: int = 3) -> None:
             for u in (-0.35, 0.35):
                 hinge = middle - np.array([0, sign * (length + gap) / 2, 0]) + u * width * across
                 bus.box("dark_metal", hinge.tolist(), (0.06, 0.05, 0.03), quat)
-    tip = np.array([0, sign * (root + panels * (length + gap) - gap), z]) - 0.5 * width * across
-    bus.ball("lamp", tip.tolist(), (0.02, 0.02, 0.02))
+    corner = np.array([0, sign * (root + panels * (length + gap) - gap), z]) - 0.5 * width * across
+    bus.ellipsoid("lamp", corner.tolist(), (0.02, 0.02, 0.02))
 
 
 def draw_joint(body: Brush) -> None:
-    """Draw the housing of the motor that turns this body about its z axis."""
+    """Draw the motor housing of the joint about the body's z axis."""
     body.rod("dark_metal", (0, 0, -0.13), (0, 0, 0.13), JOINT_RADIUS)
     for sign in (-1.0, 1.0):
         body.rod("aluminium", (0, 0, sign * 0.13), (0, 0, sign * 0.145), 0.9 * JOINT_RADIUS)
@@ -176,7 +176,7 @@ def draw_hand(hand: Brush, camera: str, fingers: int) -> None:
         angle = 2 * pi * number / fingers
         _draw_finger(hand.at((0, 0, 0), (cos(angle / 2), 0.0, 0.0, sin(angle / 2))))
     hand.rod("glass", (0.0, 0.0, -0.14), (0.0, 0.0, -0.13), 0.028)
-    # The camera looks between two fingers at what they close on, from beside the palm.
+    # The camera is next to the palm and looks between two fingers at the grasped point.
     gap = pi / 2 - pi / fingers
     side = hand.at((0, 0, 0), (cos(gap / 2), 0.0, 0.0, sin(gap / 2)))
     side.rod("aluminium", (0.09, 0.0, -0.27), (0.24, 0.0, -0.27), 0.022)
@@ -187,8 +187,8 @@ def draw_hand(hand: Brush, camera: str, fingers: int) -> None:
 
 def _draw_finger(hand: Brush) -> None:
     """Draw the finger on the +y side of a hand."""
-    knuckle, elbow, tip = (0.0, 0.10, -0.15), (0.0, 0.115, -0.07), (0.0, 0.055, 0.045)
+    knuckle, elbow, end = (0.0, 0.10, -0.15), (0.0, 0.115, -0.07), (0.0, 0.055, 0.045)
     hand.rod("aluminium", knuckle, elbow, 0.022, round_ends=True)
-    hand.rod("aluminium", elbow, tip, 0.018, round_ends=True)
+    hand.rod("aluminium", elbow, end, 0.018, round_ends=True)
     hand.box("warning", (0.0, 0.045, 0.01), (0.06, 0.014, 0.07))
     hand.rod("dark_metal", (-0.035, *knuckle[1:]), (0.035, *knuckle[1:]), 0.026)

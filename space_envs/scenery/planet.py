@@ -1,7 +1,7 @@
 """The planet behind the drawings: clouds over an ocean and the glow of its atmosphere, painted by numpy.
 
-The cameras stay within a few metres of the origin and the planet is hundreds away, so one side of it is all
-that is ever seen. The textures are painted for that side: `u` and `v` of its mesh are polar coordinates about
+The cameras stay within a few metres of the origin and the planet is hundreds away, so only one side is
+visible. The textures are painted for that side: `u` and `v` of its mesh are polar coordinates about
 the point below the origin, with the angle from there as radius.
 """
 
@@ -16,7 +16,7 @@ from space_envs.scenery.shapes import Vector, rotation_to
 
 PLANET = "planet"
 ATMOSPHERE = "atmosphere"
-TEXTURE_SIDE = 1024  # pixels, of the side that is seen
+TEXTURE_SIDE = 1024  # pixels, of the visible side
 PAINTED = 1.15  # rad, angle from the point below the origin to the texture's edge: beyond the horizon
 RINGS, SIDES = 96, 144  # of the planet's mesh
 GLOW = 0.045  # of the horizon's radius, height of the glow above it
@@ -42,8 +42,8 @@ def add_planet(spec: mujoco.MjSpec, pos: Vector, radius: float, sun: Vector) -> 
     """
     distance = float(np.linalg.norm(pos))
     horizon = float(np.arccos(radius / distance))
-    turn = rotation_to([-part for part in pos])
-    light = _turned_back(sun, turn)
+    rotation = rotation_to([-part for part in pos])
+    light = _in_mesh_axes(sun, rotation)
     _add_textured(spec, PLANET, _planet_pixels(round(horizon, 6), light))
     _add_sphere(spec, radius)
     _add_textured(spec, ATMOSPHERE, _glow_pixels(light))
@@ -57,7 +57,7 @@ def add_planet(spec: mujoco.MjSpec, pos: Vector, radius: float, sun: Vector) -> 
             meshname=name,
             material=name,
             pos=place,
-            quat=turn,
+            quat=rotation,
             mass=0,
             contype=0,
             conaffinity=0,
@@ -66,20 +66,20 @@ def add_planet(spec: mujoco.MjSpec, pos: Vector, radius: float, sun: Vector) -> 
 
 
 def make_plain(spec: mujoco.MjSpec) -> None:
-    """Give the planet and its glow one colour each in a drawn spec: MJCF text cannot hold painted pixels."""
-    for name, colour in ((PLANET, _OCEAN), (ATMOSPHERE, np.zeros(3))):
+    """Give the planet and its glow one color each in a drawn spec: MJCF text cannot hold painted pixels."""
+    for name, color in ((PLANET, _OCEAN), (ATMOSPHERE, np.zeros(3))):
         texture = spec.texture(name)
         texture.data = b""
         texture.builtin = mujoco.mjtBuiltin.mjBUILTIN_FLAT
         texture.width = texture.height = 8
-        texture.rgb1 = texture.rgb2 = colour
+        texture.rgb1 = texture.rgb2 = color
         spec.material(name).emission, spec.material(name).rgba = 0.0, [1.0, 1.0, 1.0, 1.0]
 
 
-def _turned_back(sun: Vector, turn: Vector) -> tuple[float, float, float]:
+def _in_mesh_axes(sun: Vector, rotation: Vector) -> tuple[float, float, float]:
     """Unit vector of the sunlight's direction in the axes of the planet's mesh."""
     inverse, seen = np.zeros(4), np.zeros(3)
-    mujoco.mju_negQuat(inverse, np.asarray(turn, dtype=float))
+    mujoco.mju_negQuat(inverse, np.asarray(rotation, dtype=float))
     mujoco.mju_rotVecQuat(seen, np.asarray(sun, dtype=float) / np.linalg.norm(sun), inverse)
     x, y, z = seen.round(6).tolist()
     return x, y, z
@@ -96,12 +96,12 @@ def _add_textured(spec: mujoco.MjSpec, name: str, pixels: Texture) -> None:
     texture.data = pixels.tobytes()
     material = spec.add_material(name=name, specular=0.0, shininess=0.0)
     material.rgba = [_REFLECTED, _REFLECTED, _REFLECTED, 1.0]
-    material.emission = 1.0 / _REFLECTED  # OpenGL multiplies it by the colour
+    material.emission = 1.0 / _REFLECTED  # OpenGL multiplies it by the color
     material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
 
 
 def _add_sphere(spec: mujoco.MjSpec, radius: float) -> None:
-    """Add a sphere whose +z half carries the texture; the other half, which is never seen, mirrors it."""
+    """Add a sphere whose +z half carries the texture; the other half, which is not visible, mirrors it."""
     polar = np.linspace(0.0, np.pi, RINGS + 1)
     around = np.linspace(0.0, 2 * np.pi, SIDES + 1)[:-1]
     unit = np.stack(
@@ -150,7 +150,7 @@ def _planet_pixels(horizon: float, light: tuple[float, float, float]) -> Texture
     """(TEXTURE_SIDE, TEXTURE_SIDE, 3) colours of ocean, cloud and haze by day and night.
 
     Args:
-        horizon: rad, angle from the point below the origin to where the planet's edge is seen.
+        horizon: rad, angle from the point below the origin to the visible edge of the planet.
         light: unit vector in which sunlight travels, axes of the planet's mesh.
     """
     generator = np.random.default_rng(7)  # a picture must not depend on a seed
@@ -162,7 +162,7 @@ def _planet_pixels(horizon: float, light: tuple[float, float, float]) -> Texture
     carried = (rows + reach * across).astype(int) % side, (columns + reach * along).astype(int) % side
     cloud = _smoothstep(0.75 * weather[carried] + 0.45 * detail, 0.0, 1.9)[..., None]
     ground = _OCEAN + _smoothstep(across, 0.2, 1.8)[..., None] * (_SHALLOWS - _OCEAN)
-    colour = ground + cloud * (_CLOUD - ground)
+    color = ground + cloud * (_CLOUD - ground)
     middle = (side - 1) / 2
     u, v = (columns - middle) / middle, (rows - middle) / middle
     angle = PAINTED * np.hypot(u, v)
@@ -171,7 +171,7 @@ def _planet_pixels(horizon: float, light: tuple[float, float, float]) -> Texture
     day = (0.08 + 0.92 * _smoothstep(facing, -0.1, 0.9))[..., None]
     height = np.sin(np.minimum(angle, horizon)) / np.sin(horizon)  # across the line of sight
     haze = 0.85 * height[..., None] ** 14
-    return _bytes(day * (colour + haze * (_HAZE - colour)))
+    return _bytes(day * (color + haze * (_HAZE - color)))
 
 
 @lru_cache(maxsize=4)
@@ -207,5 +207,5 @@ def _smoothstep(value: NDArray[np.float64], low: float, high: float) -> NDArray[
     return part * part * (3.0 - 2.0 * part)
 
 
-def _bytes(colour: NDArray[np.float64]) -> Texture:
-    return np.round(255 * np.clip(colour, 0.0, 1.0)).astype(np.uint8)
+def _bytes(color: NDArray[np.float64]) -> Texture:
+    return np.round(255 * np.clip(color, 0.0, 1.0)).astype(np.uint8)

@@ -11,11 +11,11 @@ Vector = Sequence[float]
 
 
 def rotation_to(direction: Vector, toward: Vector = (0.0, 0.0, 1.0)) -> list[float]:
-    """Quaternion (w, x, y, z) of the shortest active rotation that turns `toward` into `direction`."""
+    """Quaternion (w, x, y, z) of the shortest active rotation that rotates `toward` to `direction`."""
     target = np.asarray(direction, dtype=float) / np.linalg.norm(direction)
     source = np.asarray(toward, dtype=float) / np.linalg.norm(toward)
     real = 1 + float(source @ target)
-    if real < 1e-9:  # half a turn: any axis across will do
+    if real < 1e-9:  # rotation by pi: any perpendicular axis
         axis = np.cross(source, np.eye(3)[int(np.argmin(np.abs(source)))])
         return [0.0, *(axis / np.linalg.norm(axis)).tolist()]
     quaternion = np.array([real, *np.cross(source, target)])
@@ -37,29 +37,30 @@ class Brush:
     """Draws geoms on one body, in a frame that is fixed to the body; lengths in m.
 
     Attributes:
-        body: that the geoms move with.
-        origin, turn: pose of the brush's frame in that of the body, the turn as a quaternion (w, x, y, z).
-        scale: what all lengths are multiplied by, but for those of meshes, which have their own.
+        body: body that the geoms are attached to.
+        origin, rotation: pose of the brush's frame in that of the body, m and quaternion (w, x, y, z).
+        scale: factor on all lengths except those of meshes.
     """
 
     body: mujoco.MjsBody
     origin: Vector = (0.0, 0.0, 0.0)
-    turn: Vector = (1.0, 0.0, 0.0, 0.0)
+    rotation: Vector = (1.0, 0.0, 0.0, 0.0)
     scale: float = 1.0
 
     def at(self, pos: Vector, quat: Vector = (1.0, 0.0, 0.0, 0.0), scale: float = 1.0) -> Self:
-        """A brush whose frame has this pose in that of this one, and lengths so much larger still."""
-        return replace(self, origin=self._place(pos), turn=self._turned(quat), scale=self.scale * scale)
+        """Brush with this pose in the frame of this one, and with its lengths multiplied by `scale`."""
+        return replace(self, origin=self._place(pos), rotation=self._rotated(quat), scale=self.scale * scale)
 
     def _place(self, pos: Vector) -> list[float]:
         place = np.zeros(3)
-        mujoco.mju_rotVecQuat(place, self.scale * np.asarray(pos, dtype=float), np.asarray(self.turn, float))
+        rotation = np.asarray(self.rotation, dtype=float)
+        mujoco.mju_rotVecQuat(place, self.scale * np.asarray(pos, dtype=float), rotation)
         return (place + self.origin).tolist()
 
-    def _turned(self, quat: Vector) -> list[float]:
-        turned = np.zeros(4)
-        mujoco.mju_mulQuat(turned, np.asarray(self.turn, dtype=float), np.asarray(quat, dtype=float))
-        return turned.tolist()
+    def _rotated(self, quat: Vector) -> list[float]:
+        rotated = np.zeros(4)
+        mujoco.mju_mulQuat(rotated, np.asarray(self.rotation, dtype=float), np.asarray(quat, dtype=float))
+        return rotated.tolist()
 
     def _geom(
         self, kind: mujoco.mjtGeom, material: str, pos: Vector, size: Vector, quat: Vector, **rest
@@ -68,7 +69,7 @@ class Brush:
             type=kind,
             material=material,
             pos=self._place(pos),
-            quat=self._turned(quat),
+            quat=self._rotated(quat),
             size=[self.scale * length for length in size],
             mass=0,
             contype=0,
@@ -79,7 +80,7 @@ class Brush:
 
     def camera(self, name: str, eye: Vector, at: Vector, up: Vector, fovy: float) -> None:
         """Camera at `eye` that looks at a point; `up` is up in the picture, the field of view in degrees."""
-        pos, quat = self._place(eye), self._turned(look_at(eye, at, up))
+        pos, quat = self._place(eye), self._rotated(look_at(eye, at, up))
         self.body.add_camera(name=name, pos=pos, quat=quat, fovy=fovy)
 
     def box(self, material: str, pos: Vector, size: Vector, quat: Vector = (1, 0, 0, 0)) -> None:
@@ -94,12 +95,12 @@ class Brush:
         size = [radius, float(np.linalg.norm(axis)) / 2, 0]
         self._geom(kind, material, middle, size, rotation_to(axis.tolist()))
 
-    def ball(self, material: str, pos: Vector, radii: Vector) -> None:
+    def ellipsoid(self, material: str, pos: Vector, radii: Vector) -> None:
         """Ellipsoid with the given semi-axes."""
         self._geom(mujoco.mjtGeom.mjGEOM_ELLIPSOID, material, pos, radii, (1, 0, 0, 0))
 
     def mesh(self, material: str, mesh: str, pos: Vector = (0, 0, 0), quat: Vector = (1, 0, 0, 0)) -> None:
-        """A mesh of this module, by name."""
+        """Mesh of this module, by name."""
         self._geom(mujoco.mjtGeom.mjGEOM_MESH, material, pos, [0, 0, 0], quat, meshname=mesh)
 
 
@@ -142,7 +143,7 @@ def add_crumpled_box(spec: mujoco.MjSpec, name: str, size: Vector, depth: float,
 def add_revolved(
     spec: mujoco.MjSpec, name: str, profile: Sequence[tuple[float, float]], sides: int = 32
 ) -> None:
-    """Add the closed surface that a profile of (radius, z) points, turned about z, sweeps out.
+    """Add the closed surface that a profile of (radius, z) points, rotated about z, sweeps out.
 
     Used for dishes and nozzles: give the outside going up and the inside coming down.
     """

@@ -1,6 +1,6 @@
-"""Look of the single-arm model: geometry without mass that never collides.
+"""Visual geometry of the single-arm model: no mass and no collisions.
 
-The drawings name materials and meshes that `draw_environment` adds, so a spec needs all three calls.
+Materials and meshes are added by `draw_environment`, so a spec needs all three calls.
 """
 
 from math import cos, pi, sin
@@ -54,20 +54,21 @@ def draw_robot(spec: mujoco.MjSpec, side: float, link_radius: float) -> None:
 
 
 def draw_keep_out(spec: mujoco.MjSpec, radius: float) -> None:
-    """Draw a sphere of this radius in m on every body `obstacle{i}` that there is.
+    """Draw a sphere of this radius in m on every body `obstacle{i}`.
 
     It is a cage of rings, which hides neither the arm nor the goal behind it.
     """
-    turns = [(cos(pi / 4), cos(angle) * sin(pi / 4), sin(angle) * sin(pi / 4), 0.0) for angle in _MERIDIANS]
+    half = sin(pi / 4)
+    rotations = [(cos(pi / 4), cos(angle) * half, sin(angle) * half, 0.0) for angle in _MERIDIANS]
     for body in spec.bodies:
         if body.name.startswith("obstacle"):
             cage = Brush(body)
-            for turn in ((1.0, 0.0, 0.0, 0.0), *turns):
-                draw_ring(cage.at((0, 0, 0), turn), "keep_out", radius, _KEEP_OUT_WIRE)
+            for rotation in ((1.0, 0.0, 0.0, 0.0), *rotations):
+                draw_ring(cage.at((0, 0, 0), rotation), "keep_out", radius, _KEEP_OUT_WIRE)
 
 
 def resize_keep_out(model: mujoco.MjModel, radius: Vector) -> None:
-    """Give the spheres that `draw_keep_out` drew their radii in m, in place."""
+    """Set the radii in m of the spheres of `draw_keep_out`, in place."""
     for number, size in enumerate(radius, start=1):
         body, surface = model.body(f"obstacle{number}"), model.site(f"obstacle{number}_surface")
         geoms = slice(int(body.geomadr[0]), int(body.geomadr[0] + body.geomnum[0]))
@@ -78,13 +79,13 @@ def resize_keep_out(model: mujoco.MjModel, radius: Vector) -> None:
 
 
 def draw_target(target: mujoco.MjsBody) -> None:
-    """Draw a dead satellite whose grapple bar lies in the body's origin; it extends along +y from there."""
+    """Draw a defunct satellite with its grapple bar at the body's origin; it extends along +y from there."""
     debris = Brush(target)
     # Grapple fixture: a bar along x between two posts, on a plate with marks for the camera.
     debris.rod("warning", (-0.07, 0, 0), (0.07, 0, 0), 0.02)
     for sign in (-1.0, 1.0):
         debris.rod("aluminium", (sign * 0.07, 0, 0), (sign * 0.07, 0.15, 0), 0.014)
-        debris.ball("aluminium", (sign * 0.07, 0, 0), (0.024, 0.024, 0.024))
+        debris.ellipsoid("aluminium", (sign * 0.07, 0, 0), (0.024, 0.024, 0.024))
     debris.box("white_paint", (0, 0.155, 0), (0.34, 0.02, 0.34))
     for u in (-0.13, 0.13):
         for v in (-0.13, 0.13):
@@ -119,7 +120,7 @@ def draw_target(target: mujoco.MjsBody) -> None:
 
 
 def draw_environment(spec: mujoco.MjSpec) -> None:
-    """Add materials, meshes, sky, sun and the cameras `overview` and `chase`, and how it is rendered."""
+    """Add materials, meshes, sky, sun the cameras `overview` and `chase`, and render settings."""
     add_space(spec, earth=(-370.0, 110.0, -340.0))
     add_crumpled_box(spec, "debris_foil", [0.6, 0.7, 0.6], depth=0.02, cells=9)
     add_part_meshes(spec)

@@ -1,1 +1,1 @@
-"""Files, processes, threads and command lines: what the suite asks of the operating system."""
+"""Interface to the operating system: files, processes, threads and command lines."""

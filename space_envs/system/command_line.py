@@ -1,4 +1,4 @@
-"""Parts that all command lines share: a parser with hints and a version, and exit statuses."""
+"""Common parts of all command lines: a parser with hints and a version, and exit statuses."""
 
 import argparse
 import difflib

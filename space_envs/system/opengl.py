@@ -76,7 +76,7 @@ def find_backend() -> str:
     """Name of a backend that draws; trials are made once per process.
 
     Raises:
-        RenderingError: if there is none; the message says why and what to install.
+        RenderingError: if there is none; the message has the reason and the packages to install.
     """
     candidates = backends()
     if not candidates:
@@ -118,7 +118,7 @@ def check_window() -> None:
     """Check that a window can be opened.
 
     Raises:
-        RenderingError: if it cannot; the message says why.
+        RenderingError: if it cannot; the message has the reason.
     """
     check_process()
     advice = "Use render_mode='rgb_array', or run where there is a screen."

@@ -1,7 +1,8 @@
-"""Folders that commands write to: marked as theirs, held by one process at a time, never emptied by mistake.
+"""Output folders of commands: marked, locked by one process at a time, and protected from deletion by
+mistake.
 
-A folder's mark says what it is for, and who holds it. It is locked while a process writes there; the system
-takes the lock away when the process ends, however it ends.
+The mark of a folder has the kind of its content and the process that writes to it. It is locked during
+writing; the system releases the lock when the process ends.
 """
 
 import fcntl
@@ -21,10 +22,10 @@ MARK = ".space-capture"
 
 @contextmanager
 def held(folder: Path, kind: str, known: bool = False) -> Iterator[None]:
-    """Make a folder that is for one kind of thing, and hold it against other processes until the end.
+    """Create a folder for one kind of content, and lock it against other processes.
 
     Args:
-        known: that what it holds is of this kind, whether or not it is marked.
+        known: whether its content is known to be of this kind, even without a mark.
 
     Raises:
         ConfigurationError: if it cannot be written, holds files that no command put there, is for another
@@ -54,7 +55,7 @@ def held(folder: Path, kind: str, known: bool = False) -> Iterator[None]:
 
 
 def check_free(folder: Path, kind: str) -> None:
-    """Refuse a folder that is not for one kind of thing, before any work.
+    """Reject a folder with another kind of content, before any work.
 
     Raises:
         ConfigurationError: if it is no folder, holds files that no command put there, or is for another kind.

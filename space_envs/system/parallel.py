@@ -24,11 +24,11 @@ _PACKAGES = {"ray": ("ray",), "dask": ("dask", "distributed")}
 
 
 class ProcessDiedError(RuntimeError):
-    """A process ended under its work, and may have taken others with it."""
+    """A worker process died during its work, and others may have died with it."""
 
 
 def check_backend(jobs: int, name: str = "loky", address: str | None = None) -> None:
-    """Refuse what `backend` could not do, before any work.
+    """Reject arguments that `backend` does not support, before any work.
 
     Raises:
         ConfigurationError: if jobs is not positive, the backend is unknown or not installed, or an address
@@ -51,14 +51,14 @@ def check_backend(jobs: int, name: str = "loky", address: str | None = None) -> 
 
 @contextmanager
 def backend(jobs: int, name: str = "loky", address: str | None = None) -> Iterator[Spread]:
-    """Yield what spreads delayed calls over processes.
+    """Yield a function that distributes delayed calls over processes.
 
     Args:
         jobs: processes. name: of the backend. address: of a cluster that already runs; without one, ray and
             dask start a cluster of `jobs` processes on this machine and stop it at the end.
 
-    What is yielded raises ProcessDiedError if one of the processes does. One job on this machine is done in
-    this process.
+    The function raises ProcessDiedError if one of the processes dies. One job on this machine runs in this
+    process.
 
     Raises:
         ConfigurationError: as `check_backend`, or if nothing answers at the address.
@@ -83,7 +83,7 @@ def elsewhere(call: Any) -> Any:
     """The result of a delayed call, in another process of this machine, which the next call finds again.
 
     Raises:
-        ProcessDiedError: if it dies. What the call raises.
+        ProcessDiedError: if that process dies. Any error of the call.
     """
     with here():  # of two, since one job is done in this process
         (result,) = _watched(_at_once(2, [call]), BrokenProcessPool)

@@ -1,7 +1,7 @@
-"""Files that others made, read as data: whatever is in them, they are read, or refused with a reason.
+"""Untrusted files, read as data: they are read, or rejected with a reason.
 
-Nothing is unpickled or executed. What is no regular file, is too large, is nested too deeply or claims more
-than it holds is refused before memory is asked for. The errors say what is wrong; the caller names the file.
+Nothing is unpickled or executed. A file that is not regular, too large, nested too deeply or claims more than
+it contains is rejected before memory is allocated. Errors give the reason; the caller adds the file name.
 """
 
 import io
@@ -128,13 +128,13 @@ def _read_npy(file: BinaryIO | Any, info: zipfile.ZipInfo) -> NDArray[Any]:
         raise ConfigurationError(f"{info.filename!r} holds objects of Python, which are never read")
     if not all(isinstance(axis, int) and axis >= 0 for axis in shape):
         raise ConfigurationError(f"{info.filename!r} has the impossible shape {shape}")
-    wanted = dtype.itemsize
+    needed = dtype.itemsize
     for axis in shape:
-        wanted *= axis
+        needed *= axis
     data = file.read(info.file_size)
-    if len(data) != wanted:
+    if len(data) != needed:
         raise ConfigurationError(
-            f"{info.filename!r} claims {wanted:,} bytes of {dtype} {shape}, it holds {len(data):,}"
+            f"{info.filename!r} claims {needed:,} bytes of {dtype} {shape}, it holds {len(data):,}"
         )
-    array = np.frombuffer(bytearray(data), dtype=dtype) if wanted else np.empty(0, dtype)
+    array = np.frombuffer(bytearray(data), dtype=dtype) if needed else np.empty(0, dtype)
     return array.reshape(shape, order="F" if fortran_order else "C")

@@ -1,4 +1,4 @@
-"""One thread for what computes in parallel by itself: BLAS, OpenMP, Ipopt's BLAS and torch.
+"""Limit libraries with their own threads to one: BLAS, OpenMP, Ipopt's BLAS and torch.
 
 The matrices here are small, and threads that wait for each other cost more than they save: Ipopt is two to
 four times slower with two of them where the second core is busy.
@@ -21,7 +21,7 @@ threadpoolctl.register(_IpoptBlas)
 
 
 def ipopt_on_one_thread() -> None:
-    """Load CasADi's Ipopt and keep it to one thread from now on; everything else is left as it is."""
+    """Load CasADi's Ipopt and limit it to one thread; other libraries are not changed."""
     import casadi as ca
 
     if not _ipopt():
@@ -30,7 +30,7 @@ def ipopt_on_one_thread() -> None:
 
 
 def on_one_thread() -> None:
-    """Keep all that is loaded to one thread from now on."""
+    """Limit all loaded libraries to one thread."""
     if "casadi" in sys.modules:
         ipopt_on_one_thread()
     threadpool_limits(1)
