@@ -338,7 +338,7 @@ def test_collisions_are_counted_in_the_records(tmp_path, capsys):
         "6",
         "--no-pictures",
     ]
-    assert main([*arguments, "--output", str(tmp_path)]) == 0
+    assert main([*arguments, "--jobs", "1", "--output", str(tmp_path)]) == 0
     assert "gjm" in capsys.readouterr().out
     records = read_records(tmp_path / "records.jsonl")
     for record in records:

@@ -67,7 +67,7 @@ def finished(evaluated: Evaluation, folder: Path, timed: bool = False) -> list[E
 def usual(tmp_path_factory: pytest.TempPathFactory) -> tuple[Evaluation, list[EpisodeRecord]]:
     """Two policies, one of them stochastic, two seeds: in this process, one after the other."""
     evaluated = evaluation("gjm", "random", episodes=CHUNK + 2, seeds=(0, 3))
-    return evaluated, records_of(evaluated, tmp_path_factory.mktemp("usual"), timed=True)
+    return evaluated, records_of(evaluated, tmp_path_factory.mktemp("usual"))
 
 
 def test_records_stand_by_policy_seed_and_episode(usual) -> None:
@@ -309,9 +309,8 @@ def test_a_policy_draws_anew_in_each_unit_and_seed() -> None:
         assert len(set(own)) == 4
 
 
-def test_timing_is_of_one_thread_and_names_the_processor(usual) -> None:
-    _, records = usual
-    for record in records:
+def test_timing_is_of_one_thread_and_names_the_processor(tmp_path: Path) -> None:
+    for record in records_of(evaluation("gjm", "random", episodes=2), tmp_path, timed=True):
         assert record.timing["threads"] == 1
         assert record.timing["processor"]
         assert record.timing["action_ms"] is not None
