@@ -29,7 +29,10 @@ def parser() -> Parser:
     text = "space of the elastic bands' obstacles: the paper's is task; the shipped prior has %(default)s"
     out.add_argument("--bands", choices=BANDS, default=DemonstratorConfig().bands, help=text)
     out.add_argument(
-        "--resume", action=argparse.BooleanOptionalAction, default=True, help="keep what is there"
+        "--resume",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="continue from existing demonstrations",
     )
     out.add_argument(
         "--fit", type=output_path, metavar="PATH", help="write the ProMP prior there (npz and json)"
@@ -47,10 +50,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Make demonstrations, and the prior if it is asked for.
+    """Make demonstrations, and fit the prior if `--fit` is given.
 
     Raises:
-        SpaceEnvsError: as `generate` says, or if a prior is there already.
+        SpaceEnvsError: as in `generate`, or if a prior exists already.
     """
     config = DemonstratorConfig(difficulty=options.difficulty, bands=options.bands)
     if options.fit is not None:
@@ -63,7 +66,7 @@ def run(options: argparse.Namespace) -> None:
     if options.fit is not None:
         save_prior(options.fit, fit_prior(made), provenance(config, options.seed, options.count))
     print(f"{len(made.kind)} demonstrations in {options.output / 'demonstrations.npz'}")
-    print(f"{made.attempt.sum()} drawings were not fit to learn from and were drawn again")
+    print(f"{made.attempt.sum()} drawn motions were not usable and were replaced")
     print(f"mean base disturbance (eq. 20): {1e4 * made.cost.mean():.1f} cm^2/s (c = 1 m/rad)")
     if options.fit is not None:
         print(f"prior in {options.fit}")

@@ -32,8 +32,8 @@ from space_envs.errors import PlanningError
 from space_envs.robots.parameters import SINGLE_ARM
 from space_envs.tasks.single_arm import SPLIT_SIZE, SingleArmTask
 
-ATTEMPTS = 40  # drawings of one demonstration before it is given up
-STRIDE = 1597  # between the goals of successive groups; odd, so that the split's 4096 are met in turn
+ATTEMPTS = 40  # attempts to draw one demonstration
+STRIDE = 1597  # between the goals of successive groups; odd, so that all 4096 goals of the split are visited
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,24 +59,24 @@ class Demonstrations:
 
 
 def demonstrate(config: DemonstratorConfig, seed: int, first: int, count: int) -> Demonstrations:
-    """Demonstrations first ... first + count - 1 of the seed; each is the same whoever asks for it.
+    """Demonstrations first ... first + count - 1 of the seed; each depends on the seed and its number only.
 
     Raises:
         PlanningError: if one cannot be drawn in `ATTEMPTS` attempts.
     """
     number = np.arange(first, first + count)
     parts: dict[int, tuple[Demonstrations, int]] = {}
-    left = number
+    remaining = number
     for attempt in range(ATTEMPTS):
-        tried, good = _attempt(config, seed, left, attempt)
+        tried, good = _attempt(config, seed, remaining, attempt)
         for row in np.flatnonzero(good):
-            parts[int(left[row])] = tried, int(row)
-        left = left[~good]
-        if left.size == 0:
+            parts[int(remaining[row])] = tried, int(row)
+        remaining = remaining[~good]
+        if remaining.size == 0:
             break
     else:
         raise PlanningError(
-            f"demonstrations {left.tolist()} of seed {seed} failed {ATTEMPTS} times; vary them less"
+            f"demonstrations {remaining.tolist()} of seed {seed} failed {ATTEMPTS} times; vary them less"
         )
 
     def column(name: str) -> NDArray[Any]:
@@ -113,7 +113,7 @@ def _attempt(
             q, qdot = q + off.position[rows], qdot + off.velocity[rows]
         return JointMotion(q, qdot, config.dt)
 
-    def solve(off: Detour | None, begin: Array) -> JointGoals:
+    def solve(off: Detour | None, initial: Array) -> JointGoals:
         base = np.zeros((len(number), 3)), np.tile([1.0, 0.0, 0.0, 0.0], (len(number), 1))
         return floating_inverse_kinematics(
             arm,
@@ -121,7 +121,7 @@ def _attempt(
             goals.quaternion,
             lambda goal, rows: motion_with(off, goal, rows),
             *base,
-            begin,
+            initial,
             limits,
             draws.preferred,
         )

@@ -105,7 +105,7 @@ def end_effector_path(arm: FloatingRobot, joints: Array) -> Array:
 
 def _timed(displacement: Array, progress: Array, dt: float) -> Detour:
     """Displacements (D, NODES, n) off a straight motion as they follow from the progress along it."""
-    # Clamped: the detour begins and ends at rest, whatever the progress does there.
+    # Clamped: the detour starts and ends at rest, for any progress.
     spline = CubicSpline(np.linspace(0.0, 1.0, NODES), displacement, axis=1, bc_type="clamped")
     speed = np.gradient(progress, dt)[:, None]
     change = np.gradient(speed[:, 0], dt)[:, None]

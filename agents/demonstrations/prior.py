@@ -9,7 +9,7 @@ from promp import ProMP
 from space_envs.system.digests import file_digest
 from space_envs.system.files import atomic_write_text
 
-# rad, of every weight. All demonstrations leave home at rest; the noise lets a plan start elsewhere.
+# rad, of every weight. All demonstrations start at home, at rest; the noise lets a plan start elsewhere.
 WEIGHT_NOISE = 1e-3
 
 

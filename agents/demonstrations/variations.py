@@ -16,7 +16,7 @@ from space_envs.tasks.common import DIFFICULTIES
 
 KINDS = ("cost_matrices", "elastic_band", "noise")
 BANDS = ("joint", "task")
-OFF_REDUNDANCY = 0.3  # share of any direction in that in which an obstacle lies
+OFF_REDUNDANCY = 0.3  # share of an arbitrary direction in the direction of an obstacle
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class DemonstratorConfig:
 
     Attributes:
         difficulty, variant: of the task, whose train split gives the goals.
-        per_goal: demonstrations of one goal, of all kinds in turn.
+        per_goal: demonstrations of one goal, cycling through the kinds.
         weight_decades: kind cost_matrices: half-width of the log-uniform factors on the joints' position
             weights, powers of ten; the control weights vary by half as many.
         ramp: least and largest exponent with which the position weights grow, in all kinds.
@@ -38,7 +38,7 @@ class DemonstratorConfig:
         sphere_radius, sphere_miss: bands `task`: the same in m, from the end-effector's path.
         noise: kind noise: standard deviation of the acceleration that disturbs every control period, rad/s^2.
         quiet: s before the end from which there is no noise, so that the arm comes to rest.
-        rest: rad/s, largest joint rate at the end.
+        rest: largest joint rate at the end, rad/s.
     """
 
     difficulty: str = "medium"
@@ -125,7 +125,7 @@ def draw(
         q = np.zeros((2 * n, 2 * n))
         q[:n, :n] = scale * POSITION_WEIGHT * (position if varied else np.eye(n))
         r = CONTROL_WEIGHT * (control if varied else np.eye(n))
-        # An obstacle of no size pushes nothing.
+        # An obstacle of size zero has no effect.
         size, sphere = np.array(radius if pushed else 0.0), np.array(sphere if pushed else 0.0)
         obstacle = np.array(phase), side, size
         rows.append((q, r, np.array(ramp), preferred, *obstacle, noise * noisy, aside, sphere))

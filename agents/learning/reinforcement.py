@@ -86,10 +86,10 @@ class Reinforcement:
         if self.warm and not progress.history:
             self.record(progress, candidate=False)  # the policy that the run starts from, to compare with
         self.model.set_logger(progress.logger)
-        left = self.parameters.steps - self.model.num_timesteps
+        remaining = self.parameters.steps - self.model.num_timesteps
         callback = _AtIntervals(self, progress)
-        if left > 0 and not self.budget.exhausted:
-            self.model.learn(left, callback=callback, log_interval=10, reset_num_timesteps=False)
+        if remaining > 0 and not self.budget.exhausted:
+            self.model.learn(remaining, callback=callback, log_interval=10, reset_num_timesteps=False)
         none = not progress.folder.policy.exists()
         if callback.recorded < self.model.num_timesteps or none:
             self.record(progress, self.learned or none)

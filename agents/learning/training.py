@@ -33,7 +33,7 @@ def learn(folder: RunFolder, episodes: int | None = None, quiet: bool = False) -
         run started from and whether the best improved on it (None without one), wall and processor time in s.
 
     Raises:
-        ConfigurationError, PolicyError: if something that was asked for does not exist or does not fit.
+        ConfigurationError, PolicyError: if something that the settings name does not exist or does not fit.
     """
     # The networks are small: two threads are ten times slower than one, and give other bits.
     on_one_thread()

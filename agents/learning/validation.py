@@ -43,18 +43,18 @@ class Validation:
         return asdict(self)
 
 
-def checked_episodes(task: CaptureTask, asked: int | None, split: str = SPLIT) -> int:
-    """Number of episodes of a validation: those asked for, or `EPISODES`, or as many goals as there are.
+def checked_episodes(task: CaptureTask, requested: int | None, split: str = SPLIT) -> int:
+    """Number of episodes of a validation: the requested number, or `EPISODES`, or all goals.
 
     Raises:
         ConfigurationError: for less than one, or more than the split has goals.
     """
     size = task.split_size(split)
-    if asked is not None and not 1 <= asked <= size:
+    if requested is not None and not 1 <= requested <= size:
         raise ConfigurationError(
-            f"validation-episodes must lie in 1..{size}, the goals of the split, got {asked}"
+            f"validation-episodes must lie in 1..{size}, the goals of the split, got {requested}"
         )
-    return min(EPISODES, size) if asked is None else asked
+    return min(EPISODES, size) if requested is None else requested
 
 
 class Validator:

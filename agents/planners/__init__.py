@@ -1,1 +1,1 @@
-"""Planners: a problem in, a plan or a typed failure out, with no environment in sight."""
+"""Planners: functions from a problem to a plan or a typed failure, independent of environments."""

@@ -27,7 +27,7 @@ def parser() -> Parser:
         action=AppendValues,
         nargs="+",
         default=["free", "kept"],
-        help="base attitude at the end (default both)",
+        help="final base attitude: unconstrained or equal to the initial one (default both)",
     )
     out.add_argument(
         "--limits",

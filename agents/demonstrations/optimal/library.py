@@ -32,8 +32,8 @@ class LibraryRecipe:
     """Settings that determine a library.
 
     Attributes:
-        keep_attitude: whether motions end with the base's first attitude. limited: whether they keep the
-            model's limits. seed: of the starts.
+        keep_attitude: whether the final attitude equals the initial one. limited: whether motions satisfy the
+            model's limits. seed: of the initial guesses.
     """
 
     keep_attitude: bool
@@ -74,7 +74,7 @@ def generate(
     jobs: int = 1,
     progress: bool = False,
 ) -> Library:
-    """Make a library into the folder `output`; parts of the same recipe that are there are kept.
+    """Make a library in the folder `output`; existing parts of the same recipe are reused.
 
     The result does not depend on the number of jobs nor on interruptions.
 
@@ -118,7 +118,7 @@ def _round(
     jobs: int,
     bar: tqdm,
 ) -> Library:
-    """The library after a round from that of the round before; parts that are there are kept.
+    """The library after a round, from that of the previous round; existing parts are reused.
 
     Raises:
         ConfigurationError: if a part is of other goals.
@@ -161,8 +161,10 @@ def _part(
     robot = SingleArmTask().robot
     planner = OptimalPlanner(robot, model_limits() if recipe.limited else Limits())
     rows = []
-    for number, place, turn in zip(numbers, position, quaternion, strict=True):
-        reach = Reach(robot.home, place, turn, keep_attitude=recipe.keep_attitude).checked(robot)
+    for number, goal_position, goal_quaternion in zip(numbers, position, quaternion, strict=True):
+        reach = Reach(robot.home, goal_position, goal_quaternion, keep_attitude=recipe.keep_attitude).checked(
+            robot
+        )
         if before is None:
             rows.append(first_motion(planner, reach, np.random.default_rng([recipe.seed, number])))
         else:

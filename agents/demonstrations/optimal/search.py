@@ -9,8 +9,8 @@ from agents.planners.single_arm.weights.sqp import GOAL_TOLERANCE, SqpResult, mi
 from space_envs.dynamics.rotations import Array
 
 NEIGHBOURS = 16  # goals whose motions are compared in a round
-TRIED = 4  # of them, that are improved
-COST_RATIO = 0.99  # predicted for a neighbour's motion, below which it is tried
+TRIED = 4  # number of them that are improved
+COST_RATIO = 0.99  # predicted cost ratio below which a neighbour's motion is tried
 STARTS = 3  # around the motion that is easiest to find, in the first round
 SPREAD = 0.1  # of them, in coordinates
 ITERATIONS = 40  # of a start in the first round
@@ -26,12 +26,12 @@ def first_motion(
     # To first order an arm at rest cannot rotate its base back: these start around an unconstrained motion.
     centre = minimise(space, bounds, rest, False, rows).y if reach.keep_attitude else rest
     around = centre + SPREAD * rng.standard_normal((STARTS, *rest.shape))
-    begins = [*around] if reach.keep_attitude else [rest, *around]
+    guesses = [*around] if reach.keep_attitude else [rest, *around]
     y, cost = rest, np.inf
-    for begin in begins:
-        found = minimise(space, bounds, begin, reach.keep_attitude, rows, iterations=ITERATIONS)
+    for guess in guesses:
+        found = minimise(space, bounds, guess, reach.keep_attitude, rows, iterations=ITERATIONS)
         y, cost = _cheaper(found, y, cost)
-    return y, cost, float(len(begins))
+    return y, cost, float(len(guesses))
 
 
 def improved_motion(
@@ -46,8 +46,8 @@ def improved_motion(
     predicted = predicted_costs(space, starts, reach.keep_attitude)
     order = np.argsort(predicted, kind="stable")[:TRIED]
     chosen = starts[order[predicted[order] < COST_RATIO * cost]]
-    for begin in chosen:
-        found = minimise(space, bounds, begin, reach.keep_attitude, rows)
+    for guess in chosen:
+        found = minimise(space, bounds, guess, reach.keep_attitude, rows)
         y, cost = _cheaper(found, y, cost)
     if last and np.isfinite(cost):
         found = minimise(space, bounds, y, reach.keep_attitude, rows, tolerance=FINE)

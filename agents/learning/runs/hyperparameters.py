@@ -49,7 +49,7 @@ Envs = Annotated[int, Range("episodes simulated together", 1, 2**16)]
 FinalRatio = Annotated[float, Range("final learning rate divided by the first; it falls linearly", 0.0, 1.0)]
 ActionDeviation = Annotated[
     float,
-    Range("standard deviation of an action that the policy begins with", above=0.0, most=10.0),
+    Range("initial standard deviation of the policy's actions", above=0.0, most=10.0),
 ]
 Expert = Annotated[str | None, Range("policy to clone first, or none")]
 

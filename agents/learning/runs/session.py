@@ -43,7 +43,7 @@ class Budget:
         self.used_cpu += cpu
 
     def fraction(self, since: float) -> float:
-        """Share used of the wall time that was left at `since` s."""
+        """Used share of the wall time that remained at `since` s."""
         if self.limit is None:
             return 0.0
         return min((self.wall - since) / max(self.limit - since, 1e-9), 1.0)

@@ -1,4 +1,4 @@
-"""Settings and hyperparameters of a run, from what a user gave, checked before anything begins."""
+"""Settings and hyperparameters of a run from a user's options, checked before the run starts."""
 
 import json
 from collections.abc import Mapping
@@ -82,7 +82,7 @@ class Settings:
         """The environment's task.
 
         Raises:
-            UnknownIdError, ConfigurationError: as the environment and its task say.
+            UnknownIdError, ConfigurationError: raised by the environment and its task.
         """
         return self._env().task
 
@@ -96,7 +96,7 @@ class Settings:
 
 @lru_cache(maxsize=16)
 def _environment(env_id: str, keywords: str) -> CaptureVectorEnv:
-    """An environment that is only asked for its task."""
+    """An environment that is only used for its task."""
     return CaptureVectorEnv(env_id, **json.loads(keywords))
 
 
@@ -109,7 +109,7 @@ class Settled(NamedTuple):
 
 
 def settle(given: Mapping[str, Any]) -> Settled:
-    """The run that options and hyperparameters describe, by name; defaults stand for those left out.
+    """The run that options and hyperparameters describe, by name, with defaults for omitted ones.
 
     Raises:
         SpaceEnvsError: for whatever would fail later: an unknown name, a value of another type or out of its
@@ -194,11 +194,11 @@ def limited(
     return parameters if minutes is None else replace(parameters, minutes=minutes)
 
 
-def rounding(parameters: AnyHyperparameters, asked: int | None) -> str | None:
-    """Message that more steps are taken than were asked for; None if they are not."""
-    if asked is None or asked == parameters.steps:
+def rounding(parameters: AnyHyperparameters, requested: int | None) -> str | None:
+    """Message that more steps are taken than were requested; None if they are not."""
+    if requested is None or requested == parameters.steps:
         return None
-    return f"{parameters.steps:,} steps, not {asked:,}: whole rounds of {parameters.round:,} are taken"
+    return f"{parameters.steps:,} steps, not {requested:,}: whole rounds of {parameters.round:,} are taken"
 
 
 def check_device(device: str) -> None:

@@ -30,7 +30,7 @@ def starting_policy(path: str, context: PolicyContext, parameters: PPO) -> Polic
         PolicyError: if there is none, or it was trained for another task or network.
     """
     file = load_policy_file(policy_path(path))
-    for name, got, wanted in (
+    for name, got, expected in (
         ("environment id", file.env_id, context.env_id),
         ("control mode", file.control_mode, context.control_mode),
         ("features", file.features, parameters.features),
@@ -38,6 +38,6 @@ def starting_policy(path: str, context: PolicyContext, parameters: PPO) -> Polic
         ("activation", file.network.activation, parameters.activation),
         ("squashing", file.network.squash, False),
     ):
-        if got != wanted:
-            raise PolicyError(f"cannot start from {path}: its {name} is {got!r}, this run has {wanted!r}")
+        if got != expected:
+            raise PolicyError(f"cannot start from {path}: its {name} is {got!r}, this run has {expected!r}")
     return file

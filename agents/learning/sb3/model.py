@@ -120,11 +120,11 @@ def import_network(model: BaseAlgorithm, network: Network) -> None:
         PolicyError: if the layers differ.
     """
     layers, _ = actor_modules(model)
-    wanted = [(layer.in_features, layer.out_features) for layer in layers]
+    expected = [(layer.in_features, layer.out_features) for layer in layers]
     got = [weight.shape for weight in network.weights]
-    if not isinstance(model, PPO) or network.squash or wanted != got:
+    if not isinstance(model, PPO) or network.squash or expected != got:
         raise PolicyError(
-            f"the policy to start from has layers {got}, the model {wanted}; only ppo can start from one"
+            f"the policy to start from has layers {got}, the model {expected}; only ppo can start from one"
         )
     with th.no_grad():
         for layer, weight, bias in zip(layers, network.weights, network.biases, strict=True):

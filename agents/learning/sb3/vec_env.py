@@ -169,7 +169,7 @@ class NativeVecEnv(VecEnv):
     # stable-baselines3 asks single environments; all rows here share one object.
 
     def get_attr(self, attr_name: str, indices: Indices = None) -> list[Any]:
-        """The vector environment's attribute, once a row asked for."""
+        """The vector environment's attribute for each requested row."""
         value = getattr(self.env, attr_name)
         return [value for _ in self._get_indices(indices)]
 

@@ -32,7 +32,7 @@ class RunResult:
 
 
 def prepare(runs: Sequence[SweepRun], output: Path, command: list[str]) -> list[RunResult]:
-    """Make the folders of all runs, or find them as an earlier command left them; returns the status of each.
+    """Make the folders of all runs, or find those of an earlier command; returns the status of each.
 
     Raises:
         ConfigurationError: if a folder cannot be made, or holds a run of other settings.
@@ -68,7 +68,7 @@ def spread(
         episodes: of a validation. jobs, name, address: of `space_envs.system.parallel.backend`.
 
     Raises:
-        ConfigurationError: as `backend` says.
+        ConfigurationError: as in `backend`.
     """
     waiting = {folder.name: folder.resolve() for folder in folders}
     for folder in waiting.values():
@@ -150,10 +150,10 @@ def _failed(path: Path, error: Exception, cause: str = "") -> RunResult:
 def _check_same(run: SweepRun, folder: RunFolder) -> None:
     """Refuse to continue a run that has other settings."""
     settings, parameters = folder.restore()
-    here, wanted = asdict(settings) | asdict(parameters), asdict(run.settings) | asdict(run.parameters)
-    for name in wanted:
-        if here.get(name) != wanted.get(name):
+    here, expected = asdict(settings) | asdict(parameters), asdict(run.settings) | asdict(run.parameters)
+    for name in expected:
+        if here.get(name) != expected.get(name):
             raise ConfigurationError(
-                f"{folder.path} holds a run with {name} {here.get(name)!r}, not {wanted.get(name)!r}; choose "
+                f"{folder.path} holds a run with {name} {here.get(name)!r}, not {expected[name]!r}; choose "
                 "another --output"
             )

@@ -75,13 +75,13 @@ def search(
         offsets = np.random.default_rng(0).uniform(-RETRY_RADIUS, RETRY_RADIUS, (RETRIES, start.shape[1]))
         again = np.repeat(failed, RETRIES)
         others = (start[failed, None] + offsets).reshape(-1, start.shape[1])
-        others, left = _descend(error, jacobian, others, limits, preferred[again], again)
+        others, remaining = _descend(error, jacobian, others, limits, preferred[again], again)
         # Of the starts that reach the pose, take the one that ends nearest to the preferred configuration.
         distance = np.linalg.norm(others - preferred[again], axis=1)
-        score = np.where(_within(left), distance, 1e3 + left.sum(axis=1)).reshape(-1, RETRIES)
+        score = np.where(_within(remaining), distance, 1e3 + remaining.sum(axis=1)).reshape(-1, RETRIES)
         best = np.arange(failed.size) * RETRIES + score.argmin(axis=1)
-        better = left[best].sum(axis=1) < residual[failed].sum(axis=1)
-        q[failed[better]], residual[failed[better]] = others[best[better]], left[best[better]]
+        better = remaining[best].sum(axis=1) < residual[failed].sum(axis=1)
+        q[failed[better]], residual[failed[better]] = others[best[better]], remaining[best[better]]
     return JointGoals(q, _within(residual), residual[:, 0], residual[:, 1])
 
 
@@ -105,42 +105,42 @@ def _descend(
     best, best_residual = q.copy(), np.full((len(q), 2), np.inf)
     active, step = np.arange(len(q)), np.full_like(q, np.inf)
     for iteration in range(ITERATIONS):
-        missed = error(q[active], rows[active])
-        square = missed * missed
+        pose_errors = error(q[active], rows[active])
+        square = pose_errors * pose_errors
         residual = np.sqrt(np.stack([square[:, :3].sum(axis=1), square[:, 3:].sum(axis=1)], axis=1))
         within = _within(residual)
         # Within the tolerance later steps only settle the redundancy.
         better = within | (residual.sum(axis=1) < best_residual[active].sum(axis=1))
         best[active[better]], best_residual[active[better]] = q[active[better]], residual[better]
         done = within & (np.abs(step[active]).max(axis=1) < SETTLED)
-        active, missed = active[~done], missed[~done]
+        active, pose_errors = active[~done], pose_errors[~done]
         if active.size == 0:
             break
-        wish = BIAS_RATE * DECAY ** max(0, iteration - PATIENCE) * (preferred[active] - q[active])
-        step[active] = _step(jacobian(q[active]), missed, wish, q[active], limits)
+        preferred_step = BIAS_RATE * DECAY ** max(0, iteration - PATIENCE) * (preferred[active] - q[active])
+        step[active] = _step(jacobian(q[active]), pose_errors, preferred_step, q[active], limits)
         q[active] = np.clip(q[active] + step[active], limits[:, 0], limits[:, 1])
     return best, best_residual
 
 
-def _step(jacobian: Array, error: Array, wish: Array, q: Array, limits: Array) -> Array:
-    """Damped step (k, n) from q that removes the error (k, 6) and equals `wish` (k, n) in the null space."""
-    step = _damped(jacobian, error, wish)
+def _step(jacobian: Array, error: Array, preferred_step: Array, q: Array, limits: Array) -> Array:
+    """Damped step (k, n) from q that removes the error (k, 6), with the preferred null-space part."""
+    step = _damped(jacobian, error, preferred_step)
     # Joints that would leave their range are fixed, and the others compensate.
     stuck = ((q <= limits[:, 0]) & (step < 0.0)) | ((q >= limits[:, 1]) & (step > 0.0))
     if stuck.any():
         again = stuck.any(axis=1)
         free = ~stuck[again]
-        step[again] = _damped(jacobian[again] * free[:, None, :], error[again], wish[again] * free)
+        step[again] = _damped(jacobian[again] * free[:, None, :], error[again], preferred_step[again] * free)
     return step / np.maximum(np.abs(step).max(axis=1, keepdims=True) / LARGEST_STEP, 1.0)
 
 
-def _damped(jacobian: Array, error: Array, wish: Array) -> Array:
-    """Minimum of |step - wish|^2 + |J step - error|^2 / damping.
+def _damped(jacobian: Array, error: Array, preferred_step: Array) -> Array:
+    """Minimum of |step - preferred_step|^2 + |J step - error|^2 / damping.
 
     The damping grows with the squared error (Sugihara 2011): near the solution the step is Newton's.
     """
     transpose = jacobian.swapaxes(1, 2)
     damping = DAMPING + 0.02 * (error * error).sum(axis=1)
     square = jacobian @ transpose + damping[:, None, None] * np.eye(6)
-    missing = error - (jacobian @ wish[..., None])[..., 0]
-    return wish + (transpose @ np.linalg.solve(square, missing[..., None]))[..., 0]
+    missing = error - (jacobian @ preferred_step[..., None])[..., 0]
+    return preferred_step + (transpose @ np.linalg.solve(square, missing[..., None]))[..., 0]

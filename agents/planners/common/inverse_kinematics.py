@@ -95,5 +95,5 @@ def floating_inverse_kinematics(
 def pose_error(arm: FloatingRobot, q: Array, position: Array, quaternion: Array) -> Array:
     """Error (..., 6) [m; rad] from the end-effector's pose to one given in the base frame, base axes."""
     at, rotation = arm.end_effector_pose(q)
-    turn = logarithm(multiply(quaternion, conjugate(from_matrix(rotation))))
-    return np.concatenate([position - at, turn], axis=-1)
+    rotation_error = logarithm(multiply(quaternion, conjugate(from_matrix(rotation))))
+    return np.concatenate([position - at, rotation_error], axis=-1)

@@ -76,7 +76,7 @@ class Cause(StrEnum):
 
 @dataclass(frozen=True)
 class Failure:
-    """A solve without a result; planners, programs and solvers return it in place of one.
+    """A failed solve; planners, programs and solvers return it instead of a result.
 
     Attributes:
         method: name of the planner or solver. reason: a sentence with what failed, when and by how much.
@@ -111,11 +111,11 @@ class JointPath:
         Times are clipped to [0, T]. Rate and acceleration are the exact derivatives of position.
         """
         times = np.clip(np.asarray(times, dtype=np.float64), self.time[0], self.time[-1])
-        left = np.clip(np.searchsorted(self.time, times, side="right") - 1, 0, len(self.time) - 2)
-        h = (self.time[left + 1] - self.time[left])[..., None]
-        s = (times - self.time[left])[..., None] / h
+        index = np.clip(np.searchsorted(self.time, times, side="right") - 1, 0, len(self.time) - 2)
+        h = (self.time[index + 1] - self.time[index])[..., None]
+        s = (times - self.time[index])[..., None] / h
         start, end = (
-            (self.position[i], h * self.rate[i], h * h * self.acceleration[i]) for i in (left, left + 1)
+            (self.position[i], h * self.rate[i], h * h * self.acceleration[i]) for i in (index, index + 1)
         )
         # Coefficients of the quintic whose value, slope and curvature are given at s = 0 and s = 1.
         jump = end[0] - start[0] - start[1] - 0.5 * start[2]

@@ -51,9 +51,9 @@ class Links:
     def segments(self, robot: FloatingRobot, q: Array) -> tuple[Array, Array, Array]:
         """Both ends (K, S, 3) of the links in the base frame and the centre of mass (K, 3), m."""
         k = robot.kinematics(q)
-        begin = k.position[:, self.link - 1]
-        end = begin + (k.rotation[:, self.link - 1] @ self.end[:, :, None])[..., 0]
-        return begin, end, robot.centre_of_mass(k)
+        root = k.position[:, self.link - 1]
+        end = root + (k.rotation[:, self.link - 1] @ self.end[:, :, None])[..., 0]
+        return root, end, robot.centre_of_mass(k)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,17 +109,17 @@ def gaps(
         poses: of the target at these times, if they are known.
     """
     links = Links.of(robot)
-    begin, end, centre = links.segments(robot, q)
+    root, end, centre = links.segments(robot, q)
     infinite = np.full(len(time), np.inf)
     result = {"arms": infinite, "bus": infinite, "target": infinite}
     if around.arms and links.arm.any():
         one, other = np.flatnonzero(links.arm == 0), np.flatnonzero(links.arm == 1)
         one, other = (part.ravel() for part in np.meshgrid(one, other, indexing="ij"))
-        apart = segment_distance(begin[:, one], end[:, one], begin[:, other], end[:, other])
+        apart = segment_distance(root[:, one], end[:, one], root[:, other], end[:, other])
         result["arms"] = apart.min(axis=1) - 2.0 * around.radius
     if around.bus is not None:
         free = links.order >= around.standing
-        apart = box_distance(begin[:, free], end[:, free], around.bus)
+        apart = box_distance(root[:, free], end[:, free], around.bus)
         result["bus"] = apart.min(axis=1) - around.radius
     if around.target is not None and around.motion is not None:
         position, quaternion = around.motion(time) if poses is None else poses
@@ -127,9 +127,9 @@ def gaps(
         base = robot.centre_of_mass(robot.kinematics(start)) - centre
         counted = around.counted(np.linalg.norm(links.end, axis=1), time, duration)
         share = np.where(links.last, counted, 1.0)
-        outer = begin + share[..., None] * (end - begin)
+        outer = root + share[..., None] * (end - root)
         back = conjugate(quaternion)[:, None]
-        points = (point + (base - position)[:, None] for point in (begin, outer, end))
+        points = (point + (base - position)[:, None] for point in (root, outer, end))
         root, outer, outermost = (rotate(back, point) for point in points)
         apart = box_distance(root, outer, around.target).min(axis=1) - around.radius
         # An open gripper counts by its centre line.

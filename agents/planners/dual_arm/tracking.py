@@ -101,9 +101,9 @@ def track(
     simulation = _started(model, plan.position[0])
     n, b, period = simulation.n_joints, simulation.n_base, how.control_period
     periods = max(1, round(plan.time[-1] / period))
-    begin = np.arange(periods) * period
-    position, *_ = plan.sample(begin)
-    _, rate, _ = plan.sample(np.minimum(begin + period, plan.time[-1]))
+    starts = np.arange(periods) * period
+    position, *_ = plan.sample(starts)
+    _, rate, _ = plan.sample(np.minimum(starts + period, plan.time[-1]))
     size = periods * how.substeps
     state = np.empty((size, 7 + 6 + n + n))
     torque, momentum = np.empty((size, n)), np.empty(size)
@@ -114,8 +114,8 @@ def track(
         middle, force = 1.5 * mass - 0.5 * last[0], 1.5 * bias - 0.5 * last[1]
         last = mass, bias
         now = simulation.joint_velocity[0]
-        wanted = rate[period_number] + _attitude_feedback(simulation, mass, how.attitude_gain)
-        acceleration = (wanted - now) / period + how.joint_gain * (
+        desired = rate[period_number] + _attitude_feedback(simulation, mass, how.attitude_gain)
+        acceleration = (desired - now) / period + how.joint_gain * (
             position[period_number] - simulation.joint_position[0]
         )
         joints = middle[:, b:] @ acceleration + force
@@ -154,11 +154,11 @@ def _attitude_feedback(simulation: Simulation, mass: Array, gain: float) -> Arra
     if gain == 0.0:
         return np.zeros(simulation.n_joints)
     b = simulation.n_base
-    turning = -np.linalg.solve(mass[:b, :b], mass[:b, b:])[simulation.angular]
+    rotation_per_rate = -np.linalg.solve(mass[:b, :b], mass[:b, b:])[simulation.angular]
     attitude = simulation.base_attitude[0]
     if not simulation.planar:
         attitude = 2.0 * attitude[1:] * np.copysign(1.0, attitude[0])
-    return -gain * np.linalg.pinv(turning) @ attitude
+    return -gain * np.linalg.pinv(rotation_per_rate) @ attitude
 
 
 def _momentum(simulation: Simulation) -> float:

@@ -147,8 +147,8 @@ def _header(text: str) -> dict[str, Any]:
 
 
 def _check_names(arrays: dict[str, Any], layers: list[str]) -> None:
-    wanted = [*layers, "deviation_weight", "deviation_bias"]
-    if set(arrays) != set(wanted):
-        raise PolicyError(f"it holds the arrays {sorted(arrays)}, a network has {sorted(wanted)}")
+    expected = [*layers, "deviation_weight", "deviation_bias"]
+    if set(arrays) != set(expected):
+        raise PolicyError(f"it holds the arrays {sorted(arrays)}, a network has {sorted(expected)}")
     if any(array.dtype != np.float32 for array in arrays.values()):
         raise PolicyError("a network's parameters must be float32")

@@ -31,7 +31,7 @@ class ArmExpressions:
             about the base's origin, first moment of mass. end_effector: (9,) its position, velocity and axis.
     """
 
-    def __init__(self, symbolic: SymbolicRobot, joints: list[int], tip: int) -> None:
+    def __init__(self, symbolic: SymbolicRobot, joints: list[int], end_effector: int) -> None:
         n, size = symbolic.robot.n_joints, len(joints)
         self.joints, self._symbolic = joints, symbolic
         self.y = ca.SX.sym("y", 2 * size)
@@ -40,7 +40,7 @@ class ArmExpressions:
         rest = ca.SX(6, 1)
         momentum = symbolic.momentum(q, qdot, rest)
         energy = 2.0 * symbolic.kinetic_energy(q, qdot, rest)
-        position, rotation = symbolic.end_effector_pose(tip)(q)
+        position, rotation = symbolic.end_effector_pose(end_effector)(q)
         velocity = ca.jtimes(position, self.y[:size], self.y[size:])
         self.kinetic = ca.vertcat(energy, momentum[:3])
         self.moving = ca.vertcat(momentum, self.moment(q))
@@ -123,13 +123,13 @@ def _inner(
 
 def _inner_bends(curves: list[tuple[ca.Function, ca.MX]], force: ca.MX, arms: int) -> list[ca.MX]:
     """Second derivatives by [q; qdot] of the inner functions, weighted by the outer gradient."""
-    bends, begin = [], 0
+    bends, first = [], 0
     for group in range(len(curves) // arms):
         blocks = []
         for curve, y in curves[group * arms : (group + 1) * arms]:
             size, half = curve.numel_in(1), y.numel() // 2
-            blocks.append(ca.blocksplit(curve(y, force[begin : begin + size]), half, half))
-            begin += size
+            blocks.append(ca.blocksplit(curve(y, force[first : first + size]), half, half))
+            first += size
         sides = [[ca.diagcat(*[b[i][j] for b in blocks]) for j in (0, 1)] for i in (0, 1)]
         bends.append(ca.blockcat(sides))
     return bends

@@ -101,12 +101,12 @@ def _searched(
     outputs, searches = model.ending.value.numel_out(0), len(q)
     tilts = range(outputs - model.tilts, outputs)
     rows = [*range(2 * d), *(tilts if capture.axis is not None else ())]
-    wanted = np.zeros(len(rows))
-    wanted[: 2 * d] = goals.position
+    required = np.zeros(len(rows))
+    required[: 2 * d] = goals.position
     value, slope = (f.map(searches) for f in (model.ending.value, model.ending.slope))
     rest, across = np.zeros((n, searches)), np.tile(goals.across, searches)
     for _ in range(_ITERATIONS):
-        error = wanted - value(q.T, rest, across).full().T[:, rows]
+        error = required - value(q.T, rest, across).full().T[:, rows]
         jacobian = slope(q.T, rest, across).full().reshape(outputs, searches, 2 * n)[rows, :, :n]
         jacobian = jacobian.swapaxes(0, 1)
         damping = np.minimum(_DAMPING, np.abs(error).max(axis=1))[:, None, None] * np.eye(len(rows))
@@ -114,7 +114,7 @@ def _searched(
         step = (jacobian.swapaxes(1, 2) @ inner)[..., 0]
         step *= np.minimum(_LARGEST_STEP / np.maximum(np.abs(step).max(axis=1), 1e-300), 1.0)[:, None]
         q = np.clip(q + step, low, high)
-    return q, np.abs(wanted - value(q.T, rest, across).full().T[:, rows]).max(axis=1)
+    return q, np.abs(required - value(q.T, rest, across).full().T[:, rows]).max(axis=1)
 
 
 def _aligned(model: HeldAttitude, capture: Capture, q: Array) -> NDArray[np.bool_]:

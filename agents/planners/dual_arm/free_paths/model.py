@@ -60,7 +60,7 @@ class HeldAttitude:
 @built_once
 def _build(robot: FloatingRobot) -> HeldAttitude:
     symbolic, n = SymbolicRobot(robot), robot.n_joints
-    arms = [ArmExpressions(symbolic, joints, tip) for tip, joints in enumerate(chains(robot))]
+    arms = [ArmExpressions(symbolic, joints, number) for number, joints in enumerate(chains(robot))]
     base, mass = float(robot.mass[0]) * ca.DM(robot.com[0]), float(robot.mass.sum())
     angular = momentum_about_com(ca.horzcat(*[arm.moving for arm in arms]), base, mass)[0]
     planar = bool(angular[0].is_zero() and angular[1].is_zero())
@@ -120,7 +120,7 @@ def _joint_functions(
     matrix = matrix[2, :] if planar else matrix
     reactionless = u - matrix.T @ _solve(matrix @ matrix.T, matrix @ u)
     change = ca.jtimes(reactionless, q, reactionless) + ca.jtimes(reactionless, u, udot)
-    ends = [symbolic.end_effector_pose(tip)(q) for tip in range(len(arms))]
+    ends = [symbolic.end_effector_pose(number)(q) for number in range(len(arms))]
     relative = ca.vertcat(*[position - moment / mass for position, _ in ends])
     axes = ca.vertcat(*[rotation[:, 2] for _, rotation in ends])
     return {

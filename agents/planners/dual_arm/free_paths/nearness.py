@@ -1,8 +1,8 @@
-"""Cost on clearances below the wanted ones, for the planner with free paths.
+"""Cost on clearances below the required ones, for the planner with free paths.
 
 The nearest points of each pair of bodies are found first and then held fixed on their links: the distance
 between them has the same first derivative as the least distance. The cost is the sum of squared deficits from
-the wanted distances; remaining deficits are measured by `clearance.py`.
+the required distances; remaining deficits are measured by `clearance.py`.
 """
 
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ from space_envs.dynamics.rotations import Array, rotate
 from space_envs.dynamics.symbolic import SymbolicRobot
 
 POSE = 3 + 9 + 1  # numbers at each time: centre from the system's centre of mass, rotation, counted fraction
-# Half sides: target, satellite; wanted distances: arms, satellite, target; standing; wanted of open grippers.
+# Half sides: target, satellite; required distances: arms, satellite, target; standing; of open grippers.
 SHARED = 3 + 3 + 3 + 1 + 1
 PARAMETERS = POSE + SHARED + 1  # at each time, with the weight of deficits
 
@@ -37,7 +37,7 @@ class Nearness:
     """Functions of q (n), pose (13) and shared (11), compiled.
 
     Attributes:
-        missing: -> (P,) m, deficit of each pair from its wanted distance, 0 where there is none.
+        missing: -> (P,) m, deficit of each pair from its required distance, 0 if there is none.
         slope: -> that and its derivative by q (P, n).
     """
 
@@ -50,7 +50,7 @@ class Nearness:
         n = robot.n_joints
         q, pose, shared = ca.SX.sym("q", n), ca.SX.sym("pose", POSE), ca.SX.sym("shared", SHARED)
         pairs = _Pairs(robot, planar, q, pose, shared)
-        missing = ca.fmax(ca.vertcat(*pairs.wanted) - ca.vertcat(*pairs.distances), 0.0)
+        missing = ca.fmax(ca.vertcat(*pairs.required) - ca.vertcat(*pairs.distances), 0.0)
         at = ca.vertcat(*pairs.phases)
         inputs = [q, pose, shared]
         find = ca.Function("nearest_points", inputs, list(ca.cse([ca.vertcat(*pairs.nearest)])))
@@ -83,10 +83,10 @@ class Nearness:
 
 
 class _Pairs:
-    """Pairs of bodies: their distances at given points, wanted distances, and their nearest points.
+    """Pairs of bodies: their distances at given points, required distances, and nearest points.
 
     Attributes:
-        distances, wanted: m. phases: symbols that give the points. nearest: values of the phases.
+        distances, required: m. phases: symbols that give the points. nearest: values of the phases.
     """
 
     def __init__(self, robot: FloatingRobot, planar: bool, q: ca.SX, pose: ca.SX, shared: ca.SX) -> None:
@@ -100,15 +100,15 @@ class _Pairs:
             for begin, link, end in zip(self._begin, self._links.link, self._links.end, strict=True)
         ]
         self._target = ca.reshape(pose[3:12], 3, 3), pose[:3] + centre  # in the base frame
-        self.distances, self.wanted = list[ca.SX](), list[ca.SX]()
+        self.distances, self.required = list[ca.SX](), list[ca.SX]()
         self.nearest, self.phases = list[ca.SX](), list[ca.SX]()
         self._add_arms()
         for link in range(len(self._links.link)):
             self._add_boxes(link)
 
-    def _add(self, distance: ca.SX, wanted: ca.SX, nearest: ca.SX, phase: ca.SX) -> None:
+    def _add(self, distance: ca.SX, required: ca.SX, nearest: ca.SX, phase: ca.SX) -> None:
         self.distances.append(distance)
-        self.wanted.append(wanted)
+        self.required.append(required)
         self.nearest.append(nearest)
         self.phases.append(phase)
 
@@ -136,9 +136,9 @@ class _Pairs:
         if not self._planar:
             counts = shared[9] <= float(self._links.order[link])
             boxes.append((begin, end, shared[3:6], ca.if_else(counts, shared[7], -FAR)))
-        for a, b, half, wanted in boxes:
+        for a, b, half, required in boxes:
             at = ca.SX.sym("at")
-            self._add(box_distance(a + at * (b - a), half), wanted, nearest_to_box(a, b, half), at)
+            self._add(box_distance(a + at * (b - a), half), required, nearest_to_box(a, b, half), at)
 
 
 def parameters(
@@ -158,7 +158,7 @@ def parameters(
             beyond the margin.
         weight: (K,) or one for all.
     """
-    wanted = around.margin + extra + around.radius
+    required = around.margin + extra + around.radius
     p = np.zeros((len(times), PARAMETERS))
     p[:, :3], p[:, 3:12:4], p[:, 12] = FAR, 1.0, 1.0
     target, bus = np.ones(3), np.full(3, -FAR)
@@ -172,8 +172,8 @@ def parameters(
         p[:, 12] = around.counted(length, times, duration)[:, 0]
     if around.bus is not None:
         bus = around.bus
-    arms = wanted + around.radius if around.arms else -FAR
-    line = wanted - around.radius
-    p[:, POSE:-1] = [*target, *bus, arms, wanted, wanted, around.standing, line]
+    arms = required + around.radius if around.arms else -FAR
+    line = required - around.radius
+    p[:, POSE:-1] = [*target, *bus, arms, required, required, around.standing, line]
     p[:, -1] = weight
     return p

@@ -114,17 +114,17 @@ def _slope(
         for part in (0, 1):
             source = k * 2 * n * r + (part * n + joint) * r + row
             terms.add(k * r + row, coefficient * n + joint, source, basis[part])
-    begin, outputs = len(mesh.middles) * r, ending.numel() // (2 * n)
+    first_row, outputs = len(mesh.middles) * r, ending.numel() // (2 * n)
     row = np.arange(outputs)[:, None]
     for _, coefficient, basis in _active(mesh, np.array([1.0])):
         for part in (0, 1):
             source = momentum.numel() + (part * n + joint) * outputs + row
-            terms.add(begin + row, coefficient * n + joint, source, basis[part])
+            terms.add(first_row + row, coefficient * n + joint, source, basis[part])
     constant = np.kron(linear[:, FIXED:], np.eye(n))
     at = np.nonzero(constant)
     sources = ca.vertcat(momentum, ending, ca.MX(1.0))
-    terms.add(begin + outputs + at[0], at[1], sources.numel() - 1, constant[at])
-    return terms.matrix(sources, (begin + outputs + len(constant), n * free))
+    terms.add(first_row + outputs + at[0], at[1], sources.numel() - 1, constant[at])
+    return terms.matrix(sources, (first_row + outputs + len(constant), n * free))
 
 
 def _bend(
@@ -146,7 +146,7 @@ def _bend(
         ca.vec(model.angular_momentum.bend.map(between)(*middles, multiplier)),
         ca.vec(model.ending.bend(*last, across, weight[between * r : between * r + outputs])),
     )
-    terms, begin = Terms(), 0
+    terms, first_row = Terms(), 0
     first, second = np.arange(n)[:, None], np.arange(n)[None, :]
     for at in (mesh.nodes, mesh.middles, np.array([1.0])):
         for (k, one, one_basis), (other_k, other, other_basis) in product(_active(mesh, at), repeat=2):
@@ -155,9 +155,9 @@ def _bend(
                 upper = row <= column
                 for i in (0, 1):
                     for j in (0, 1):
-                        source = begin + k * 4 * n * n + (j * n + second) * 2 * n + (i * n + first)
+                        source = first_row + k * 4 * n * n + (j * n + second) * 2 * n + (i * n + first)
                         terms.add(row, column, source, one_basis[i] * other_basis[j] * upper)
-        begin += len(at) * 4 * n * n
+        first_row += len(at) * 4 * n * n
     size = n * (mesh.size - FIXED)
     return terms.matrix(sources, (size, size))
 

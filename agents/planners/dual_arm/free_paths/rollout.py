@@ -79,12 +79,12 @@ class ReactionlessRollout:
         inverse = spread @ np.linalg.pinv(rows @ spread, hermitian=True)
         goal = parameters[n : n + program.goals]
         across = parameters[n + program.goals :].reshape(4, 3).T
-        wanted = np.concatenate([goal, np.zeros(program.ending - len(goal))])
+        required = np.concatenate([goal, np.zeros(program.ending - len(goal))])
 
         def measured(splines: Array) -> tuple[ReactionlessMotion, Array]:
             motion = self.run(splines)
             reached = self._model.ending.value(motion.position[-1], motion.rate[-1], across).full()[:, 0]
-            error = reached - wanted
+            error = reached - required
             return replace(motion, goal_error=float(np.abs(error).max())), error
 
         best, error = measured(coefficients)
@@ -101,18 +101,18 @@ class ReactionlessRollout:
 
 
 def _steps(model: HeldAttitude, n: int, lengths: Array) -> ca.Function:
-    """(Start (n), u at begin, middle and end of each step (3 n, steps)) -> angles after each (n, steps)."""
+    """(Start (n), u at start, middle and end of each step (3 n, steps)) -> angles after each (n, steps)."""
     q, u, h = ca.MX.sym("q", n), ca.MX.sym("u", 3 * n), ca.MX.sym("h")
     begin, middle, end = ca.vertsplit(u, n)
 
-    def rate(at: ca.MX, wanted: ca.MX) -> ca.MX:
-        return model.projected(at, wanted)
+    def rate(at: ca.MX, required: ca.MX) -> ca.MX:
+        return model.projected(at, required)
 
     one = rate(q, begin)
     two = rate(q + 0.5 * h * one, middle)
     three = rate(q + 0.5 * h * two, middle)
     four = rate(q + h * three, end)
     step = ca.Function("step", [q, u, h], [q + h / 6.0 * (one + 2.0 * two + 2.0 * three + four)])
-    start, wanted = ca.MX.sym("start", n), ca.MX.sym("wanted", 3 * n, len(lengths))
-    path = step.mapaccum(len(lengths))(start, wanted, ca.DM(lengths).T)
-    return ca.Function("steps", [start, wanted], [path])
+    start, required = ca.MX.sym("start", n), ca.MX.sym("wanted", 3 * n, len(lengths))
+    path = step.mapaccum(len(lengths))(start, required, ca.DM(lengths).T)
+    return ca.Function("steps", [start, required], [path])

@@ -19,8 +19,8 @@ def point_functions(model: PathModel, n: int, rows: int, controlled: bool) -> di
     residual, energy = task @ qdot - ca.vertcat(v, ca.SX(model.momenta, 1)), qdot.T @ mass @ qdot
     if controlled:
         # zeta: dependent angular velocities along the direction in which the null space changes them.
-        columns = [[j for j in range(n) if j != left] for left in range(n)]
-        null = ca.vertcat(*[(-1) ** left * ca.det(task[:, c]) for left, c in enumerate(columns)])
+        columns = [[j for j in range(n) if j != omitted] for omitted in range(n)]
+        null = ca.vertcat(*[(-1) ** omitted * ca.det(task[:, c]) for omitted, c in enumerate(columns)])
         direction = angular @ null
         component = ca.dot(direction, angular @ qdot) / ca.norm_2(direction)
         residual = ca.vertcat(residual, component)

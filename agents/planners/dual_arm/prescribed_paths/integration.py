@@ -39,7 +39,7 @@ def integrate(
     reached, calls = [0.0], [0]
 
     def derivative(time: float, state: Array) -> Array:
-        """Of the joint angles and the energy."""
+        """Time derivatives of the joint angles and the energy."""
         reached[0] = time
         calls[0] += 1
         if calls[0] > MAX_CALLS:

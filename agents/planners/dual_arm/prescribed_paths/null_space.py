@@ -33,9 +33,9 @@ def solutions(at: Matrices, velocity: Array) -> tuple[Array, Array] | Failure:
         return _singular("the end-effector velocities and the reactionless constraint depend on each other")
     square[:, :rows] = factors
     q, _, _ = _orgqr(square, tau, overwrite_a=True)
-    wanted = np.zeros(rows)
-    wanted[: len(velocity)] = velocity
-    along, _ = _trtrs(factors[:rows], wanted, trans=1)
+    velocities = np.zeros(rows)
+    velocities[: len(velocity)] = velocity
+    along, _ = _trtrs(factors[:rows], velocities, trans=1)
     return q[:, :rows] @ along, q[:, rows:]
 
 

@@ -150,8 +150,8 @@ class _Problem:
                 return found
             particular, null = found
             position, velocity = curve(time)
-            wanted = velocity + FEEDBACK * (position - q)
-            return particular + null @ (null.T @ (wanted - particular))
+            desired = velocity + FEEDBACK * (position - q)
+            return particular + null @ (null.T @ (desired - particular))
 
         return integrate(METHOD, self.robot, self.capture, self.limits, self.path, law, note)
 

@@ -121,8 +121,8 @@ def _build(robot: FloatingRobot) -> SingleArm:
     sphere = rotated(r, centre - com, back=True) + middle
     squares = []
     for link in np.flatnonzero(long).tolist():
-        begin, along = ends[:, link], ends[:, link + 1] - ends[:, link]
-        to_sphere = sphere - begin
+        root, along = ends[:, link], ends[:, link + 1] - ends[:, link]
+        to_sphere = sphere - root
         share = ca.fmin(ca.fmax(ca.dot(to_sphere, along) / ca.dot(along, along), 0.0), 1.0)
         offset = to_sphere - share * along
         squares.append(ca.dot(offset, offset))

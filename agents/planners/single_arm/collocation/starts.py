@@ -39,16 +39,16 @@ def end_configurations(
     value, slope = (f.map(SEARCHES) for f in (model.ending.value, model.ending.slope))
     given = [np.zeros((3, SEARCHES)), np.tile(com[:, None], SEARCHES)]
     given.append(np.tile(to_matrix(reach.quaternion), SEARCHES))
-    wanted = np.concatenate([reach.position, np.zeros(3)])
+    required = np.concatenate([reach.position, np.zeros(3)])
     for _ in range(_ITERATIONS):
-        error = wanted - value(q.T, *given).full().T
+        error = required - value(q.T, *given).full().T
         jacobian = slope(q.T, *given).full().reshape(6, SEARCHES, n + 3)[:, :, :n].swapaxes(0, 1)
         damping = np.clip(np.abs(error).max(axis=1), _LEAST_DAMPING, _DAMPING)[:, None, None] * np.eye(6)
         inner = np.linalg.solve(jacobian @ jacobian.swapaxes(1, 2) + damping, error[..., None])
         step = (jacobian.swapaxes(1, 2) @ inner)[..., 0]
         step *= np.minimum(_LARGEST_STEP / np.maximum(np.abs(step).max(axis=1), 1e-300), 1.0)[:, None]
         q = np.clip(q + step, low, high)
-    error = np.abs(wanted - value(q.T, *given).full().T).max(axis=1)
+    error = np.abs(required - value(q.T, *given).full().T).max(axis=1)
     # Sines vanish at half a revolution too.
     axes = robot.end_effector_pose(q)[1]
     aligned = np.trace(to_matrix(reach.quaternion).T @ axes, axis1=1, axis2=2) > 1.0

@@ -170,8 +170,8 @@ def predicted_costs(space: WeightSpace, starts: Array, keep_attitude: bool) -> A
     pull = (at.residual[:, None] @ jacobian)[:, 0]
     right = np.concatenate([-pull, -at.goal_error[:, :constrained]], axis=1)
     step = np.linalg.solve(matrix, right[..., None])[:, :size]
-    left = at.residual + (jacobian @ step)[..., 0]
-    return (left * left).sum(axis=1)
+    remaining = at.residual + (jacobian @ step)[..., 0]
+    return (remaining * remaining).sum(axis=1)
 
 
 def _best(found: Sequence[SqpResult]) -> SqpResult | None:

@@ -139,9 +139,9 @@ class _Iterations:
         step, multipliers = found
         self._penalty = max(self._penalty, 1.5 * float(np.abs(multipliers).max()))
         value = self._merit(float(self._at.cost[0]), here.goal_error, self._violation)
-        left = here.residual + here.jacobian @ step
+        residual = here.residual + here.jacobian @ step
         remaining = self._penalty * (1.0 - part) * np.abs(here.goal_error).sum()
-        predicted = value - (float(left @ left) + remaining)
+        predicted = value - (float(residual @ residual) + remaining)
         trial = self._tried(step)
         if value - trial.value < CORRECTION_RATIO * predicted:
             trial = self._corrected(here, step, trial, extra)
