@@ -79,7 +79,7 @@ def every_hold(env, seed):
     return actions
 
 
-@pytest.mark.parametrize("n", [16, pytest.param(256, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("n", [32, pytest.param(256, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("mode", CONTROL_MODES)
 @pytest.mark.parametrize("name", ROBOTS)
 def test_total_momentum_drifts_at_most_1e_6_of_what_a_body_carried(name, mode, n):
