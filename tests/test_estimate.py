@@ -25,7 +25,7 @@ def test_a_dry_run_measures_what_it_does_not_know_and_writes_nothing(
     assert not (tmp_path / "out").exists()
     told = capsys.readouterr().out.replace("\n", "")
     assert [len(chunk.indices) for chunk in evaluated] == [dry_run.TRIAL]
-    assert "1 chunk of episodes; about 39 s, between 9 and 190 s: 12 s of playing with 1 job" in told
+    assert "1 chunk of episodes; about 39 s, between 9 and 190 s: 12 s of episodes with 1 job" in told
     assert "24 s of timing, 3 s for the report" in told
     # What was measured once is known.
     assert main([*arguments, "--dry-run"]) == 0
@@ -42,6 +42,6 @@ def test_a_dry_run_measures_what_it_does_not_know_and_writes_nothing(
     # Two chunks, of 25 and of 5 episodes, on two of four processes: no less than the longer one.
     told = capsys.readouterr().out.replace("\n", "")
     assert (
-        "2 chunks of episodes; about 58 s, between 31 and 86 s: 50 s of playing with 4 jobs, 6 s of timing"
+        "2 chunks of episodes; about 58 s, between 31 and 86 s: 50 s of episodes with 4 jobs, 6 s of timing"
         in told
     )

@@ -2,6 +2,7 @@
 
 import inspect
 import json
+import os
 import subprocess
 import sys
 from dataclasses import fields
@@ -40,7 +41,9 @@ RewardTerm("speed", 3.0, -0.1)  # wrong
 def test_a_type_checker_sees_the_types_from_a_users_file(tmp_path: Path) -> None:
     (tmp_path / "user.py").write_text(USER)
     command = [sys.executable, "-m", "pyright", "--pythonpath", sys.executable, "--outputjson", "user.py"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    # Type checkers do not follow the import hook of an editable install; this stands for a usual one.
+    installed = {**os.environ, "PYTHONPATH": str(Path(str(files("space_envs"))).parent)}
+    done = subprocess.run(command, cwd=tmp_path, env=installed, capture_output=True, text=True, check=False)
     found = json.loads(done.stdout)["generalDiagnostics"]
     lines = USER.splitlines()
     assert [lines[each["range"]["start"]["line"]].partition("  # ")[2] for each in found] == ["wrong"] * 3
