@@ -3,6 +3,7 @@
 import itertools
 import json
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import harness_policies
@@ -14,6 +15,7 @@ from agents.commands.evaluate import main
 from agents.planners.common.plans import Cause, Failure
 from agents.policies.registry import POLICIES, RegisteredPolicy
 from agents.policies.resolve import resolve_policy
+from space_envs.errors import RenderingError
 from space_envs.evaluation.harness import runner
 from space_envs.evaluation.harness.evaluation import Evaluation
 from space_envs.evaluation.harness.runner import prepare
@@ -23,6 +25,7 @@ from space_envs.evaluation.play.playing import split_indices
 from space_envs.evaluation.play.timing import time_policy
 from space_envs.evaluation.records.metrics import episode_metrics
 from space_envs.evaluation.records.storage import read_records, records_without_timing
+from space_envs.evaluation.replay import videos
 from space_envs.registration import make_task
 
 SINGLE = "SpaceCapture/SingleArm-v0"
@@ -343,3 +346,15 @@ def test_a_users_own_class_runs_by_its_name(tmp_path, capsys, monkeypatch):
     assert "my_package:Still" in capsys.readouterr().out
     sys.modules.pop("my_package")
     assert {record.outcome for record in read_records(tmp_path / "out" / "records.jsonl")} == {"timeout"}
+
+
+def test_videos_that_cannot_be_drawn_are_no_silence(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    def cannot(*_: object) -> None:
+        raise RenderingError("this machine has no OpenGL")
+
+    monkeypatch.setattr(videos, "write_video", cannot)
+    words = ["--policy", "hold", "--episodes", "1", "--split", "validation", "--jobs", "1", "--no-pictures"]
+    assert main([*words, "--videos", "--output", str(tmp_path / "out")]) == 0
+    assert capsys.readouterr().err.count("There are no videos: this machine has no OpenGL") == 1

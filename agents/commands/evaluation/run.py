@@ -179,3 +179,5 @@ def _show(result: EvaluationResult, paths: ReportPaths) -> None:
         ("Summary", paths.summary),
     ):
         console.print(f"{label + ':':13}{path}", highlight=False, soft_wrap=True, markup=False)
+    if paths.videos_note:
+        print(paths.videos_note, file=sys.stderr)

@@ -30,11 +30,6 @@ def packed(arrays: Sequence[NDArray[Any]]) -> str:
     return base64.b64encode(zlib.compress(raw, 9)).decode("ascii")
 
 
-def unpacked(text: str) -> bytes:
-    """The bytes that `packed` was given."""
-    return zlib.decompress(base64.b64decode(text))
-
-
 def quantised(values: NDArray[np.float64]) -> tuple[NDArray[np.int16], float]:
     """Whole numbers and the unit that takes them back: values = whole numbers * unit, to half a unit."""
     unit = float(np.abs(values).max(initial=0.0)) / _FULL or 1.0
