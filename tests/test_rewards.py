@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from space_envs.errors import ConfigurationError
+from space_envs.tasks.common import CaptureErrors
 from space_envs.tasks.rewards import RewardTerm, StepQuantities
 from space_envs.tasks.single_arm import SingleArmTask
 
@@ -71,3 +72,29 @@ def test_a_term_is_refused_with_what_is_wrong():
 
     with pytest.raises(ConfigurationError, match="names of reward terms must differ"):
         Twice()
+
+
+def test_every_term_of_the_dense_reward_is_what_the_page_says():
+    """From numbers worked out by hand: -c_v^2, angles in rad, exp(-worst ratio), mean squared action."""
+    task = SingleArmTask()
+    made = quantities(task, 2)
+    errors = CaptureErrors(*(np.full(2, value) for value in (0.1, 0.2, 0.0, 0.0, 0.3)))
+    action = np.array([[1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], [0.5] * 7])
+    none = np.zeros(2, dtype=bool)
+    step = made._replace(
+        errors=errors, attitude=np.array([0.25, 0.5]), action=action, captured=none, failed=none
+    )
+    assert (task.limits.position, round(np.rad2deg(task.limits.orientation), 9)) == (0.05, 5.0)
+    ratio = 0.2 / np.deg2rad(5.0)  # of the angle, larger than 0.1 / 0.05
+    expected = {
+        "attitude": [-0.009, -0.009],
+        "attitude_angle": [-0.025, -0.05],
+        "position": [-0.01, -0.01],
+        "orientation": [-0.01, -0.01],
+        "precision": [0.1 * np.exp(-ratio)] * 2,
+        "effort": [-0.002 / 7, -0.0005],
+        "capture": [0.0, 0.0],
+        "failure": [0.0, 0.0],
+    }
+    assert [term.name for term in task.reward_terms] == list(expected)
+    np.testing.assert_allclose(task.weighted_terms(step).T, list(expected.values()), rtol=1e-12, atol=0.0)
