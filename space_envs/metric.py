@@ -16,6 +16,7 @@ Better = Literal["higher", "lower"]
 STATISTICS = ("interquartile mean", "median", "mean", "largest")
 ROOMS = ("full", "readme", "paper")
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
+_MARKUP = re.compile(r"[\x00-\x1f\x7f|<>`$\[\]{}\\#&~]")
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,8 @@ class Display:
     order: int = 100
 
     def __post_init__(self) -> None:
+        check_plain("title of a display", self.title)
+        check_plain("unit of a display", self.unit)
         for kind, value, valid in (
             ("better", self.better or "higher", ("higher", "lower")),
             ("statistic", self.statistic, STATISTICS),
@@ -84,6 +87,7 @@ class Metric:
     of_captures: bool = False
 
     def __post_init__(self) -> None:
+        check_plain("unit of a metric", self.unit)
         if not _NAME.fullmatch(self.name):
             raise ConfigurationError(
                 f"a metric's name has lower-case letters, digits and underscores, got {self.name!r}"
@@ -99,3 +103,9 @@ class Metric:
         """Unit and meaning in a sentence."""
         text = f"{self.unit}, {self.meaning}" if self.unit else self.meaning[:1].upper() + self.meaning[1:]
         return f"{text}; null without a capture." if self.of_captures else f"{text}."
+
+
+def check_plain(kind: str, text: str) -> None:
+    """Refuse text that would be markup in some table. Raises ConfigurationError."""
+    if _MARKUP.search(text):
+        raise ConfigurationError(f"{kind} must be plain text on one line, got {text!r}")

@@ -2,6 +2,8 @@
 
 import json
 import os
+import re
+import sys
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
@@ -100,11 +102,24 @@ def test_a_ray_cluster_imports_the_package_too(ran: Path, monkeypatch: pytest.Mo
     assert records_without_timing(on_ray) == records_without_timing(usual)
 
 
+def test_tables_of_results_need_no_package(ran: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    sprint, merged = str(ran / "results/sprint"), ran / "results/merged"
+    for command in (["show", sprint, "--sort", "closest"], ["compare", sprint, "--output", str(merged)]):
+        forget()
+        assert evaluate(command) == 0
+        printed = capsys.readouterr()
+        assert re.search(r"closest.*\n.*\bmm\b", printed.out)
+    assert "my_capture" not in sys.modules and "no replays of MyCapture/Sprint-v0" in printed.err
+    assert evaluate(["show", str(merged)]) == 0 and " mm " in capsys.readouterr().out
+    first, again = ((ran / "results" / name / "leaderboard.tex").read_text() for name in ("sprint", "merged"))
+    assert first == again
+    page = (merged / "report.html").read_text()
+    assert "smallest distance of the end-effector from the grapple; lower is better" in page
+
+
 def test_what_is_not_known_says_how_to_name_it(ran: Path, capsys: pytest.CaptureFixture[str]) -> None:
     forget()
     sprint = str(ran / "results/sprint")
-    assert evaluate(["compare", sprint, "--output", str(ran / "no")]) == 2
-    assert f"--env module:{ENV_ID}" in capsys.readouterr().err
     assert (
         evaluate(["replay", sprint, "--policy", "gjm", "--episode", "0", "--video", str(ran / "a.gif")]) == 2
     )

@@ -17,6 +17,7 @@ from space_envs.errors import ConfigurationError
 from space_envs.evaluation.leaderboard.build import build_rows
 from space_envs.evaluation.leaderboard.columns import COLUMNS, column_named, columns_of
 from space_envs.evaluation.leaderboard.row import Row
+from space_envs.evaluation.records.descriptions import described_metrics, description
 from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.records.metrics import METRICS, episode_metrics
 from space_envs.evaluation.report.page.html import to_html
@@ -138,14 +139,27 @@ def test_the_page_has_the_column_in_the_section_of_its_task(rows: list[Row]) -> 
     assert "<button" in first and "jerkiness" not in first and ">jerkiness<small>N mm²" in second
 
 
-def test_numbers_of_a_task_that_is_not_registered_are_shown_by_their_names(
-    monkeypatch: pytest.MonkeyPatch,
+def test_numbers_of_a_task_that_is_not_registered_are_shown_as_described(
+    monkeypatch: pytest.MonkeyPatch, rows: list[Row]
 ) -> None:
     own = [record.to_json() for record in records() if record.env_id == OWN]
+    descriptions = json.loads(json.dumps({OWN: [description(metric) for metric in WatchedTask.metrics]}))
     monkeypatch.delitem(ENTRIES, OWN)
-    (row,) = build_rows([EpisodeRecord.from_json(line) for line in own], np.random.default_rng(0))
+    read = [EpisodeRecord.from_json(line) for line in own]
+    described = described_metrics(descriptions)
+    (row,) = build_rows(read, np.random.default_rng(0), described=described)
+    assert columns_of(row.metrics) == columns_of(rows[1].metrics)
+    assert row.to_dict() == rows[1].to_dict()
+    (row,) = build_rows(read, np.random.default_rng(0))
     titles = [column.title for column in columns_of(row.metrics)]
-    assert "jerkiness" in titles and "doubt" in titles
+    assert "jerkiness" in titles and "doubt" in titles  # by their names
+    with pytest.raises(ConfigurationError, match="has no function"):
+        described[OWN][0].of(None, None)
+    for change in ({"unit": 3}, {"name": "Two words"}, {"display": {}}, {"unit": "<b>"}, {"more": 1}):
+        with pytest.raises(ConfigurationError):
+            described_metrics({OWN: [descriptions[OWN][0] | change]})
+    with pytest.raises(ConfigurationError, match="an object of lists"):
+        described_metrics({OWN: 3})
 
 
 @pytest.mark.parametrize("metrics", [(METRICS[0],), (WatchedTask.metrics[0],) * 2])

@@ -12,7 +12,7 @@ from space_envs.evaluation.records.episode import RECORDS
 from space_envs.evaluation.report.folder import write_report
 from space_envs.evaluation.results.folders import read_folder
 from space_envs.evaluation.results.merge import Source, merge
-from space_envs.registration import ENTRIES, find
+from space_envs.registration import find
 from space_envs.system.command_line import AppendValues, Parser, exit_status, output_path
 from space_envs.system.output import check_free, held
 from space_envs.system.provenance import versions
@@ -48,7 +48,7 @@ def parser() -> argparse.ArgumentParser:
     add("--overwrite", action="store_true", help="replace the comparison that the folder holds")
     what = "append NAME to the names of a folder's policies; can be given several times"
     add("--name", action="append", default=[], metavar="RESULTS=NAME", help=what)
-    what = "ids of other packages, as module:id, whose module is imported to know their tasks"
+    what = "ids of other packages, as module:id; their modules are imported, which replays need"
     add("--env", action=AppendValues, nargs="+", default=[], metavar="ID", help=what)
     what = "accept folders that share no version, difficulty or split, as tables of their own"
     add("--separate", action="store_true", help=what)
@@ -73,11 +73,6 @@ def _run(options: argparse.Namespace, arguments: list[str]) -> None:
             f"{options.output} holds a comparison already; --overwrite replaces it, or name another folder"
         )
     sources = [Source(read_folder(path), names.get(path.resolve(), "")) for path in folders]
-    for env_id in dict.fromkeys(record.env_id for source in sources for record in source.folder.records):
-        if env_id not in ENTRIES:
-            raise ConfigurationError(
-                f"{env_id} is of another package: name the module that registers it, --env module:{env_id}"
-            )
     about = {
         "command": shlex.join(["evaluate.py", "compare", *arguments]),
         "seeds": sorted({record.seed for source in sources for record in source.folder.records}),
@@ -87,7 +82,7 @@ def _run(options: argparse.Namespace, arguments: list[str]) -> None:
     result = replace(result, experts=expert_names())
     with held(options.output, COMPARISON):
         write_report(result, options.output)
-    show(result.records, options.output, notes=notes)
+    show(result.records, options.output, result.described, notes=notes)
 
 
 def _distinct(paths: list[Path]) -> list[Path]:

@@ -15,6 +15,7 @@ from space_envs.evaluation.leaderboard.build import build_rows
 from space_envs.evaluation.leaderboard.columns import COLUMNS, column_named, columns_of
 from space_envs.evaluation.leaderboard.row import Row
 from space_envs.evaluation.records.episode import RECORDS, REPORT, EpisodeRecord
+from space_envs.evaluation.records.metrics import Described
 from space_envs.evaluation.report.folder import BOOTSTRAP_SEED
 from space_envs.evaluation.report.tables.terminal import to_terminal
 from space_envs.evaluation.report.tables.wording import by_task
@@ -43,18 +44,24 @@ def main(arguments: list[str]) -> int:
 def _run(options: argparse.Namespace) -> None:
     folder = read_folder(options.results)
     records = of_tasks(folder.records, options.task)
-    show(records, folder.path, options.sort, folder.notes)
+    show(records, folder.path, folder.described, options.sort, folder.notes)
 
 
 def show(
-    records: Sequence[EpisodeRecord], folder: Path, sort: str | None = None, notes: Sequence[str] = ()
+    records: Sequence[EpisodeRecord],
+    folder: Path,
+    described: Described,
+    sort: str | None = None,
+    notes: Sequence[str] = (),
 ) -> None:
     """Print the table of records and the paths of the report and the records; notes go to standard error.
+
+    Metrics of tasks of other packages are shown as they are `described`.
 
     Raises:
         ConfigurationError: for an unknown column.
     """
-    rows = build_rows(records, np.random.default_rng(BOOTSTRAP_SEED))
+    rows = build_rows(records, np.random.default_rng(BOOTSTRAP_SEED), described=described)
     if sort is not None:
         rows = sorted_rows(rows, sort)
     console = Console()

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import partial
 from itertools import groupby
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,7 @@ from space_envs.evaluation.leaderboard.row import FailureCount, Row
 from space_envs.evaluation.play.causes import CAUSES, OUTCOMES
 from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
 from space_envs.evaluation.records.episode import EpisodeRecord
+from space_envs.evaluation.records.metrics import Described
 from space_envs.evaluation.statistics.averages import Statistic, interquartile_mean, median
 from space_envs.evaluation.statistics.intervals import MISSING, Estimate, stratified_bootstrap
 from space_envs.evaluation.statistics.resampling import named_generator
@@ -48,13 +50,17 @@ STATISTICS: dict[str, Statistic] = {
 
 
 def build_rows(
-    records: Iterable[EpisodeRecord], generator: np.random.Generator, resamples: int = 5000
+    records: Iterable[EpisodeRecord],
+    generator: np.random.Generator,
+    resamples: int = 5000,
+    described: Described = MappingProxyType({}),
 ) -> list[Row]:
     """Aggregate records into rows, best first within each task.
 
     Sorted by the kept-attitude score, then success, then base disturbance, then name; baselines and policies
     without a capture stand behind and have no rank. The interval of a row depends on the generator and that
-    row's records only, not on which other policies stand in the table. Raises ConfigurationError where an
+    row's records only, not on which other policies stand in the table. Metrics of tasks of other packages are
+    shown as they are `described`. Raises ConfigurationError where an
     episode stands twice, a row would mix configurations or a table versions of its task.
     """
     groups: dict[LeaderboardEntry, list[EpisodeRecord]] = {}
@@ -67,7 +73,9 @@ def build_rows(
             numbers = " and ".join(map(str, sorted(found)))
             raise ConfigurationError(f"records of {task} mix the versions {numbers} of the task")
     entropy = int(generator.integers(2**63))
-    rows = sorted((_row(key, group, entropy, resamples) for key, group in groups.items()), key=_order)
+    rows = sorted(
+        (_row(key, group, entropy, resamples, described) for key, group in groups.items()), key=_order
+    )
     return [row for _, group in groupby(rows, key=lambda row: row.task) for row in _ranked(list(group))]
 
 
@@ -76,7 +84,13 @@ def _ranked(rows: list[Row]) -> list[Row]:
     return [replace(row, rank=number if row.competes else None) for number, row in enumerate(rows, start=1)]
 
 
-def _row(entry: LeaderboardEntry, records: list[EpisodeRecord], entropy: int, resamples: int) -> Row:
+def _row(
+    entry: LeaderboardEntry,
+    records: list[EpisodeRecord],
+    entropy: int,
+    resamples: int,
+    described: Described,
+) -> Row:
     task, policy, control_mode = entry.task, entry.policy, entry.control_mode
     hashes = sorted({record.config_hash for record in records})
     if len(hashes) > 1:
@@ -95,7 +109,8 @@ def _row(entry: LeaderboardEntry, records: list[EpisodeRecord], entropy: int, re
         words = (task.env_id, task.difficulty, task.split, policy, control_mode, name)
         return named_generator(entropy, *words)
 
-    metrics = figures_of(task.env_id, dict.fromkeys(name for record in records for name in record.metrics))
+    names = dict.fromkeys(name for record in records for name in record.metrics)
+    metrics = figures_of(task.env_id, names, described)
     outcomes = Counter(record.outcome for record in records)
     return Row(
         rank=None,

@@ -3,12 +3,13 @@
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from space_envs.evaluation.records.episode import EpisodeRecord
-from space_envs.evaluation.records.metrics import metrics_of
+from space_envs.evaluation.records.metrics import Described, metrics_of
 from space_envs.evaluation.statistics.scores import ATTITUDE_LIMITS
 from space_envs.metric import Display, Metric
 
@@ -56,13 +57,16 @@ COST_TIMES_DURATION = MetricFigure(
 )
 
 
-def figures_of(env_id: str, names: Iterable[str] = ()) -> tuple[MetricFigure, ...]:
+def figures_of(
+    env_id: str, names: Iterable[str] = (), described: Described = MappingProxyType({})
+) -> tuple[MetricFigure, ...]:
     """Figures that are made of the metrics of an id's records, in the order of the tables.
 
     Args:
-        names: of the records' metrics; one that no task of this process explains is shown as a plain number.
+        names: of the records' metrics; one that nothing explains is shown as a plain number.
+        described: metrics of the results' tasks, where they say so.
     """
-    metrics = metrics_of(env_id)
+    metrics = metrics_of(env_id, described)
     known = {metric.name for metric in metrics}
     found = [figure for metric in metrics if (figure := _figure(metric)) is not None]
     found += [_unknown(name) for name in names if name not in known]
@@ -77,7 +81,7 @@ def _figure(metric: Metric) -> MetricFigure | None:
 
 
 def _unknown(name: str) -> MetricFigure:
-    meaning = "a metric of a task that is not registered here"
+    meaning = "a metric that these results do not describe"
     return MetricFigure(name, "", meaning, Display(name.replace("_", " ")), _value(name))
 
 

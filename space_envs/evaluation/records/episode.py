@@ -52,7 +52,7 @@ class EpisodeRecord:
 
     def __post_init__(self) -> None:
         for name, kind in PLAIN.items():
-            value = checked(name, getattr(self, name), kind, empty=name in MAY_BE_EMPTY)
+            value = checked(name, getattr(self, name), kind, signed=False, empty=name in MAY_BE_EMPTY)
             object.__setattr__(self, name, value)
         object.__setattr__(self, "timing", checked_timing(self.timing))
         if self.schema != SCHEMA_VERSION:

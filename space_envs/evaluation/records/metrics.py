@@ -1,7 +1,8 @@
 """Table of the metrics that every task has, and the function of each."""
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -183,9 +184,19 @@ METRICS: tuple[Metric, ...] = (
 )
 
 
-def metrics_of(env_id: str) -> tuple[Metric, ...]:
+Described = Mapping[str, tuple[Metric, ...]]
+"""Metrics of tasks' own by environment id, as results describe them."""
+
+
+def metrics_of(env_id: str, described: Described = MappingProxyType({})) -> tuple[Metric, ...]:
     """Metrics of an id's episodes in the order of the records: those of every task, then its own."""
-    return METRICS + (ENTRIES[env_id].task.metrics if env_id in ENTRIES else ())
+    return METRICS + own_metrics(env_id, described)
+
+
+def own_metrics(env_id: str, described: Described = MappingProxyType({})) -> tuple[Metric, ...]:
+    """Metrics of an id's task alone: as they are described, else as the task is registered."""
+    registered = ENTRIES[env_id].task.metrics if env_id in ENTRIES else ()
+    return described.get(env_id, registered)
 
 
 def is_registered(env_id: str) -> bool:

@@ -3,7 +3,7 @@
 import math
 import types
 from collections.abc import Collection, Mapping
-from typing import Any, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -17,8 +17,8 @@ def checked(name: str, value: Any, kind: Any, signed: bool = True, empty: bool =
     """The value of a field in a type of Python's own; NumPy scalars become plain.
 
     Args:
-        kind: bool, int, float or str, or its union with None. signed: whether a float may be negative, as an
-            int never may. empty: whether a text may be empty.
+        kind: bool, int, float, str or a Literal of texts, or its union with None. signed: whether a number
+            may be negative. empty: whether a text may be empty.
 
     Raises:
         ConfigurationError: naming the field.
@@ -36,7 +36,7 @@ def checked(name: str, value: Any, kind: Any, signed: bool = True, empty: bool =
         raise ConfigurationError(f"{name} must be {kind.__name__}, got {abbreviated(value)}")
     if kind is float and not math.isfinite(value):
         raise ConfigurationError(f"{name} must be finite, got {value}; a value that does not exist is null")
-    if (kind is int or (kind is float and not signed)) and value < 0:
+    if kind in (int, float) and not signed and value < 0:
         raise ConfigurationError(f"{name} must not be negative, got {value}")
     if kind is str and not (empty or value):
         raise ConfigurationError(f"{name} must not be empty")
@@ -87,10 +87,10 @@ def checked_timing(value: Any) -> Timing:
 
 def plain_kind(kind: Any) -> tuple[type, bool]:
     """The type in a union with None, and whether None may stand in its place."""
-    if get_origin(kind) not in (types.UnionType, Union):
-        return kind, False
-    (plain,) = (option for option in get_args(kind) if option is not types.NoneType)
-    return plain, True
+    optional = get_origin(kind) in (types.UnionType, Union)
+    if optional:
+        (kind,) = (option for option in get_args(kind) if option is not types.NoneType)
+    return (str if get_origin(kind) is Literal else kind), optional
 
 
 def abbreviated(value: Any) -> str:

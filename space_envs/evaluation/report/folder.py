@@ -14,7 +14,9 @@ from space_envs.evaluation.leaderboard.normalised import Scores
 from space_envs.evaluation.leaderboard.row import Row
 from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
 from space_envs.evaluation.play.episode_file import save_episodes
+from space_envs.evaluation.records.descriptions import description
 from space_envs.evaluation.records.episode import RECORDS, REPORT, SCHEMA_VERSION, SUMMARY
+from space_envs.evaluation.records.metrics import own_metrics
 from space_envs.evaluation.records.names import file_name, joined_file_name
 from space_envs.evaluation.records.storage import write_records
 from space_envs.evaluation.replay.videos import write_videos
@@ -64,7 +66,7 @@ def write_report(
     if not result.records:
         raise ConfigurationError("a report needs at least one record")
     generator = np.random.default_rng(BOOTSTRAP_SEED) if generator is None else generator
-    rows = build_rows(result.records, generator)
+    rows = build_rows(result.records, generator, described=result.described)
     scores = all_scores(result.records, result.experts, generator)
     summary_json(result, rows, scores, {})  # refuses provenance that is not plain, before plots take time
     plots = make_plots(result, rows, scores, generator)
@@ -114,8 +116,7 @@ def write_report(
 def summary_json(
     result: EvaluationResult, rows: Sequence[Row], scores: Scores, checksums: Mapping[str, str]
 ) -> str:
-    """Schema version, provenance, rows, each with its file of episodes if it has one, and the SHA-256 of
-    files that others may rely on, as indented JSON."""
+    """Content of summary.json: provenance, rows, the tasks' own metrics, and checksums of files."""
     summary = {
         "schema": SCHEMA_VERSION,
         "provenance": result.provenance,
@@ -129,6 +130,11 @@ def summary_json(
             }
             for row in rows
         ],
+        "metrics": {
+            env_id: [description(metric) for metric in own]
+            for env_id in dict.fromkeys(row.task.env_id for row in rows)
+            if (own := own_metrics(env_id, result.described))
+        },
         "checksums": dict(checksums),
     }
     try:

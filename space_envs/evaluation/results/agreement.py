@@ -3,6 +3,7 @@
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from space_envs.errors import ConfigurationError
@@ -31,6 +32,7 @@ def check_agreement(folders: Sequence[ResultFolder], separate: bool = False) -> 
             the task.
     """
     _check_task_versions(folders)
+    _check_metrics(folders)
     if not separate:
         _check_shared(folders)
     uses: dict[tuple[str, str], list[_Use]] = {}
@@ -69,6 +71,20 @@ def _check_task_versions(folders: Sequence[ResultFolder]) -> None:
                 f"records of {env_id} are of {parts}: what is asked, or how it is scored, changed in "
                 "between; evaluate the older again"
             )
+
+
+def _check_metrics(folders: Sequence[ResultFolder]) -> None:
+    """A task's own metrics must be the same numbers in every folder that describes them."""
+    found: dict[str, tuple[str, Path]] = {}
+    for folder in folders:
+        for env_id, metrics in folder.described.items():
+            names = ", ".join(f"{metric.name} [{metric.unit}]" for metric in metrics)
+            first, path = found.setdefault(env_id, (names, folder.path))
+            if first != names:
+                raise ConfigurationError(
+                    f"records of {env_id} have different metrics: {first} in {path} and {names} in "
+                    f"{folder.path}"
+                )
 
 
 def _check_shared(folders: Sequence[ResultFolder]) -> None:

@@ -11,7 +11,9 @@ from space_envs.evaluation.play.entry import LeaderboardEntry
 from space_envs.evaluation.play.episode_file import load_episodes
 from space_envs.evaluation.play.episodes import EpisodeBatch
 from space_envs.evaluation.records.configuration import configuration_hash
+from space_envs.evaluation.records.descriptions import described_metrics
 from space_envs.evaluation.records.episode import RECORDS, SCHEMA_VERSION, SUMMARY, EpisodeRecord
+from space_envs.evaluation.records.metrics import Described
 from space_envs.evaluation.records.storage import read_records
 from space_envs.evaluation.results.result import EPISODES, entry_stem
 from space_envs.system.digests import file_digest
@@ -25,12 +27,14 @@ class ResultFolder:
 
     Attributes:
         path: of the folder. records: all of them, each validated. summary: of summary.json, empty where
-            there is none. notes: what a reader should know of it.
+            there is none. described: metrics of its tasks' own, by id, as the summary has them. notes: what a
+            reader should know of it.
     """
 
     path: Path
     records: tuple[EpisodeRecord, ...]
     summary: Mapping[str, Any]
+    described: Described
     notes: tuple[str, ...] = ()
 
     @property
@@ -94,6 +98,7 @@ def read_folder(path: str | Path) -> ResultFolder:
     try:
         found = read_records(records)
         content = _read_summary(summary) if summary.is_file() else {}
+        described = described_metrics(content.get("metrics", {}))
         _verify(path, RECORDS, content)
     except ConfigurationError as error:
         hint = "; an evaluation into this folder was interrupted, the same command with --resume finishes it"
@@ -107,7 +112,7 @@ def read_folder(path: str | Path) -> ResultFolder:
         notes.append(f"an evaluation into {path} {state}; these are the results from before it")
     if not content:
         notes.append(f"{path} has no {SUMMARY}: neither its configuration nor that nobody edited it is known")
-    return ResultFolder(path, tuple(found), content, tuple(notes))
+    return ResultFolder(path, tuple(found), content, described, tuple(notes))
 
 
 def _read_summary(path: Path) -> dict[str, Any]:

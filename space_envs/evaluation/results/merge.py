@@ -85,6 +85,7 @@ def merge(
         provenance=_provenance(sources, provenance),
         pictures_note=NO_PICTURES,
         replays=replays,
+        described={env_id: own for source in sources for env_id, own in source.folder.described.items()},
     )
     read = [note for source in sources for note in source.folder.notes]
     return result, [*read, *_repetitions(repeated), *_mixtures(entries), *_coverage(entries), *unknown]

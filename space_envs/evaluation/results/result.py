@@ -7,6 +7,7 @@ from typing import Any
 from space_envs.evaluation.play.entry import LeaderboardEntry
 from space_envs.evaluation.play.episodes import EpisodeBatch
 from space_envs.evaluation.records.episode import EpisodeRecord
+from space_envs.evaluation.records.metrics import Described
 from space_envs.evaluation.records.names import joined_file_name
 from space_envs.evaluation.replay.replay import Replay
 from space_envs.evaluation.replay.stills import Still
@@ -22,8 +23,8 @@ class EvaluationResult:
     or the machine's load decides goes under its key `timing`, so that the rest repeats byte for byte.
     `pictures` holds stills of a capture for each entry, in order of time; where it is empty,
     `pictures_note` says why in one sentence. `episodes` holds all recorded ones of each entry, `replays` the
-    best, the median and the worst of them. `experts` are the names of policies among which the
-    best has the normalised score 1.
+    best, the median and the worst of them. `experts` are the names of policies among which the best has the
+    normalised score 1. `described` holds metrics of tasks that this process may not know.
     """
 
     records: Sequence[EpisodeRecord]
@@ -33,6 +34,7 @@ class EvaluationResult:
     pictures_note: str = ""
     replays: Mapping[LeaderboardEntry, Sequence[Replay]] = field(default_factory=dict)
     experts: Collection[str] = ()
+    described: Described = field(default_factory=dict)
 
 
 def entry_stem(entry: LeaderboardEntry) -> str:
