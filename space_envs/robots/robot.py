@@ -195,6 +195,21 @@ class Target:
 
 
 @dataclass(frozen=True)
+class View:
+    """Cameras and light of drawings, in the inertial frame, with the satellite at the origin.
+
+    Attributes:
+        overview, chase: position of a camera and the point it looks at; `chase` moves along with the robot.
+        earth: centre of the planet. sun: direction in which sunlight travels.
+    """
+
+    overview: tuple[Vector3, Vector3]
+    chase: tuple[Vector3, Vector3]
+    earth: Vector3 = (-370.0, 110.0, -340.0)
+    sun: Vector3 = (-0.50, 0.45, -0.74)
+
+
+@dataclass(frozen=True)
 class Robot:
     """A free-floating robot with one or two arms.
 
@@ -203,6 +218,8 @@ class Robot:
         satellite: the base. arms: one or two, with as many joints each.
         planar: whether it moves in the plane z = 0 only; all hinges are then along z.
         steps: time steps of its simulation. target: of two arms; None for one arm.
+        view: of drawings; None is one that shows the whole robot.
+        notes: sentences for its user about what was assumed or left out when it was read.
     """
 
     name: str
@@ -212,6 +229,8 @@ class Robot:
     steps: StepLimits
     planar: bool = False
     target: Target | None = None
+    view: View | None = None
+    notes: tuple[str, ...] = ()
 
     def __hash__(self) -> int:
         return hash(self.digest)
@@ -267,7 +286,7 @@ class Robot:
 
 def _numbers(value: Any) -> Iterator[str]:
     """Numbers of a value in the order of its fields, all digits, with the names of its fields."""
-    if isinstance(value, Visual | str):
+    if isinstance(value, Visual | View | str):
         return
     if is_dataclass(value):
         for field in fields(value):

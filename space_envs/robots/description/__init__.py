@@ -1,0 +1,1 @@
+"""Reading of robots from description files."""
