@@ -7,18 +7,10 @@ i - 1, and frame 0 is the satellite's centre of mass.
 
 from dataclasses import dataclass
 from math import pi
-from typing import NamedTuple
+
+from space_envs.robots.robot import StepLimits
 
 VARIANTS = ("paper", "physical")
-
-
-class StepLimits(NamedTuple):
-    """Time steps of a robot's simulation: the default, whose momentum drift is well below the bound (see
-    docs/momentum.md), the largest, and the largest control period, s."""
-
-    default_timestep: float
-    largest_timestep: float
-    largest_control_period: float
 
 
 # Verified for full-range motions in every control mode by python -m benchmarks.limits: momentum

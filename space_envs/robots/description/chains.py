@@ -1,4 +1,4 @@
-"""An arm as it is described, before it is mounted: what every source of arms, inline or a file, results in."""
+"""An arm as it is described, inline or by a file of its own, before it is mounted on a satellite."""
 
 from dataclasses import dataclass
 
