@@ -12,7 +12,7 @@ _MISSING = object()
 LARGEST_FILE = 10_000_000  # bytes of a description
 
 
-class Table:
+class DescriptionTable:
     """A table of a TOML file.
 
     Args:
@@ -77,18 +77,20 @@ class Table:
             return value
         return tuple(self._checked(finite_array, key, value, (length,)).tolist())
 
-    def table(self, key: str, keys: Sequence[str], default: Any = _MISSING) -> "Table":
-        """Table within this one."""
+    def table(self, key: str, keys: Sequence[str], default: Any = _MISSING) -> "DescriptionTable":
+        """DescriptionTable within this one."""
         name = f"{self.name}.{key}" if self.name else key
-        return Table(self.get(key, default), self.file, name, keys)
+        return DescriptionTable(self.get(key, default), self.file, name, keys)
 
-    def tables(self, key: str, keys: Sequence[str]) -> list["Table"]:
+    def tables(self, key: str, keys: Sequence[str]) -> list["DescriptionTable"]:
         """List of tables within this one, such as `[[arm]]`."""
         values = self.get(key, [])
         if not isinstance(values, list):
             raise self.error(f"{key} must be a list of tables, got {shown(values)}")
         name = f"{self.name}.{key}" if self.name else key
-        return [Table(value, self.file, f"{name} {n}", keys) for n, value in enumerate(values, start=1)]
+        return [
+            DescriptionTable(value, self.file, f"{name} {n}", keys) for n, value in enumerate(values, start=1)
+        ]
 
     def _checked(self, check: Any, key: str, value: Any, *more: Any) -> Any:
         try:

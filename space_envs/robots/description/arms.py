@@ -16,7 +16,7 @@ from space_envs.robots.robot import (
 
 
 @dataclass(frozen=True)
-class Chain:
+class DescribedArm:
     """A serial chain of links.
 
     Attributes:
