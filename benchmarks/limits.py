@@ -68,9 +68,9 @@ def run(
     if motion.diverged:
         return WorstFigures(np.inf, np.inf, -np.inf)
     qpos, qvel = motion.qpos, motion.qvel
-    ends, angles = env.task.robot.range, qpos[..., 7:]
+    ends, angles = env.task.mechanics.range, qpos[..., 7:]
     return WorstFigures(
-        float(momentum_drift(body_motion(env.task.robot, qpos, qvel))[1].max()),
+        float(momentum_drift(body_motion(env.task.mechanics, qpos, qvel))[1].max()),
         float(np.abs(qvel[..., 6:]).max() / env.task.parameters.rate_limit),
         float(np.minimum(angles - ends[:, 0], ends[:, 1] - angles).min()),
     )

@@ -66,7 +66,7 @@ def run(robot: SimulatedRobot, mode: str, timestep: float, episodes: int, seed: 
         raise SpaceEnvsError(
             f"{robot.name}, {mode}: the simulation diverges at a time step of {timestep:g} s"
         )
-    absolute, ratio = momentum_drift(body_motion(env.task.robot, motion.qpos, motion.qvel))
+    absolute, ratio = momentum_drift(body_motion(env.task.mechanics, motion.qpos, motion.qvel))
     return ModeResult(float(absolute.max()), float(ratio.max()), motion.qpos[:, 0, 7:], motion.torques)
 
 

@@ -56,14 +56,16 @@ class ReachSetting:
         task = SingleArmTask(difficulty=self.difficulty)
         goals = task.goals(split, np.arange(count))
         return [
-            Reach(task.robot.home, position, quaternion, keep_attitude=self.keep_attitude).checked(task.robot)
+            Reach(task.mechanics.home, position, quaternion, keep_attitude=self.keep_attitude).checked(
+                task.mechanics
+            )
             for position, quaternion in zip(goals.position, goals.quaternion, strict=True)
         ]
 
 
 def best_known(setting: ReachSetting, reach: Reach, number: int, collocation: bool) -> tuple[float, float]:
     """Lowest costs, m^2/s, in the weights from many initial guesses and by collocation; inf if none."""
-    robot = SingleArmTask().robot
+    robot = SingleArmTask().mechanics
     library = shipped_library(setting.keep_attitude, setting.limited)
     planner = OptimalPlanner(robot, setting.limits, library)
     space, bounds, rows = planner.setting(reach)
@@ -97,7 +99,7 @@ def compared(
     setting: ReachSetting, reaches: list[Reach], plans: list[ReachPlan | Failure], times: Array, best: Array
 ) -> tuple[list[str], Counter[str]]:
     """Cells of a row and counts of failure causes; `best` (K, 2) from `best_known`."""
-    model, robot = single_arm_model(), SingleArmTask().robot
+    model, robot = single_arm_model(), SingleArmTask().mechanics
     causes = Counter(str(plan.cause) for plan in plans if isinstance(plan, Failure))
     checked = [
         check(model, robot, reach, setting.limits, plan) if isinstance(plan, ReachPlan) else None
@@ -129,7 +131,7 @@ def compared(
 
 def evaluation_time(repeats: int = 500) -> float:
     """Time, ms, of the compiled twists with derivatives along a motion, which every iteration evaluates."""
-    functions = ArmFunctions.of(SingleArmTask().robot, INTERVALS)
+    functions = ArmFunctions.of(SingleArmTask().mechanics, INTERVALS)
     q = np.random.default_rng(0).standard_normal((2 * INTERVALS, 7))
     functions.slopes(q, q)
     before = time.perf_counter()
@@ -147,7 +149,7 @@ def table_of_goals(goals: dict[str, int], split: str, jobs: int, collocation: bo
                 setting = ReachSetting(difficulty, keep_attitude, limited)
                 reaches = setting.reaches(split, count)
                 planner = OptimalPlanner(
-                    SingleArmTask().robot, setting.limits, shipped_library(keep_attitude, limited)
+                    SingleArmTask().mechanics, setting.limits, shipped_library(keep_attitude, limited)
                 )
                 plans, times = timed(planner.plan, reaches)
                 work = (
@@ -176,7 +178,7 @@ def table_of_initial_guesses(count: int) -> None:
     for keep_attitude in (False, True):
         setting = ReachSetting("medium", keep_attitude, True)
         reaches = setting.reaches("validation", count)
-        library, robot = shipped_library(keep_attitude), SingleArmTask().robot
+        library, robot = shipped_library(keep_attitude), SingleArmTask().mechanics
         planners = {
             "none stored": OptimalPlanner(robot, setting.limits),
             "nearest": OptimalPlanner(robot, setting.limits, library, candidates=1, improved=1),

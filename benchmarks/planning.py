@@ -48,7 +48,7 @@ def measured(method: type[ReactionlessPolicy], task: str, goals: int) -> tuple[l
 def evaluation_time(task: str, repeats: int = 2000) -> float:
     """Time, s, of the compiled matrices at one configuration; every method does this hundreds of times."""
     env = CaptureVectorEnv(f"SpaceCapture/DualArm{task}-v0", 1)
-    robot = env.task.robot
+    robot = env.task.mechanics
     model = PathModel.of(robot)
     model(robot.home)
     before = time.perf_counter()

@@ -97,7 +97,7 @@ def single_rate(env_id: str, seconds: float) -> float:
     assert isinstance(env.unwrapped, CaptureEnv)
     env.unwrapped.task.goals("train", np.arange(env.unwrapped.task.split_size("train")))
     env.reset(seed=0)
-    size = env.unwrapped.task.robot.n_joints
+    size = env.unwrapped.task.mechanics.n_joints
     actions = np.random.default_rng(0).uniform(-1, 1, (100, size))
     count = iter(range(10**9))
 

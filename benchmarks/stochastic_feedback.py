@@ -85,7 +85,7 @@ def simulated_errors(
     """Errors of episodes under a law in MuJoCo, from rest at the start of the reach."""
     rng = np.random.default_rng(seed)
     simulation = _start(reach, setting, episodes, rng)
-    functions = ArmFunctions.of(SingleArmTask().robot, INTERVALS)
+    functions = ArmFunctions.of(SingleArmTask().mechanics, INTERVALS)
     steps = round(DURATION / PERIOD)
     error, torque = np.empty((2, steps, episodes, simulation.n_joints))
     planned = promp.position(np.linspace(0.0, 1.0, steps + 1)[1:])
@@ -124,7 +124,7 @@ def _end_errors(simulation: Simulation, reach: Reach) -> tuple[float, float, flo
     """Medians of the end-effector's position, m, and rotation, deg, and of the base's attitude, deg."""
     qpos, _ = simulation.robot_state()
     base, attitude = qpos[:, :3], qpos[:, 3:7]
-    local, axes = SingleArmTask().robot.end_effector_pose(qpos[:, 7:])
+    local, axes = SingleArmTask().mechanics.end_effector_pose(qpos[:, 7:])
     position = base + rotate(attitude, local) - reach.position
     rotation = multiply(attitude, from_matrix(axes))
     goal, still = (np.broadcast_to(each, rotation.shape) for each in (reach.quaternion, STILL))
@@ -144,12 +144,14 @@ def main() -> None:
     options = parser.parse_args()
     check_goals("SpaceCapture/SingleArm-v0", "validation", options.goals)
     task = SingleArmTask()
-    planner = DemonstratedPlanner(task.robot, model_limits(), shipped_library(True))
+    planner = DemonstratedPlanner(task.mechanics, model_limits(), shipped_library(True))
     figures: dict[tuple[str, str], list[LawErrors]] = {}
     goals = task.goals("validation", np.arange(options.goals))
     used = 0
     for number, (position, quaternion) in enumerate(zip(goals.position, goals.quaternion, strict=True)):
-        reach = Reach(task.robot.home, position, quaternion, DURATION, keep_attitude=True).checked(task.robot)
+        reach = Reach(task.mechanics.home, position, quaternion, DURATION, keep_attitude=True).checked(
+            task.mechanics
+        )
         space, bounds, _ = planner.planner.setting(reach)
         found = planner.distributions(reach, space, bounds).found
         if not found:

@@ -63,7 +63,7 @@ def _drawn(task: Any, difficulty: str, split: str) -> Any:
 
 def _single_arm(task: SingleArmTask) -> str:
     said = comments(poses)["RADIUS"]
-    start = task.robot.end_effector_pose(task.robot.home)[0]
+    start = task.mechanics.end_effector_pose(task.mechanics.home)[0]
     rows = []
     for difficulty in DIFFICULTIES:
         distances = [
@@ -84,7 +84,7 @@ def _single_arm(task: SingleArmTask) -> str:
 
 
 def _cluttered(task: SingleArmClutteredTask) -> str:
-    robot = task.robot
+    robot = task.mechanics
     start = robot.end_effector_pose(robot.home)[0]
     rows = []
     for difficulty in DIFFICULTIES:
@@ -177,7 +177,7 @@ def _dual_arm(task: DualArmTask) -> str:
 
 def _distances(task: DualArmTask, goals: TargetGoals) -> Array:
     """Distances (K, 2) of the end-effectors from their grapple points at the start, m."""
-    robot = task.robot
+    robot = task.mechanics
     points = rotate(goals.quaternion[:, None], task.grapples(goals.half_width))
     hands = end_effectors(robot, goals.joint_position).position
     return np.linalg.norm(goals.position[:, None] + points - hands, axis=-1)

@@ -82,7 +82,7 @@ class GoalConditioned(gym.Wrapper[Any, NDArray, Any, NDArray], RecordConstructor
 
     def _each(self, values: Array) -> Array:
         """(..., k, width) of k end-effectors."""
-        return values.reshape(*values.shape[:-1], len(self._task.robot.end_effector_link), -1)
+        return values.reshape(*values.shape[:-1], len(self._task.mechanics.end_effector_link), -1)
 
     def _dictionary(self, observation: Array) -> dict[str, Array]:
         return {

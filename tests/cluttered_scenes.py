@@ -16,7 +16,7 @@ def make(n, **keywords):
 
 def scene(variant, difficulty, split, indices):
     """Scenes, goals and detours that were frozen."""
-    robot = SingleArmClutteredTask(variant=variant).robot
+    robot = SingleArmClutteredTask(variant=variant).mechanics
     draws = frozen_draws(variant, difficulty, split)[indices]
     scenes = clutter.draw_scenes(robot, difficulty, split, indices, draws[:, 0])
     vias = detours.draw_detours(scenes, difficulty, split, indices, draws[:, 0])

@@ -38,7 +38,7 @@ def at_meeting(task: DualArmTask, goals: TargetGoals) -> tuple[Array, Array, Arr
 def reached(task: DualArmTask, goals: TargetGoals) -> Reached:
     """What a reactionless motion from the start makes of the goals."""
     _, _, points, axes = at_meeting(task, goals)
-    return reach(task.robot, goals.joint_position, points, axes)
+    return reach(task.mechanics, goals.joint_position, points, axes)
 
 
 @cache
@@ -48,7 +48,7 @@ def _posture(kind: type[DualArmTask]) -> tuple[Array, Array, Array]:
     task = kind()
     goals = task.goals("validation", np.array([0]))
     q = reached(task, goals).q[0]
-    return q, end_effectors(task.robot, q).position, at_meeting(task, goals)[0][0]
+    return q, end_effectors(task.mechanics, q).position, at_meeting(task, goals)[0][0]
 
 
 def docked(task: DualArmTask, target_turn: float = 0.0, **changes: Any) -> dict[str, Array]:

@@ -266,7 +266,7 @@ def test_the_fastest_target_stays_in_the_space(env_id):
 def test_what_is_refused_after_a_goal_was_drawn_leaves_the_generators_alone(env_id):
     """Starts that cannot brake, or that touch something, are found out only once the goal is known."""
     env, twin = pair(env_id)
-    robot, parameters = env.task.robot, env.task.parameters
+    robot, parameters = env.task.mechanics, env.task.parameters
     fast = {
         "joint_position": robot.range[:, 1] - 0.11,
         "joint_velocity": np.full(robot.n_joints, parameters.rate_limit),

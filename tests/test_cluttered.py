@@ -74,7 +74,7 @@ def test_sensors_see_spheres_and_links_where_they_are():
     np.testing.assert_allclose(read(observation, "obstacle_radius"), radius, rtol=1e-14)
     # The gaps that decide are those of forward kinematics from the observation, from step to step.
     ends = link_ends(
-        env.task.robot,
+        env.task.mechanics,
         read(observation, "joint_position"),
         read(observation, "base_position"),
         read(observation, "base_quaternion"),
@@ -218,7 +218,7 @@ def test_spheres_leave_the_dynamics_of_the_single_arm_alone(variant):
         running &= info["outcome"] == "running"
         np.testing.assert_array_equal(env.simulation.qpos[running], plain.simulation.qpos[running])
     assert running.sum() > 2
-    motion = body_motion(env.task.robot, np.stack(qpos, axis=1), np.stack(qvel, axis=1))
+    motion = body_motion(env.task.mechanics, np.stack(qpos, axis=1), np.stack(qvel, axis=1))
     assert momentum_drift(motion)[1].max() <= 1e-6
 
 

@@ -100,7 +100,7 @@ def test_goals_are_frozen_and_disjoint():
 
 @pytest.mark.parametrize("variant", ["paper", pytest.param("physical", marks=pytest.mark.slow)])
 def test_freezing_again_finds_the_same_draws(variant):
-    robot = SingleArmClutteredTask(variant=variant).robot
+    robot = SingleArmClutteredTask(variant=variant).mechanics
     np.testing.assert_array_equal(
         detours.find_draws(robot, "medium", "validation", 0),
         frozen_draws(variant, "medium", "validation")[:64],

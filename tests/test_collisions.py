@@ -64,7 +64,7 @@ def strokes(env: CaptureVectorEnv, seed: int, hold: int = 25) -> Array:
 
 def close_starts(env: CaptureVectorEnv) -> Array:
     """Joint angles (N, n) for the first N test goals, every other one with the arms close together."""
-    task, robot, n = env.task, env.task.robot, env.num_envs
+    task, robot, n = env.task, env.task.mechanics, env.num_envs
     goals = task.goals("test", np.arange(n))
     starts = goals.joint_position.copy()
     if task.contacts.arms == 2:
@@ -212,7 +212,7 @@ def test_points_measured_and_computed_are_the_same():
         contacts, simulation = env.task.contacts, env.simulation
         frame = "satellite" if "satellite" in contacts.columns else "target"
         measured = simulation.sensors[:, contacts.columns[frame]].reshape(5, contacts.arms, -1, 3)
-        computed = contacts.points(env.task.robot, simulation.joint_position)
+        computed = contacts.points(env.task.mechanics, simulation.joint_position)
         if frame == "target":  # the same figure, elsewhere
             measured, computed = (
                 np.linalg.norm(p[:, :, 1:] - p[:, :, :1], axis=-1) for p in (measured, computed)
@@ -248,7 +248,7 @@ def test_starts_that_touch_something_are_refused_before_anything_moves(env_id):
 
 def test_a_target_on_an_arm_is_refused():
     env = CaptureVectorEnv(SPATIAL, 1)
-    tip = env.task.robot.end_effector_pose(env.task.robot.home, 0)[0]
+    tip = env.task.mechanics.end_effector_pose(env.task.mechanics.home, 0)[0]
     with pytest.raises(GoalError, match="link . of arm 1 and the target"):
         env.reset(options={"target_position": tip})
 
@@ -265,7 +265,7 @@ def test_collisions_is_true_or_false(value):
 @pytest.mark.parametrize("difficulty", DIFFICULTIES)
 def test_goals_of_the_single_arm_are_reached_clear_of_the_satellite(difficulty):
     env = CaptureVectorEnv(SINGLE, 1, difficulty=difficulty)
-    task, robot = env.task, env.task.robot
+    task, robot = env.task, env.task.mechanics
     for split in SPLITS:
         chosen, scale = goal_configurations("paper", difficulty, split, 1)
         path, rate, dt = minimum_jerk(robot.home, chosen, 10.0, 101)

@@ -86,10 +86,10 @@ def test_total_momentum_drifts_at_most_1e_6_of_what_a_body_carried(name, mode, n
     env = endless(name, n, control_mode=mode)
     env.reset(seed=1)
     qpos, qvel, torques = recorded(env, every_hold(env, 1))
-    motion = body_motion(env.task.robot, qpos, qvel)
+    motion = body_motion(env.task.mechanics, qpos, qvel)
     assert np.linalg.norm(motion.linear, axis=-1).max() > 2.0  # the arm really moved
     assert momentum_drift(motion)[1].max() <= 1e-6
-    limits = env.task.robot.range + STOP_MARGIN * np.array([1, -1])
+    limits = env.task.mechanics.range + STOP_MARGIN * np.array([1, -1])
     overshoot = np.maximum(limits[:, 0] - qpos[..., 7:], qpos[..., 7:] - limits[:, 1])
     assert overshoot.max() < 0.8 * STOP_MARGIN  # nothing ever touches the end of a joint's range
     # Within 5 % nearly always; Coriolis forces at full strokes rarely leave a drive too little torque.
@@ -99,9 +99,9 @@ def test_total_momentum_drifts_at_most_1e_6_of_what_a_body_carried(name, mode, n
 
 def assert_kept(env, qpos, qvel, scale=1.0):
     """Momentum as promised, no joint at the end of its range, and rates near their limit at most."""
-    motion = body_motion(env.task.robot, qpos, qvel, scale)
+    motion = body_motion(env.task.mechanics, qpos, qvel, scale)
     assert momentum_drift(motion)[1].max() <= 1e-6
-    limits = env.task.robot.range
+    limits = env.task.mechanics.range
     assert np.minimum(qpos[..., 7:] - limits[:, 0], limits[:, 1] - qpos[..., 7:]).min() > 0.0
     assert np.abs(qvel[..., 6:]).max() < 1.2 * env.task.parameters.rate_limit
 
@@ -161,7 +161,7 @@ def fast_starts(env, seed, goals):
 
     Every third row has joints anywhere in their ranges.
     """
-    rng, limits = np.random.default_rng(seed), env.task.robot.range
+    rng, limits = np.random.default_rng(seed), env.task.mechanics.range
     shape = (env.num_envs, len(limits))
     middle = 0.5 * (limits[:, 1] - limits[:, 0]) - STOP_MARGIN
     anywhere = (np.arange(env.num_envs) % 3 == 0)[:, None]
@@ -217,7 +217,7 @@ def test_starts_that_cannot_brake_are_refused_before_anything_moves(name):
     env.reset(seed=0)
     before = env.simulation.qpos.copy()
     position, velocity = fast_starts(env, 0, env.task.goals("train", np.arange(2)))
-    limits, fastest = env.task.robot.range, env.task.parameters.rate_limit
+    limits, fastest = env.task.mechanics.range, env.task.parameters.rate_limit
     at_end, still, outward = position.copy(), np.zeros_like(velocity), np.zeros_like(velocity)
     at_end[1, 2], outward[1, 2] = limits[2, 1], fastest  # the example that cost 2e-3 of momentum
     close, late = position.copy(), velocity.copy()
@@ -239,7 +239,7 @@ def test_every_goal_starts_inside_the_stops(env_id):
     for split in SPLITS:
         for difficulty in DIFFICULTIES:
             task = make_task(env_id, {"difficulty": difficulty})
-            start, limits = task.goals(split, np.arange(64)).joint_position, task.robot.range
+            start, limits = task.goals(split, np.arange(64)).joint_position, task.mechanics.range
             assert (start > limits[:, 0] + STOP_MARGIN).all() and (start < limits[:, 1] - STOP_MARGIN).all()
 
 
@@ -253,7 +253,7 @@ def test_momentum_audit_agrees_with_mujoco(name):
     robot = b + simulation.n_joints  # velocities of the robot; what follows them is the target's
     simulation.qvel[:, :b] += np.random.default_rng(0).normal(size=b)  # any motion, not only momentum-free
     simulation.refresh()
-    motion = body_motion(env.task.robot, *simulation.robot_state())
+    motion = body_motion(env.task.mechanics, *simulation.robot_state())
     data = mujoco.MjData(model)
     root = model.body("satellite").id
     for row in range(3):
@@ -279,7 +279,7 @@ def test_momentum_audit_agrees_with_mujoco(name):
 def test_joint_velocity_servo_tracks_a_minimum_jerk_motion(name):
     env = endless(name, difficulty="hard")
     env.reset(seed=0)
-    robot, limits = env.task.robot, env.task.parameters
+    robot, limits = env.task.mechanics, env.task.parameters
     start = env.simulation.joint_position.copy()
     goal = start + np.random.default_rng(1).uniform(-1.0, 1.0, start.shape)
     goal = np.clip(goal, robot.range[:, 0] + 0.3, robot.range[:, 1] - 0.3)
@@ -337,7 +337,7 @@ def test_end_effector_velocity_reaches_the_commanded_twist(name, seed):
     # Arms of three joints are soon stretched out, where there is no way on: they start with bent elbows.
     bent = {"joint_position": [-0.9, 1.5, 1.2, 1.4, -1.5, -1.2]} if name == "DualArmPlanar" else {}
     env.reset(seed=0, options=bent)
-    robot, q = env.task.robot, env.simulation.joint_position[0]
+    robot, q = env.task.mechanics, env.simulation.joint_position[0]
     rows = [0, 1, 5] if env.simulation.planar else list(range(6))
     maps = [robot.generalized_jacobian(q, tip)[rows] for tip in range(len(robot.end_effector_link))]
     command = np.random.default_rng(seed).normal(size=env.mode.size)
@@ -360,7 +360,7 @@ def test_reactionless_mode_keeps_the_attitude_under_any_action(name):
         qpos, qvel, _ = recorded(env, every_hold(env, 3))
         still = np.array([1.0, 0.0, 0.0, 0.0])
         peaks.append(np.rad2deg(angle_between(qpos[..., 3:7], still)).max())
-        momentum.append(np.abs(body_motion(env.task.robot, qpos, qvel).total).max())
+        momentum.append(np.abs(body_motion(env.task.mechanics, qpos, qvel).total).max())
         assert np.abs(env.simulation.joint_position - start).max() > 0.3
     assert peaks[0] <= 0.05  # README says so
     assert peaks[1] > 100 * peaks[0]
@@ -385,7 +385,7 @@ def test_other_masses_of_the_ood_split_are_simulated_and_audited(name):
     env.reset(seed=0, options={"split": "ood", "index": np.arange(16)})
     scale = env.task.goals("ood", np.arange(16)).mass_scale
     qpos, qvel, _ = recorded(env, random_actions(env, 0, 60))
-    drift = momentum_drift(body_motion(env.task.robot, qpos, qvel, scale[:, None]))[0]
+    drift = momentum_drift(body_motion(env.task.mechanics, qpos, qvel, scale[:, None]))[0]
     assert drift.max() < 1e-5
     # Audited with the nominal mass, the same motion seems to make momentum out of nothing.
-    assert momentum_drift(body_motion(env.task.robot, qpos, qvel))[0].min() > 1e-2
+    assert momentum_drift(body_motion(env.task.mechanics, qpos, qvel))[0].min() > 1e-2

@@ -45,19 +45,21 @@ def made(request: pytest.FixtureRequest) -> Demonstrations:
 def test_demonstrations_go_from_home_to_their_goals_and_rest(made: Demonstrations) -> None:
     task = SingleArmTask()
     np.testing.assert_allclose(made.time, np.arange(101) * 0.1)
-    np.testing.assert_allclose(made.position[:, 0], np.tile(task.robot.home, (30, 1)), atol=1e-12)
+    np.testing.assert_allclose(made.position[:, 0], np.tile(task.mechanics.home, (30, 1)), atol=1e-12)
     assert np.abs(made.velocity[:, 0]).max() < 1e-12
     assert np.abs(made.velocity[:, -1]).max() < CONFIG.rest
     goals = task.goals("train", made.goal_index)
-    position, quaternion = roll_out_base(task.robot, made.position, made.velocity, 0.1)
-    local, rotation = task.robot.end_effector_pose(made.position[:, -1])
+    position, quaternion = roll_out_base(task.mechanics, made.position, made.velocity, 0.1)
+    local, rotation = task.mechanics.end_effector_pose(made.position[:, -1])
     at = position[:, -1] + rotate(quaternion[:, -1], local)
     assert np.linalg.norm(at - goals.position, axis=1).max() < 1e-4
     turned = multiply(quaternion[:, -1], from_matrix(rotation))
     assert np.rad2deg(angle_between(turned, goals.quaternion)).max() < 0.01
     assert np.abs(made.velocity).max() < SINGLE_ARM.rate_limit
     assert np.abs(np.diff(made.velocity, axis=1)).max() / 0.1 < SINGLE_ARM.acceleration_limit
-    np.testing.assert_array_equal(made.cost, trajectory_cost(task.robot, made.position, made.velocity, 0.1))
+    np.testing.assert_array_equal(
+        made.cost, trajectory_cost(task.mechanics, made.position, made.velocity, 0.1)
+    )
 
 
 def test_velocities_are_the_slopes_of_positions(made: Demonstrations) -> None:
@@ -140,7 +142,7 @@ def test_bands_keep_away_from_obstacles() -> None:
 
 
 def test_bands_in_task_space_lead_the_end_effector_around_spheres() -> None:
-    arm, rng = SingleArmTask().robot, np.random.default_rng(1)
+    arm, rng = SingleArmTask().mechanics, np.random.default_rng(1)
     start = np.tile(arm.home, (12, 1))
     goal = start + rng.uniform(-0.6, 0.6, (12, 7))
     straight = straight_path(start, goal)

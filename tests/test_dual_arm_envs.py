@@ -52,7 +52,7 @@ def test_no_action_turns_the_satellite_in_mode_reactionless(env_id, hold, full, 
         action = drawn[step // hold]
         *_, info = env.step(np.sign(action) if full else action)
         peak = max(peak, info["attitude"].max())
-        total = body_motion(env.task.robot, *env.simulation.robot_state()).total
+        total = body_motion(env.task.mechanics, *env.simulation.robot_state()).total
         momentum = max(momentum, np.abs(total).max())
         moved = max(moved, np.abs(env.simulation.joint_position - start).max())
     assert (info["outcome"] == "timeout").all()

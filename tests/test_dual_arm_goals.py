@@ -63,7 +63,7 @@ def test_every_goal_is_reached_by_a_reactionless_motion(env_id, difficulty):
         # Drawn at the rendezvous and integrated back to the start: forwards again it is the same to 1e-9.
         assert found.distance.max() < REACHED[0] * 1.001
         assert found.angle.max() < REACHED[1] * 1.001
-        assert (found.q > task.robot.range[:, 0]).all() and (found.q < task.robot.range[:, 1]).all()
+        assert (found.q > task.mechanics.range[:, 0]).all() and (found.q < task.mechanics.range[:, 1]).all()
 
 
 @every_id
@@ -72,8 +72,8 @@ def test_starts_differ_from_each_other_and_are_not_symmetric(env_id):
     starts = task.goals("test", np.arange(128)).joint_position
     assert len(np.unique(starts, axis=0)) == 128
     assert np.ptp(starts, axis=0).min() > 0.1
-    assert (np.abs(starts - task.robot.home).max(axis=1) <= task.draws.start[1]).all()
-    position = end_effectors(task.robot, starts).position
+    assert (np.abs(starts - task.mechanics.home).max(axis=1) <= task.draws.start[1]).all()
+    position = end_effectors(task.mechanics, starts).position
     mirrored = position[:, 1] * [-1.0, 1.0, 1.0]  # the mounts are mirror images of each other in x
     assert np.linalg.norm(position[:, 0] - mirrored, axis=-1).min() > 0.02
 
@@ -142,8 +142,8 @@ def test_other_mounts_are_another_robot_with_goals_of_its_own():
         np.testing.assert_allclose(task.model.body(f"arm{arm}_link1").pos[:2], mount)
         np.testing.assert_allclose(task.render_model.body(f"arm{arm}_link1").pos[:2], mount)
     shift = (
-        end_effectors(task.robot, task.robot.home).position
-        - end_effectors(usual.robot, usual.robot.home).position
+        end_effectors(task.mechanics, task.mechanics.home).position
+        - end_effectors(usual.mechanics, usual.mechanics.home).position
     )
     np.testing.assert_allclose(shift, [[0.0, 0.2, 0.0]] * 2, atol=1e-12)
     env = CaptureVectorEnv(env_id, 2, mounts=[list(mount) for mount in MOUNTS], split="validation")
@@ -152,7 +152,7 @@ def test_other_mounts_are_another_robot_with_goals_of_its_own():
     assert reached(task, goals).distance.max() < REACHED[0] * 1.001
     np.testing.assert_allclose(
         env.task.layout.read(observation, "end_effector_position")[0],
-        end_effectors(task.robot, goals.joint_position[0]).position[:, :2].ravel(),
+        end_effectors(task.mechanics, goals.joint_position[0]).position[:, :2].ravel(),
         atol=1e-12,
     )
 
@@ -175,8 +175,8 @@ def test_bad_mounts_are_refused(mounts):
 def test_options_set_the_target_and_the_joints(env_id):
     env = CaptureVectorEnv(env_id, 3)
     task, read = env.task, env.task.layout.read
-    planar, n = task.kind == "planar", task.robot.n_joints
-    joints = task.robot.home + 0.1
+    planar, n = task.kind == "planar", task.mechanics.n_joints
+    joints = task.mechanics.home + 0.1
     rates = np.linspace(-0.1, 0.1, n)
     centre = np.array([[2.4, 1.3], [2.5, 1.2], [2.4, 1.1]]) if planar else np.array([0.0, 1.6, 0.1])
     attitude = {"target_angle": [0.3]} if planar else {"target_quaternion": [-0.8, 0.0, 0.6, 0.0]}
@@ -210,7 +210,7 @@ def test_options_set_the_target_and_the_joints(env_id):
     np.testing.assert_allclose(first, point, atol=1e-12)
     np.testing.assert_array_equal(read(observation, "joint_position"), np.tile(joints, (3, 1)))
     # Total momentum is zero: the base moves as the momentum-level mathematics says.
-    twist = task.robot.base_twist(joints, rates)
+    twist = task.mechanics.base_twist(joints, rates)
     linear, angular = ([0, 1], [5]) if planar else ([0, 1, 2], [3, 4, 5])
     for name, part in (("base_linear_velocity", linear), ("base_angular_velocity", angular)):
         np.testing.assert_allclose(read(observation, name), np.tile(twist[part], (3, 1)), atol=1e-12)
@@ -223,7 +223,7 @@ def test_what_a_goal_leaves_out_is_nominal(env_id):
     task, read = env.task, env.task.layout.read
     centre = task.draws.centre[: 2 if task.kind == "planar" else 3]
     observation, _ = env.reset(seed=0, options={"target_position": centre})
-    np.testing.assert_array_equal(read(observation, "joint_position")[0], task.robot.home)
+    np.testing.assert_array_equal(read(observation, "joint_position")[0], task.mechanics.home)
     assert not read(observation, "target_angular_velocity").any()
     points = read(observation, "goal_position").reshape(2, -1)
     assert 0.5 * np.linalg.norm(points[0] - points[1]) == pytest.approx(task.target.half_width)

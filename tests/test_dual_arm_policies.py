@@ -301,7 +301,7 @@ def by_mujoco(task: DualArmTask, rollout: Rollout, row: int, measure: Callable[.
     model.body_inertia[base] *= scale
     data = mujoco.MjData(model)
     mujoco.mj_setConst(model, data)
-    planar, n = task.kind == "planar", task.robot.n_joints
+    planar, n = task.kind == "planar", task.mechanics.n_joints
     size = (3 if planar else 6) + n
     found = []
     for step in range(rollout.length[row] + 1):

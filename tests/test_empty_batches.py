@@ -63,7 +63,7 @@ def arm() -> FloatingRobot:
 
 @lru_cache
 def arms(task: str) -> FloatingRobot:
-    return make_task(f"SpaceCapture/DualArm{task}-v0", {}).robot
+    return make_task(f"SpaceCapture/DualArm{task}-v0", {}).mechanics
 
 
 def numbers(*shape: int) -> Array:

@@ -27,7 +27,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 @cache
 def robot_of(kind: str) -> FloatingRobot:
-    return task_of(IDS[KINDS.index(kind)]).robot
+    return task_of(IDS[KINDS.index(kind)]).mechanics
 
 
 def drawn(kind: str, rng: np.random.Generator, k: int = 3) -> Array:
@@ -168,7 +168,7 @@ def test_the_motion_that_proves_a_goal_reachable_leaves_the_base_alone(
     kind: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     task = task_of(IDS[KINDS.index(kind)], difficulty="hard")
-    robot, goals = task.robot, task.goals("test", np.arange(0, 512, 64))
+    robot, goals = task.mechanics, task.goals("test", np.arange(0, 512, 64))
     path = [goals.joint_position]
 
     def noted(*arguments: Any) -> Array:

@@ -154,7 +154,7 @@ def test_goal_conditioned_rewards_every_end_effector_at_its_goal(env_id):
     observation, _ = env.reset(seed=0)
     base, layout = env.unwrapped, env.unwrapped.task.layout
     achieved, desired = observation["achieved_goal"], observation["desired_goal"]
-    tips = len(base.task.robot.end_effector_link)
+    tips = len(base.task.mechanics.end_effector_link)
     size = layout.read(observation["observation"], "goal_position").size
     width = size // tips
     np.testing.assert_array_equal(desired[:size], layout.read(observation["observation"], "goal_position"))
@@ -224,7 +224,7 @@ def test_reset_options_of_the_single_arm_set_goal_state_split_and_index():
     assert info["split"].tolist() == ["test"] * 3
     goals = env.task.goals("test", np.array([5, 6, 5]))
     np.testing.assert_array_equal(layout.read(observation, "goal_position"), goals.position)
-    joints = env.task.robot.home + 0.2
+    joints = env.task.mechanics.home + 0.2
     rates = np.linspace(-0.1, 0.1, 7)
     observation, info = env.reset(
         options={
@@ -237,7 +237,7 @@ def test_reset_options_of_the_single_arm_set_goal_state_split_and_index():
     np.testing.assert_allclose(layout.read(observation, "goal_quaternion")[0], goals.quaternion[0])
     np.testing.assert_allclose(layout.read(observation, "joint_position"), np.tile(joints, (3, 1)))
     # Total momentum is zero: the base moves as the momentum-level mathematics says.
-    twist = env.task.robot.base_twist(joints, rates)
+    twist = env.task.mechanics.base_twist(joints, rates)
     np.testing.assert_allclose(layout.read(observation, "base_linear_velocity")[1], twist[:3], atol=1e-12)
     np.testing.assert_allclose(layout.read(observation, "base_angular_velocity")[1], twist[3:], atol=1e-12)
     assert info["split"].tolist() == ["given"] * 3
@@ -277,7 +277,7 @@ def refused(env_id, options, error, message):
     ],
 )
 def test_bad_reset_options_are_refused_before_anything_moves(env_id, options, message):
-    n = gym.make(env_id).unwrapped.task.robot.n_joints
+    n = gym.make(env_id).unwrapped.task.mechanics.n_joints
     if isinstance(options, dict):
         options = {
             name: [value] * n if name.startswith("joint") else value for name, value in options.items()
@@ -437,7 +437,7 @@ def test_stepping_before_reset_is_an_error(env_id):
 def test_capture_by_the_single_arm_needs_the_whole_envelope_held_for_its_time():
     env = gym.make(SINGLE)
     task = env.unwrapped.task
-    home = task.robot.end_effector_pose(task.robot.home)
+    home = task.mechanics.end_effector_pose(task.mechanics.home)
     from space_envs.dynamics.rotations import from_matrix
 
     goal = {"goal_position": home[0] + [0.0, 0.049, 0.0], "goal_quaternion": from_matrix(home[1])}
@@ -448,7 +448,7 @@ def test_capture_by_the_single_arm_needs_the_whole_envelope_held_for_its_time():
     assert ends[-1][4]["is_success"]
     assert ends[-1][4]["reward_terms"]["capture"] > 0
     # Held for its whole time: on the way in, the sample that finds the envelope begins the first period.
-    aside = task.robot.home + [0.0, 0.06, 0, 0, 0, 0, 0]
+    aside = task.mechanics.home + [0.0, 0.06, 0, 0, 0, 0, 0]
     env.reset(options={**goal, "goal_position": home[0], "joint_position": aside})
     inside = []
     for _ in range(60):

@@ -37,7 +37,7 @@ from space_envs.tasks.single_arm import SingleArmTask
 
 PLANNERS = {"minimum_jerk": MinimumJerk, "mpc": ModelPredictive, "promp": ProMPPolicy}
 EXPERTS = ("minimum_jerk", "gjm", "mpc", "promp")
-ARM = SingleArmTask().robot
+ARM = SingleArmTask().mechanics
 LIMITS = ARM.range + 0.1 * np.array([1.0, -1.0])
 
 

@@ -153,7 +153,7 @@ def test_a_make_whose_names_are_unknown_says_no_limit(monkeypatch):
 def test_an_end_at_the_last_step_is_the_same_with_gymnasiums_limit():
     """Captured there, an episode is terminated, and it is truncated as well, as by Gymnasium's TimeLimit."""
     env = gym_make(SINGLE, horizon=10)
-    goal = env.unwrapped.task.robot.end_effector_pose(env.unwrapped.task.robot.home)
+    goal = env.unwrapped.task.mechanics.end_effector_pose(env.unwrapped.task.mechanics.home)
     options = {"goal_position": goal[0], "goal_quaternion": from_matrix(goal[1])}
     for made in (env, gym_make(env.spec)):
         made.reset(options=options)

@@ -129,7 +129,7 @@ def test_a_task_without_differences_gets_its_whole_observation() -> None:
     layout = make_task(ENV_ID, {}).layout
     parameters = default_hyperparameters("Mine/Task-v0", "ppo", layout)
     assert {feature.field for feature in parameters.features} == {field.name for field in layout.fields}
-    view = FeatureView(parameters.features, layout, make_task(ENV_ID, {}).robot.home)
+    view = FeatureView(parameters.features, layout, make_task(ENV_ID, {}).mechanics.home)
     assert view.size > layout.size - 2
     strange = ObservationLayout((Field("position_error", 3, 1.0, "m"), Field("mood", 2, 1.0, "none")))
     assert [tuple(feature) for feature in usual_features(strange)] == [

@@ -24,7 +24,7 @@ def test_attitude_cost_is_minus_the_attitude_reward():
 def test_torques_times_angles_make_the_kinetic_energy(name):
     """The work of torques held over each step is exactly what the robot's kinetic energy gains."""
     rollout, task = rollout_of(name)
-    motion = body_motion(task.robot, rollout.qpos, rollout.qvel)
+    motion = body_motion(task.mechanics, rollout.qpos, rollout.qvel)
     work = (rollout.torque * np.diff(rollout.qpos[..., 7:], axis=1)).sum(axis=-1)
     gained = np.diff(motion.kinetic_energy, axis=1)
     assert gained.max() > 0.01

@@ -32,7 +32,7 @@ from space_envs.policy import PolicyContext
 from space_envs.tasks.single_arm import SingleArmTask
 
 TASK = SingleArmTask()
-ARM = TASK.robot
+ARM = TASK.mechanics
 RATE, ACCELERATION = 0.3, 0.25
 LIMITS = Limits(ARM.range, RATE, ACCELERATION, 60.0)
 LIBRARY = shipped_library(True, limited=False)

@@ -33,7 +33,7 @@ MODEL = single_arm_model()
 
 
 def robot() -> FloatingRobot:
-    return SingleArmTask().robot
+    return SingleArmTask().mechanics
 
 
 def drives() -> Limits:

@@ -31,7 +31,7 @@ GOALS = 6
 
 
 def robot() -> FloatingRobot:
-    return SingleArmTask().robot
+    return SingleArmTask().mechanics
 
 
 @cache

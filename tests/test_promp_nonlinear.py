@@ -159,7 +159,7 @@ def test_bad_targets_are_refused(target, message: str) -> None:
 
 def arm_weights(seed: int, count: int = 1) -> Array:
     """Weights (count, 7, 10) of motions that begin at home at rest."""
-    robot, rng = SingleArmTask().robot, np.random.default_rng(seed)
+    robot, rng = SingleArmTask().mechanics, np.random.default_rng(seed)
     space = WeightSpace(
         robot, BASIS, robot.home, np.zeros(7), 10.0, np.zeros(3), np.eye(3), 1.0, end_rate=np.zeros(7)
     )
@@ -169,12 +169,14 @@ def arm_weights(seed: int, count: int = 1) -> Array:
 def pose_target(phase: float, seed: int = 0) -> PoseTarget:
     rng = np.random.default_rng(seed)
     turns = to_matrix(exponential(0.4 * rng.normal(size=(2, 3))))
-    return PoseTarget(SingleArmTask().robot, BASIS, 10.0, rng.normal(size=3), turns[0], turns[1], phase=phase)
+    return PoseTarget(
+        SingleArmTask().mechanics, BASIS, 10.0, rng.normal(size=3), turns[0], turns[1], phase=phase
+    )
 
 
 @pytest.mark.parametrize("phase", [0.37, 1.0])
 def test_pose_is_that_of_an_independent_roll_out(phase: float) -> None:
-    robot = SingleArmTask().robot
+    robot = SingleArmTask().mechanics
     weights = arm_weights(1)[0]
     z = np.linspace(0.0, phase, 801)
     q, qdot = BASIS.value(z) @ weights.T, BASIS.derivative(z) @ weights.T / 10.0
@@ -199,7 +201,7 @@ def test_slope_agrees_with_differences(phase: float) -> None:
 
 
 def test_via_pose_and_goal_pose_are_met_together() -> None:
-    robot, demonstrations = SingleArmTask().robot, arm_weights(4, 40)
+    robot, demonstrations = SingleArmTask().mechanics, arm_weights(4, 40)
     promp = ProMP.fit_weights(demonstrations)
 
     def pose(phase: float, weights: Array) -> Array:
@@ -226,4 +228,4 @@ def test_via_pose_and_goal_pose_are_met_together() -> None:
 def test_bad_poses_are_refused(changes: dict) -> None:
     changes = {"position": np.zeros(3), **changes} if "phase" in changes else changes
     with pytest.raises(ConfigurationError):
-        PoseTarget(SingleArmTask().robot, BASIS, 10.0, **changes)
+        PoseTarget(SingleArmTask().mechanics, BASIS, 10.0, **changes)

@@ -98,9 +98,9 @@ def test_bad_settings_are_refused(changes: dict) -> None:
 def test_both_laws_bring_the_arm_to_the_goal_in_simulation() -> None:
     task = SingleArmTask()
     goals = task.goals("validation", np.array([2]))
-    planner = DemonstratedPlanner(task.robot, model_limits(), shipped_library(True))
-    reach = Reach(task.robot.home, goals.position[0], goals.quaternion[0], keep_attitude=True)
-    reach = reach.checked(task.robot)
+    planner = DemonstratedPlanner(task.mechanics, model_limits(), shipped_library(True))
+    reach = Reach(task.mechanics.home, goals.position[0], goals.quaternion[0], keep_attitude=True)
+    reach = reach.checked(task.mechanics)
     space, bounds, _ = planner.planner.setting(reach)
     promp = planner.distributions(reach, space, bounds).found[0].promp
     law = StochasticFeedback.of(promp, DURATION, PERIOD)

@@ -40,8 +40,8 @@ from space_envs.robots.single_arm import ModelOptions, single_arm_model
 from space_envs.tasks.rewards import RewardTerm
 from space_envs.tasks.single_arm import PoseEnvelope
 
-ARM = make_task("SpaceCapture/SingleArm-v0", {}).robot
-ARMS = make_task("SpaceCapture/DualArmPlanar-v0", {}).robot
+ARM = make_task("SpaceCapture/SingleArm-v0", {}).mechanics
+ARMS = make_task("SpaceCapture/DualArmPlanar-v0", {}).mechanics
 REACH = Reach(ARM.home, *(np.ones(3), np.array([1.0, 0.0, 0.0, 0.0])), 10.0, np.zeros(7))
 REST = Capture(ARMS.home, 20.0, np.ones((2, 3)), np.zeros((2, 3)), np.ones((2, 3)))
 PROMP = ProMP(np.zeros((2, 10)), 0.01 * np.eye(20))

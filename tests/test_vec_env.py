@@ -24,7 +24,7 @@ every_id = pytest.mark.parametrize("env_id", ENTRIES)
 def view_of(env: CaptureVectorEnv, *without: str) -> FeatureView:
     """What networks see of an id's observations, but for features of these kinds and fields."""
     table = tuple(f for f in defaults("ppo", env.env_id).features if not {f.kind, f.field} & {*without})
-    return FeatureView(table, env.task.layout, env.task.robot.home)
+    return FeatureView(table, env.task.layout, env.task.mechanics.home)
 
 
 def adapter(n: int = 3, view: bool = False, **keywords: Any) -> NativeVecEnv:

@@ -35,7 +35,7 @@ KNOWN = json.loads((Path(__file__).parent / "data" / "single_arm_goals.json").re
 
 
 def robot() -> FloatingRobot:
-    return SingleArmTask().robot
+    return SingleArmTask().mechanics
 
 
 def model_limits() -> Limits:

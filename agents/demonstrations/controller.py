@@ -91,7 +91,7 @@ def _attempt(
 ) -> tuple[Demonstrations, NDArray[np.bool_]]:
     """Demonstrations by number, drawn for the attempt-th time, and whether each is one to learn from."""
     task = SingleArmTask(difficulty=config.difficulty, variant=config.variant)
-    arm = task.robot
+    arm = task.mechanics
     time = np.arange(round(DURATION / config.dt) + 1) * config.dt
     kind = number % len(KINDS)
     index = (number // config.per_goal * STRIDE) % SPLIT_SIZE["train"]

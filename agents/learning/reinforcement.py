@@ -39,7 +39,7 @@ class Reinforcement:
         env = CaptureVectorEnv(
             settings.env_id, parameters.num_envs, autoreset_mode="same_step", **settings.environment
         )
-        self.view = FeatureView(parameters.features, env.task.layout, env.task.robot.home)
+        self.view = FeatureView(parameters.features, env.task.layout, env.task.mechanics.home)
         seed = int(np.random.SeedSequence([settings.seed, 0]).generate_state(1)[0])
         rate = self._rate if isinstance(parameters, PPO) else None
         self.episodes = NativeVecEnv(env, self.view)

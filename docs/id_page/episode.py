@@ -53,7 +53,7 @@ def rewards_section(env: CaptureVectorEnv) -> str:
             "dt. Terms per second are multiplied by the control period.",
             *(
                 ["Errors are those of the arm with the larger error."]
-                if len(env.task.robot.end_effector_link) > 1
+                if len(env.task.mechanics.end_effector_link) > 1
                 else []
             ),
             table(header, rows),
@@ -80,7 +80,7 @@ def capture_section(env: CaptureVectorEnv) -> str:
         [
             "## Capture and end of an episode",
             f"{summary(CaptureEnvelope)} This does not depend on the reward.",
-            *([f"{both}the worse of the two."] if len(env.task.robot.end_effector_link) > 1 else []),
+            *([f"{both}the worse of the two."] if len(env.task.mechanics.end_effector_link) > 1 else []),
             table(("error of the end-effector", "tolerance", "unit", "keyword"), limits[:-1]),
             f"Hold time: {limits[-1][1]} {limits[-1][2]} (keyword {limits[-1][3]}), in consecutive steps.",
             table(('`info["outcome"]`', "flag", "when"), ends),

@@ -90,7 +90,7 @@ def keywords_section(env: CaptureVectorEnv) -> str:
 def reset_section(env: CaptureVectorEnv) -> str:
     args = section(CaptureVectorEnv.reset.__doc__, "Args")
     about = described(args, ("seed", "options"))
-    joints = f"({env.task.robot.n_joints},)"
+    joints = f"({env.task.mechanics.n_joints},)"
     widths = {"joint_position": joints, "joint_velocity": joints, "reset_mask": "(N,)"}
     rows = [(f"`{name}`", widths.get(name, ""), OPTION_TEXT[name]) for name in COMMON_OPTIONS]
     for name, option in env.task.goal_options.items():

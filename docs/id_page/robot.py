@@ -26,7 +26,7 @@ def _steps(task: CaptureTask) -> str:
 
 
 def robot_section(env: CaptureVectorEnv) -> str:
-    robot, drive, task = env.task.robot, env.drive, env.task
+    robot, drive, task = env.task.mechanics, env.drive, env.task
     torque = number(sorted({float(limit) for limit in drive.torque_limit}))
     free = "two slides and a hinge" if env.simulation.planar else "six degrees of freedom"
     rows = [

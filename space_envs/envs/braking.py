@@ -21,7 +21,7 @@ def braking_load(task: CaptureTask, goals: Goals, velocity: Array) -> Array:
     simulation.joint_position[:], simulation.joint_velocity[:] = goals.joint_position, velocity
     simulation.set_base_velocity(rows)
     simulation.refresh()
-    room = JointStops(task.robot.range, task.parameters.rate_limit).room(goals.joint_position)
+    room = JointStops(task.mechanics.range, task.parameters.rate_limit).room(goals.joint_position)
     ahead = np.where(velocity > 0.0, room[:, 1], room[:, 0])
     deceleration = -0.5 * velocity * np.abs(velocity) / np.maximum(ahead, 1e-9)
     mass, bias, b = simulation.mass_matrix(), simulation.bias(), simulation.n_base
@@ -43,7 +43,7 @@ def check_brakes(task: CaptureTask, goals: Goals, velocity: Array | None) -> Non
     position = goals.joint_position
     if not len(position):
         return
-    limits = task.robot.range
+    limits = task.mechanics.range
     near = (position < limits[:, 0] + STOP_MARGIN) | (position > limits[:, 1] - STOP_MARGIN)
     if near.any():
         row, joint = np.argwhere(near)[0]

@@ -142,9 +142,9 @@ def _names(name: str, rows: NDArray[np.int64]) -> NDArray[np.object_]:
 def _joint_option(
     task: CaptureTask, options: Mapping[str, Any], name: str, rows: NDArray[np.int64], n: int
 ) -> Array:
-    value = _row_values(options, name, task.robot.n_joints, rows, n)
+    value = _row_values(options, name, task.mechanics.n_joints, rows, n)
     rates = task.parameters.rate_limit * np.array([[-1.0, 1.0]])
-    limits = task.robot.range if name == "joint_position" else rates
+    limits = task.mechanics.range if name == "joint_position" else rates
     outside = (value < limits[:, 0]) | (value > limits[:, 1])
     if outside.any():
         row, joint = np.argwhere(outside)[0]

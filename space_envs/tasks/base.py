@@ -154,7 +154,7 @@ class CaptureTask:
         raise NotImplementedError
 
     @property
-    def robot(self) -> FloatingRobot:
+    def mechanics(self) -> FloatingRobot:
         """The robot's momentum-level mathematics, read from the model."""
         raise NotImplementedError
 

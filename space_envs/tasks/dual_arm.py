@@ -77,7 +77,7 @@ class DualArmTask(CaptureTask):
         return dual_arm_model(DualArmOptions(options.kind, options.timestep, True, options.mounts))
 
     @property
-    def robot(self) -> FloatingRobot:
+    def mechanics(self) -> FloatingRobot:
         """The robot's momentum-level mathematics, read from the model."""
         return robot_of(self.kind, self.options.mounts)
 
@@ -111,7 +111,7 @@ class DualArmTask(CaptureTask):
 
     def check_start(self, goals: TargetGoals) -> None:
         """Reject goals with contacts at the start; errors as in the base class."""
-        self.contacts.refuse(self.gaps(self.robot, goals.joint_position, goals, goals.quaternion))
+        self.contacts.refuse(self.gaps(self.mechanics, goals.joint_position, goals, goals.quaternion))
 
     def grapples(self, half_width: Array) -> Array:
         """Grapple points (K, 2, 3) in the target's frame, m, for half widths (K,)."""
@@ -150,7 +150,7 @@ class DualArmTask(CaptureTask):
                 f"target_quaternion must be a unit quaternion (w, x, y, z), got norm {norm.ravel().tolist()}"
             )
         quaternion = canonical(quaternion / norm)
-        robot, k = self.robot, len(position)
+        robot, k = self.mechanics, len(position)
         start = np.broadcast_to(robot.home if joint_position is None else joint_position, (k, robot.n_joints))
         origin = robot.centre_of_mass(robot.kinematics(start))
         points = position[:, None] + rotate(quaternion[:, None], self.grapples(half_width))

@@ -131,7 +131,7 @@ class SingleArmTask(CaptureTask):
         return single_arm_model(ModelOptions(self.variant, self.step_size, visual=True))
 
     @property
-    def robot(self) -> FloatingRobot:
+    def mechanics(self) -> FloatingRobot:
         """The robot's momentum-level mathematics, read from the model."""
         return robot_of(self.variant)
 
@@ -151,7 +151,9 @@ class SingleArmTask(CaptureTask):
 
     def check_start(self, goals: Goals) -> None:
         """Reject joint angles for which a link touches the satellite; errors as in the base class."""
-        self.contacts.refuse(self.contacts.all_gaps(self.contacts.points(self.robot, goals.joint_position)))
+        self.contacts.refuse(
+            self.contacts.all_gaps(self.contacts.points(self.mechanics, goals.joint_position))
+        )
 
     def goal_block(self, split: str, block: int) -> PoseGoals:
         """Goals of a block."""
@@ -162,9 +164,11 @@ class SingleArmTask(CaptureTask):
         position, quaternion = self.check_goals(
             values["goal_position"], values["goal_quaternion"], joint_position
         )
-        start = self.robot.home if joint_position is None else joint_position
+        start = self.mechanics.home if joint_position is None else joint_position
         k = len(position)
-        return PoseGoals(np.ones(k), np.broadcast_to(start, (k, len(self.robot.home))), position, quaternion)
+        return PoseGoals(
+            np.ones(k), np.broadcast_to(start, (k, len(self.mechanics.home))), position, quaternion
+        )
 
     def place(self, simulation: Simulation, rows: NDArray[np.int64], goals: PoseGoals) -> None:
         """Set the pose of the grapple to the goals."""
@@ -196,11 +200,11 @@ class SingleArmTask(CaptureTask):
             raise GoalError(
                 f"goal_quaternion must be a unit quaternion (w, x, y, z), got norm {norm.ravel().tolist()}"
             )
-        robot = self.robot
+        robot = self.mechanics
         # The base starts at the origin, and with zero momentum the system's centre of mass is at rest.
         centre = robot.centre_of_mass(robot.kinematics(robot.home if joints is None else joints))
         distance = np.linalg.norm(position - centre, axis=-1)
-        reach = self.robot.reach()
+        reach = self.mechanics.reach()
         if (distance > reach).any():
             raise GoalError(
                 f"goal out of reach: {distance.max():.2f} m from the system's centre of mass, the reach is "

@@ -90,7 +90,7 @@ class SingleArmClutteredTask(SingleArmTask):
             raise GoalError(f"obstacle_radius must lie in (0, 1] m, got {radius.tolist()}")
         k = len(radius)
         still = np.zeros((k, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (k, 1))
-        ends = link_ends(self.robot, goals.joint_position, *still)
+        ends = link_ends(self.mechanics, goals.joint_position, *still)
         arm = sphere_gaps(ends, goals.spheres, SINGLE_ARM.link_radius).min(axis=-2)
         grapple = np.linalg.norm(goals.position[:, None] - centre, axis=-1) - radius
         for gap, problem in (
@@ -195,5 +195,5 @@ def _goal_block(variant: str, difficulty: str, split: str, block: int) -> Clutte
     """Goals of a block of a split, from seeds and the stored numbers of draws."""
     rows = np.arange(block * BLOCK, (block + 1) * BLOCK)
     draws = frozen_draws(variant, difficulty, split)[rows]
-    robot = SingleArmTask(variant=variant).robot
+    robot = SingleArmTask(variant=variant).mechanics
     return draw_scenes(robot, difficulty, split, rows, draws[:, 0]).goals(draws[:, 2:])

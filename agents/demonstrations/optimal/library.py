@@ -53,7 +53,7 @@ class LibraryRecipe:
 
 def model_limits() -> Limits:
     """Limits of the single arm's model, as the environment's drives have them."""
-    position = SingleArmTask().robot.range
+    position = SingleArmTask().mechanics.range
     return Limits(position, SINGLE_ARM.rate_limit, SINGLE_ARM.acceleration_limit, SINGLE_ARM.torque_limit)
 
 
@@ -158,7 +158,7 @@ def _part(
 ) -> int:
     """Write one file of a round; returns the number of its goals."""
     on_one_thread()  # several threads of BLAS give other bits
-    robot = SingleArmTask().robot
+    robot = SingleArmTask().mechanics
     planner = OptimalPlanner(robot, model_limits() if recipe.limited else Limits())
     rows = []
     for number, goal_position, goal_quaternion in zip(numbers, position, quaternion, strict=True):

@@ -84,7 +84,7 @@ class Integrals:
 
     def _motion(self, rows: NDArray[np.int64], steps: slice) -> BodyMotion:
         qpos, qvel = self._qpos[rows, steps], self._qvel[rows, steps]
-        return body_motion(self._task.robot, qpos, qvel, self._scale[rows])
+        return body_motion(self._task.mechanics, qpos, qvel, self._scale[rows])
 
     def _count(self, rows: NDArray[np.int64], steps: slice) -> None:
         """Count simulation steps, from the first to the last of some states, in rows (k,)."""

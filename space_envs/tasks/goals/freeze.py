@@ -47,7 +47,7 @@ def _cluttered() -> dict[str, tuple[int, Find]]:
     return {
         f"{variant}_{difficulty}_{split}": (
             CLUTTERED_SPLIT_SIZE[split],
-            partial(find_draws, SingleArmTask(variant=variant).robot, difficulty, split),
+            partial(find_draws, SingleArmTask(variant=variant).mechanics, difficulty, split),
         )
         for variant in VARIANTS
         for difficulty in DIFFICULTIES
