@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array
 from space_envs.envs.starts import Start
+from space_envs.errors import ConfigurationError
 from space_envs.tasks.base import CaptureTask
 from space_envs.tasks.common import Goals
 from space_envs.tasks.outcome import Outcome
 from space_envs.tasks.rewards import StepQuantities
 
+_STORED = ("observation", "steps", "held", "clipped", "outcome", "touched", "index")
 _RUNNING = Outcome.RUNNING.code
 _NAMES = np.array([outcome.value for outcome in Outcome], dtype=object)  # by code
 _TERMINATED = np.array([outcome.flag == "terminated" for outcome in Outcome])  # by code
@@ -161,6 +163,26 @@ class EpisodeTracker:
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Restore a snapshot of the same number of episodes of the same task."""
         vars(self).update(snapshot)
+
+    def stored(self) -> dict[str, Any]:
+        """Plain values and arrays for `resume`; goals follow from split and index.
+
+        Raises:
+            ConfigurationError: where goals were given as numbers.
+        """
+        if (self.index < 0).any():
+            raise ConfigurationError("episodes whose goals were given as numbers cannot be stored")
+        episodes = {name: getattr(self, name).copy() for name in _STORED}
+        return {"episodes": episodes, "split": self.split.tolist()}
+
+    def resume(self, stored: dict[str, Any]) -> None:
+        """Continue as many episodes of the same task as were `stored`."""
+        vars(self).update({name: stored["episodes"][name].copy() for name in _STORED})
+        self.split = np.array(stored["split"], dtype=object)
+        self.goals = [
+            self._task.goals(split, np.array([index]))
+            for split, index in zip(self.split, self.index.tolist(), strict=True)
+        ]
 
 
 def masked(info: dict[str, Any], rows: NDArray[np.bool_]) -> dict[str, Any]:

@@ -1,9 +1,10 @@
 """Random generators of the rows of a vector environment, and their seeds."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from numbers import Integral
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from gymnasium.utils import seeding
@@ -67,6 +68,19 @@ class Seeds:
             if seeds[row] is not None:
                 every[row] = _from_seed(int(seeds[row]))
         return Seeds(self.n, tuple(every))
+
+    def stored(self) -> dict[str, list[Any]]:
+        """States of the generators and seeds, as plain values for `of`."""
+        generators = [generator.bit_generator.state for generator in self.generators]
+        return {"generators": generators, "seeds": self.numbers}
+
+    @classmethod
+    def of(cls, stored: Mapping[str, list[Any]]) -> Self:
+        """Generators and seeds that were `stored`."""
+        generators = [np.random.default_rng(0) for _ in stored["generators"]]
+        for generator, state in zip(generators, stored["generators"], strict=True):
+            generator.bit_generator.state = state
+        return cls(len(generators), tuple(zip(generators, stored["seeds"], strict=True)))
 
     def derived(self, generator: np.random.Generator) -> "Seeds":
         """Copy whose first row has this generator and whose other rows have seeds drawn from it."""

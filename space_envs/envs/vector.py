@@ -256,6 +256,21 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         for name, value in state["own"].items():
             setattr(self, name, value)
 
+    def snapshot(self) -> dict[str, Any]:
+        """State for `restore` as plain values and arrays, without pickles.
+
+        Raises:
+            ConfigurationError: where goals were given as numbers.
+        """
+        return {**self._controlled.snapshot(), **self.episodes.stored(), **self._seeds.stored()}
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Continue from a snapshot of as many episodes of the same task, with the same bits."""
+        self._controlled.restore(snapshot)
+        self.episodes.resume(snapshot)
+        self._seeds = Seeds.of(snapshot)
+        self._started = True
+
     # Pictures --------------------------------------------------------------------------------------------
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:

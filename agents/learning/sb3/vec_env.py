@@ -12,12 +12,9 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from agents.policies.learned.features import FeatureView
 from space_envs.envs import CaptureVectorEnv
-from space_envs.envs.seeds import Seeds
 from space_envs.errors import ConfigurationError
 
 Indices = None | int | Iterable[int]
-# Arrays of the episodes that a snapshot holds; their goals follow from split and index.
-_STORED = ("observation", "steps", "held", "clipped", "outcome", "touched", "index")
 
 
 class NativeVecEnv(VecEnv):
@@ -125,36 +122,11 @@ class NativeVecEnv(VecEnv):
 
     def snapshot(self) -> dict[str, Any]:
         """State of the N episodes, as plain values and arrays; their goals must be of a split."""
-        state = self.env.__getstate__()
-        episodes, seeds = state["episodes"], state["own"]["_seeds"]
-        if (episodes["index"] < 0).any():
-            raise ConfigurationError("episodes whose goals were given as numbers cannot be stored")
-        return {
-            **state["controlled"],
-            "episodes": {name: episodes[name] for name in _STORED},
-            "split": episodes["split"].tolist(),
-            "generators": [generator.bit_generator.state for generator in seeds.generators],
-            "seeds": seeds.numbers,
-            "return": self._return.copy(),
-            "length": self._length.copy(),
-        }
+        return {**self.env.snapshot(), "return": self._return.copy(), "length": self._length.copy()}
 
     def restore(self, snapshot: dict[str, Any]) -> None:
-        """Go on from a snapshot of as many episodes of the same task, with the same bits."""
-        state = self.env.__getstate__()
-        episodes = state["episodes"] | dict(snapshot["episodes"])
-        episodes["split"] = np.array(snapshot["split"], dtype=object)
-        episodes["goals"] = [
-            self.env.task.goals(split, np.array([index]))
-            for split, index in zip(snapshot["split"], episodes["index"].tolist(), strict=True)
-        ]
-        generators = [np.random.default_rng(0) for _ in snapshot["generators"]]
-        for generator, stored in zip(generators, snapshot["generators"], strict=True):
-            generator.bit_generator.state = stored
-        seeds = Seeds(self.num_envs, tuple(zip(generators, snapshot["seeds"], strict=True)))
-        own = state["own"] | {"_seeds": seeds, "_started": True}
-        controlled = {name: snapshot[name] for name in state["controlled"]}
-        self.env.__setstate__({**state, "controlled": controlled, "episodes": episodes, "own": own})
+        """Continue from a snapshot of as many episodes of the same task, with the same bits."""
+        self.env.restore(snapshot)
         self._return, self._length = snapshot["return"].copy(), snapshot["length"].copy()
 
     def close(self) -> None:
