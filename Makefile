@@ -11,9 +11,11 @@ help:  ## show this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
 
 # The stamp is renewed when what is installed changes. Test tools come along: one environment serves all targets.
-$(VENV)/.installed: pyproject.toml constraints.txt
+# Type checkers do not follow the import hook of an editable installation's default mode.
+$(VENV)/.installed: pyproject.toml constraints.txt Makefile
 	$(PYTHON) -m venv $(VENV)
-	$(RUN) -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[test]'
+	$(RUN) -m pip install --quiet --disable-pip-version-check -c constraints.txt \
+		--config-settings editable_mode=compat -e '.[test]'
 	@touch $@
 
 install: $(VENV)/.installed  ## create the virtual environment and install
