@@ -36,7 +36,7 @@ class JointVelocity:
     def __init__(self, drive: Drive) -> None:
         self.drive = drive
         self.size = drive.simulation.n_joints
-        self.scale = np.full(self.size, drive.rate_limit)
+        self.scale = drive.rate_limit.copy()
 
     def torques(self, action: Array) -> Array:
         return self.drive.track(action * self.scale)
@@ -116,7 +116,7 @@ class EndEffectorVelocity:
         square = generalized @ generalized.swapaxes(1, 2) + DAMPING**2 * np.eye(self.size)
         command = np.linalg.solve(square, (action * self.scale)[..., None])
         rate = (generalized.swapaxes(1, 2) @ command)[..., 0]
-        excess = np.abs(rate).max(axis=1, keepdims=True) / self.drive.rate_limit
+        excess = (np.abs(rate) / self.drive.rate_limit).max(axis=1, keepdims=True)
         return self.drive.track(rate / np.maximum(excess, 1.0))
 
 
@@ -132,7 +132,7 @@ class Reactionless:
     def __init__(self, drive: Drive) -> None:
         self.drive = drive
         self.size = drive.simulation.n_joints
-        self.scale = np.full(self.size, drive.rate_limit)
+        self.scale = drive.rate_limit.copy()
         self._ahead = Lookahead(drive)
 
     def torques(self, action: Array) -> Array:
@@ -164,7 +164,7 @@ class Reactionless:
         # The acceleration limit slows the change from the present motion, made reactionless, to the new one.
         present = projected(now, np.ones_like(now))
         change = (rate - present) / self.drive.control_period
-        largest = np.abs(change).max(axis=1, keepdims=True) / self.drive.acceleration_limit
+        largest = (np.abs(change) / self.drive.acceleration_limit).max(axis=1, keepdims=True)
         correction = (present - now) / self.drive.control_period
         torque = self.drive.accelerate(correction + change / np.maximum(largest, 1.0))
         excess = np.maximum(present - high, low - present)

@@ -14,11 +14,11 @@ BRAKING_SHARE = 0.2  # of a drive's torque; starts that need more to brake all j
 STOP_MARGIN = 0.1  # rad; the drives stop joints this far inside their ranges
 
 
-def braking_rates(room: Array, rate_limit: float) -> Array:
+def braking_rates(room: Array, rate_limit: Array) -> Array:
     """Braking law: the largest rates (...) from which joints stop within angles (...).
 
     Args:
-        room: rad, at least 0. rate_limit: rad/s, which they do not exceed.
+        room: (..., n) rad, at least 0. rate_limit: (n,) rad/s, which they do not exceed.
     """
     return np.minimum(np.sqrt(2.0 * BRAKING * room), rate_limit)
 
@@ -27,10 +27,10 @@ class JointStops:
     """Ends of the joint ranges, and the rates from which joints brake before them.
 
     Args:
-        joint_range: (n, 2) rad. rate_limit: rad/s.
+        joint_range: (n, 2) rad. rate_limit: (n,) rad/s.
     """
 
-    def __init__(self, joint_range: Array, rate_limit: float) -> None:
+    def __init__(self, joint_range: Array, rate_limit: Array) -> None:
         # Distance to the lower and the upper stop is offset + sign * angle, (2, n).
         self._sign = np.array([[1.0], [-1.0]])
         self._offset = -self._sign * joint_range.T - STOP_MARGIN
@@ -57,7 +57,7 @@ class Drive:
     """
 
     def __init__(
-        self, simulation: Simulation, control_period: float, rate_limit: float, acceleration_limit: float
+        self, simulation: Simulation, control_period: float, rate_limit: Array, acceleration_limit: Array
     ) -> None:
         model = simulation.model
         self.simulation = simulation
@@ -120,7 +120,7 @@ class Drive:
         need, held, braking, stopping = self._inverse_dynamics(acceleration, late)
         torque = held + need
         load = (np.abs(held) / self.torque_limit).max(axis=1, keepdims=True)
-        overspeed = np.abs(now).max(axis=1, keepdims=True) > OVERSPEED * self.rate_limit
+        overspeed = (np.abs(now) > OVERSPEED * self.rate_limit).any(axis=1, keepdims=True)
         fast = (load > CORIOLIS_SHARE) | overspeed
         if not (late.any() or fast.any()) and (np.abs(torque) <= self.torque_limit).all():
             return torque

@@ -65,7 +65,7 @@ class PolicyContext:
         control_period: s. horizon: steps after which an episode is truncated.
         action_scale: (m,) physical units per unit action (rad/s, N m, or m/s and rad/s).
         joint_limits: (n, 2) rad, least and largest angle that the drives allow.
-        rate_limit: rad/s. acceleration_limit: rad/s^2, of every joint.
+        rate_limit, acceleration_limit: (n,) rad/s and rad/s^2.
         envelope: of a capture. c: m/rad of the attitude cost (eq. 20 of shyam2020).
         jobs: number of processes for planning; -1 is one per core.
         contacts: gaps between the links and other bodies; None if contacts are not checked.
@@ -80,8 +80,8 @@ class PolicyContext:
     horizon: int
     action_scale: Array
     joint_limits: Array
-    rate_limit: float
-    acceleration_limit: float
+    rate_limit: Array
+    acceleration_limit: Array
     envelope: CaptureEnvelope
     c: float
     jobs: int = 1

@@ -27,16 +27,15 @@ def _steps(task: CaptureTask) -> str:
 
 def robot_section(env: CaptureVectorEnv) -> str:
     robot, drive, task = env.task.mechanics, env.drive, env.task
-    torque = number(sorted({float(limit) for limit in drive.torque_limit}))
     free = "two slides and a hinge" if env.simulation.planar else "six degrees of freedom"
     rows = [
         ("bodies", f"satellite {robot.mass[0]:g} kg, {robot.n_joints} links {robot.mass[1:].sum():g} kg"),
         ("base", f"{free}; not actuated, gravity is zero"),
         ("home, rad", number(np.round(robot.home, 6).tolist())),
         ("joint range, rad", _ranges(robot.range, robot.home)),
-        ("rate limit, rad/s", number(drive.rate_limit)),
-        ("acceleration limit, rad/s^2", number(drive.acceleration_limit)),
-        ("torque limit, N m", torque),
+        ("rate limit, rad/s", number(sorted(set(drive.rate_limit.tolist())))),
+        ("acceleration limit, rad/s^2", number(sorted(set(drive.acceleration_limit.tolist())))),
+        ("torque limit, N m", number(sorted(set(drive.torque_limit.tolist())))),
         (
             "reach from the centre of mass, m",
             ", ".join(f"{robot.reach(arm):.2f}" for arm in range(len(robot.end_effector_link))),

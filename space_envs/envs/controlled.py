@@ -24,7 +24,11 @@ class ControlledSimulation:
         self._task = task
         self.simulation = Simulation(task.model, n, threads)
         limits = task.parameters
-        self.drive = Drive(self.simulation, task.control_period, limits.rate_limit, limits.acceleration_limit)
+        rate, acceleration = (
+            np.full(self.simulation.n_joints, limit)
+            for limit in (limits.rate_limit, limits.acceleration_limit)
+        )
+        self.drive = Drive(self.simulation, task.control_period, rate, acceleration)
         self.mode = MODES[control_mode](self.drive)
 
     def begin(self, rows: NDArray[np.int64], start: Start) -> None:

@@ -85,7 +85,7 @@ def within_drives(reader: Reader, observation: Array, rate: Array) -> Array:
     present = reactionless_projection(rotating, now, -ATTITUDE_GAIN * attitude)
     change = rate - present
     most = ACCELERATION_SHARE * context.acceleration_limit * context.control_period
-    return present + change / np.maximum(np.abs(change).max(axis=1, keepdims=True) / most, 1.0)
+    return present + change / np.maximum((np.abs(change) / most).max(axis=1, keepdims=True), 1.0)
 
 
 class ReactionlessRate(BasePolicy):

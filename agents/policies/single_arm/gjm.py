@@ -41,7 +41,7 @@ def resolved_rate(
     jacobian = arm.generalized_jacobian(read(observation, "joint_position"))
     square = jacobian @ jacobian.swapaxes(1, 2) + DAMPING**2 * np.eye(6)
     rate = (jacobian.swapaxes(1, 2) @ np.linalg.solve(square, twist[..., None]))[..., 0]
-    return rate / np.maximum(np.abs(rate).max(axis=1, keepdims=True) / context.rate_limit, 1.0)
+    return rate / np.maximum((np.abs(rate) / context.rate_limit).max(axis=1, keepdims=True), 1.0)
 
 
 class GeneralizedJacobian(BasePolicy):
@@ -59,4 +59,4 @@ class GeneralizedJacobian(BasePolicy):
         now = context.layout.read(observation, "joint_velocity")
         change = resolved_rate(context, observation) - now
         most = ACCELERATION_SHARE * context.acceleration_limit * context.control_period
-        return now + change / np.maximum(np.abs(change).max(axis=1, keepdims=True) / most, 1.0)
+        return now + change / np.maximum((np.abs(change) / most).max(axis=1, keepdims=True), 1.0)

@@ -69,7 +69,7 @@ class JointGoalPolicy(ReachingPolicy):
                 return plans
             other, goals = self.plan(observation[rows], rest[rows] + offset)
             clear = goals.converged & keep_out.take(rows).clear(other.position, other.velocity, dt)
-            clear &= np.abs(other.velocity).max(axis=(1, 2)) <= self.context.rate_limit
+            clear &= (np.abs(other.velocity) <= self.context.rate_limit).all(axis=(1, 2))
             found, rows = rows[clear], rows[~clear]
             better = JointGoalPlans(
                 other.position[clear],

@@ -24,8 +24,8 @@ def drive_limits(context: PolicyContext) -> Limits:
     torque = float(context.model.actuator_forcerange[0, 1])
     return Limits(
         position=context.joint_limits,
-        rate=context.rate_limit,
-        acceleration=context.acceleration_limit,
+        rate=float(context.rate_limit.min()),
+        acceleration=float(context.acceleration_limit.min()),
         torque=TORQUE_SHARE * torque,
         coriolis=TORQUE_SHARE * CORIOLIS_SHARE * torque,
     )
