@@ -174,7 +174,8 @@ def test_goals_are_the_frozen_ones_and_the_own_one_is_none_of_them():
     np.testing.assert_array_equal(goal(1).position, second.position)
     layout = context().layout
     np.testing.assert_array_equal(layout.read(own.observation, "goal_position")[0], own.position)
-    assert limits().rate == SINGLE_ARM.rate_limit and limits().torque == SINGLE_ARM.torque_limit
+    assert (limits().rate == SINGLE_ARM.rate_limit).all()
+    assert (limits().torque == SINGLE_ARM.torque_limit).all()
 
 
 def test_a_motion_is_measured_as_mujoco_simulates_it():
@@ -204,7 +205,7 @@ def test_a_motion_is_measured_as_mujoco_simulates_it():
     np.testing.assert_allclose(data.qpos[:3], done.base[-1], atol=2e-4)
     assert angle_between(data.qpos[3:7], done.attitude[-1]) < 1e-4
     assert cost == pytest.approx(done.cost, rel=1e-3)
-    assert np.abs(data.ctrl).max() < limits().torque and found["peak_torque"] < 20.0
+    assert (np.abs(data.ctrl) < limits().torque).all() and found["peak_torque"] < 20.0
 
 
 def test_sampled_and_exact_motions_are_measured_alike():

@@ -53,6 +53,9 @@ ODD = st.sampled_from(
 NO_NUMBER = ODD
 NEGATIVE = ODD | st.floats(max_value=-1e-6) | st.integers(max_value=-1)
 NOT_POSITIVE = NEGATIVE | st.sampled_from([0, 0.0, -0.0])
+NO_JOINT_LIMIT = NOT_POSITIVE.filter(lambda value: value != [1.0]) | st.sampled_from(
+    [[0.3, 0.0], [0.3, np.inf], [[0.3]], []]
+)
 NO_COUNT = NOT_POSITIVE | st.sampled_from([1.5, 2.0, 10**400])
 NO_FLAG = st.sampled_from(["no", "", 0, 1, 1.0, np.nan, [True], {}])
 NO_RANGE = st.sampled_from([1.0, (1.0,), (2.0, 1.0), ("a", "b"), (-1.0, 1.0)])
@@ -134,7 +137,8 @@ def conditioned(**values: Any) -> Any:
 
 
 CASES = [
-    *each(Limits, "rate acceleration torque coriolis control", NOT_POSITIVE),
+    *each(Limits, "rate acceleration torque coriolis", NO_JOINT_LIMIT),
+    *each(Limits, "control", NOT_POSITIVE),
     *each(Limits, "position", NO_ARRAY | st.sampled_from([np.array([[1.0, 0.0]]), np.full((7, 2), np.nan)])),
     *each(reach, "duration c", NOT_POSITIVE),
     *each(reach, "start position quaternion", NO_ARRAY),
@@ -217,6 +221,8 @@ def test_values_without_meaning_are_refused() -> None:
 @pytest.mark.parametrize("method", ["zeta_zero", "local"])
 def test_limits_of_another_robot_are_refused(method: str) -> None:
     limits = Limits(position=np.tile([-1.0, 1.0], (3, 1)))
+    with pytest.raises(ConfigurationError, match=r"limits of rate are of 3 joints, the robot has 7"):
+        OptimalPlanner(ARM, Limits(rate=np.full(3, 0.3)))
     calls = [
         lambda: OptimalPlanner(ARM, limits),
         lambda: Controller(ARM, limits),

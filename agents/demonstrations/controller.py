@@ -168,8 +168,8 @@ def _usable(made: Demonstrations, limits: Array, config: DemonstratorConfig) -> 
     """Whether each is within the limits of angle, rate and acceleration, and at rest at the end."""
     acceleration = np.diff(made.velocity, axis=1) / config.dt
     inside = ((made.position >= limits[:, 0]) & (made.position <= limits[:, 1])).all(axis=(1, 2))
-    slow = np.abs(made.velocity).max(axis=(1, 2)) < SINGLE_ARM.rate_limit
-    gentle = np.abs(acceleration).max(axis=(1, 2)) < SINGLE_ARM.acceleration_limit
+    slow = (np.abs(made.velocity) < SINGLE_ARM.rate_limit).all(axis=(1, 2))
+    gentle = (np.abs(acceleration) < SINGLE_ARM.acceleration_limit).all(axis=(1, 2))
     resting = np.abs(made.velocity[:, -1]).max(axis=1) < config.rest
     return inside & slow & gentle & resting
 

@@ -90,7 +90,7 @@ def limits() -> Limits:
     at = context()
     return Limits(
         position=at.joint_limits,
-        rate=float(at.rate_limit.min()),
-        acceleration=float(at.acceleration_limit.min()),
-        torque=float(at.model.actuator_forcerange[0, 1]),
+        rate=at.rate_limit,
+        acceleration=at.acceleration_limit,
+        torque=at.model.actuator_forcerange[:, 1],
     )

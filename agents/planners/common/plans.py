@@ -2,14 +2,16 @@
 
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
-from space_envs.checks import real_array
+from space_envs.checks import finite_array, real_array
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
-from space_envs.errors import ConfigurationError, positive
+from space_envs.errors import ConfigurationError, positive, shown
+
+JOINT_LIMITS = ("rate", "acceleration", "torque", "coriolis")
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,23 +23,25 @@ class Limits:
 
     Attributes:
         position: (n, 2) rad, lowest and highest.
-        rate: rad/s. acceleration: rad/s^2. torque: N m. Each for every joint.
-        coriolis: N m, of the torque that the rates alone require of a joint; above it the drives slow the
-            arm.
+        rate: rad/s. acceleration: rad/s^2. torque: N m. Each (n,), or one number for every joint, () then.
+        coriolis: N m, of the torque that the rates alone require of a joint, as the others; above it the
+            drives slow the arm.
         control: rad/s, of the length of zeta, the null-space part of the end-effectors' angular velocities.
     """
 
     position: Array | None = None
-    rate: float | None = None
-    acceleration: float | None = None
-    torque: float | None = None
-    coriolis: float | None = None
+    rate: Array | float | None = None
+    acceleration: Array | float | None = None
+    torque: Array | float | None = None
+    coriolis: Array | float | None = None
     control: float | None = None
 
     def __post_init__(self) -> None:
-        for name in ("rate", "acceleration", "torque", "coriolis", "control"):
+        for name in JOINT_LIMITS:
             if (value := getattr(self, name)) is not None:
-                object.__setattr__(self, name, positive(f"limit of {name}", value))
+                object.__setattr__(self, name, _positive_array(f"limit of {name}", value))
+        if self.control is not None:
+            object.__setattr__(self, "control", positive("limit of control", self.control))
         if self.position is not None:
             position = real_array("limits of position", self.position, (None, 2))
             if not (position[:, 0] <= position[:, 1]).all():
@@ -55,11 +59,33 @@ class Limits:
         Raises:
             ConfigurationError: naming both numbers.
         """
-        if self.position is not None and len(self.position) != robot.n_joints:
-            raise ConfigurationError(
-                f"limits of position are of {len(self.position)} joints, the robot has {robot.n_joints}"
-            )
+        for name in ("position", *JOINT_LIMITS):
+            shape = np.shape(getattr(self, name))
+            if shape and shape[0] != robot.n_joints:
+                raise ConfigurationError(
+                    f"limits of {name} are of {shape[0]} joints, the robot has {robot.n_joints}"
+                )
         return self
+
+
+def in_words(limit: Array | float | None, unit: str) -> str:
+    """A limit of all joints, or the least and the greatest of several, with its unit."""
+    if limit is None:
+        return f"any {unit}"
+    least, greatest = float(np.min(limit)), float(np.max(limit))
+    return f"{least:.4g} {unit}" if least == greatest else f"{least:.4g} to {greatest:.4g} {unit}"
+
+
+def _positive_array(name: str, value: Any) -> Array:
+    """A read-only array () or (n,) of positive finite numbers; ConfigurationError otherwise."""
+    if not isinstance(value, np.ndarray | list | tuple) or np.shape(value) == ():
+        numbers = np.array(positive(name, value))
+    else:
+        numbers = finite_array(name, value, (None,))
+        if not (numbers.size and (numbers > 0.0).all()):
+            raise ConfigurationError(f"{name} must be positive numbers, got {shown(value)}")
+    numbers.flags.writeable = False
+    return numbers
 
 
 class Cause(StrEnum):

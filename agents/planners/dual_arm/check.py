@@ -59,7 +59,7 @@ def check(robot: FloatingRobot, capture: Capture, limits: Limits, plan: CaptureP
     for name, values in (("rate", qdot), ("acceleration", qddot), ("torque", torque)):
         limit = getattr(limits, name)
         if limit is not None:
-            violation[name] = float(np.abs(values).max() - limit)
+            violation[name] = float((np.abs(values) - limit).max())
     integral = float(half.repeat(2) @ energy[len(time) :])
     return Checked(violation, integral)
 

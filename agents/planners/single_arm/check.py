@@ -74,11 +74,11 @@ def _excess(
         found["position"] = float(np.maximum(limits.position[:, 0] - q, q - limits.position[:, 1]).max())
     for name, values in (("rate", qdot), ("acceleration", qddot)):
         if (limit := getattr(limits, name)) is not None:
-            found[name] = float(np.abs(values).max() - limit)
+            found[name] = float((np.abs(values) - limit).max())
     for name, accelerations in (("torque", qddot), ("coriolis", 0.0 * qddot)):
         if (limit := getattr(limits, name)) is not None:
             torque = joint_torques(model, *(x[::TORQUE_STRIDE] for x in (q, qdot, accelerations, twist)))
-            found[name] = float(np.abs(torque).max() - limit)
+            found[name] = float((np.abs(torque) - limit).max())
     return found
 
 

@@ -110,9 +110,9 @@ class ReactionlessPolicy(FollowingPolicy):
         width = np.sqrt((points * points).sum(axis=-1)).mean(axis=-1)
         limits = Limits(
             position=context.joint_limits,
-            rate=float(context.rate_limit.min()),
-            acceleration=float(context.acceleration_limit.min()),
-            torque=float(context.model.actuator_forcerange[0, 1]),
+            rate=context.rate_limit,
+            acceleration=context.acceleration_limit,
+            torque=context.model.actuator_forcerange[:, 1],
         )
         captures = self._captures(observation, origin, to_base)
         centre = rotate(to_base, centre - origin)

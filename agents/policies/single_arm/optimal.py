@@ -21,11 +21,11 @@ TORQUE_SHARE = 0.9  # of the torque limit of the drives, available to a plan
 
 def drive_limits(context: PolicyContext) -> Limits:
     """Limits within which the drives follow a motion, with a margin for torques held over a period."""
-    torque = float(context.model.actuator_forcerange[0, 1])
+    torque = context.model.actuator_forcerange[:, 1]
     return Limits(
         position=context.joint_limits,
-        rate=float(context.rate_limit.min()),
-        acceleration=float(context.acceleration_limit.min()),
+        rate=context.rate_limit,
+        acceleration=context.acceleration_limit,
         torque=TORQUE_SHARE * torque,
         coriolis=TORQUE_SHARE * CORIOLIS_SHARE * torque,
     )

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from agents.planners.common.plans import Cause, Failure, Limits
+from agents.planners.common.plans import Cause, Failure, Limits, in_words
 from agents.planners.dual_arm.check import check
 from agents.planners.dual_arm.clearance import Gaps
 from agents.planners.dual_arm.free_paths.goals import end_configurations, spread
@@ -132,12 +132,14 @@ class FreePathSearch:
         """Tighten the splines' limits, which the roll-out exceeds slightly; torques follow accelerations."""
         limits = self._limits
         if "rate" in excess and self._rate is not None and limits.rate is not None:
-            self._rate -= 2.0 * excess["rate"]
+            self._rate = self._rate - 2.0 * excess["rate"]
         if "acceleration" in excess and self._acceleration is not None:
-            self._acceleration -= 2.0 * excess["acceleration"]
+            self._acceleration = self._acceleration - 2.0 * excess["acceleration"]
         if "torque" in excess and limits.torque is not None:
-            fraction = 0.95 * limits.torque / (limits.torque + excess["torque"])
-            self._acceleration = fraction * float(np.abs(plan.acceleration).max())
+            torque = float(np.min(limits.torque))
+            fraction = 0.95 * torque / (torque + excess["torque"])
+            usual = 1.0 if limits.acceleration is None else limits.acceleration
+            self._acceleration = fraction * float(np.abs(plan.acceleration).max()) * (usual / np.max(usual))
 
     def _best(self, ends: Array) -> CapturePlan | Failure:
         """The motion of least energy that is clear; limits may be exceeded slightly."""
@@ -253,9 +255,9 @@ class FreePathSearch:
             fastest = float(np.abs(self._solver.motion(unlimited).rate).max())
             limits = self._limits
             reason = (
-                f"no motion was found within {limits.rate} rad/s, {limits.acceleration} rad/s^2 and "
-                f"{limits.torque} N m; without limits the joints would turn at up to {fastest:.3g} rad/s in "
-                f"{self._capture.duration:.2f} s"
+                f"no motion was found within {in_words(limits.rate, 'rad/s')}, "
+                f"{in_words(limits.acceleration, 'rad/s^2')} and {in_words(limits.torque, 'N m')}; without "
+                f"limits the joints would turn at up to {fastest:.3g} rad/s in {self._capture.duration:.2f} s"
             )
             return Failure(METHOD, Cause.INFEASIBLE, reason)
         least = min(failures, key=lambda failure: failure.residual)

@@ -106,14 +106,14 @@ class FreePathSolver:
     def solve(
         self,
         guess: Array,
-        rate: float | None,
-        acceleration: float | None,
+        rate: Array | float | None,
+        acceleration: Array | float | None,
         nearness: Array | None = None,
     ) -> SplineSolution | Failure:
         """Solve from coefficients (size, n); the reason of a failure is Ipopt's status.
 
         Args:
-            rate, acceleration: limits, rad/s and rad/s^2; None for none.
+            rate, acceleration: limits, rad/s and rad/s^2, () or (n,); None for none.
             nearness: (K, 25) parameters of nearness at the nodes; None for the program without.
         """
         program = free_program(self._robot) if nearness is None else clear_program(self._robot)
@@ -150,7 +150,7 @@ class FreePathSolver:
         return CapturePlan(METHOD, *path, checked.energy, violation=checked.violation)
 
     def _constraint_bounds(
-        self, program: FreePathProgram, rate: float | None, acceleration: float | None
+        self, program: FreePathProgram, rate: Array | float | None, acceleration: Array | float | None
     ) -> Array:
         n, duration = program.joints, self._capture.duration
         fastest = np.inf if rate is None else rate * duration
@@ -158,7 +158,7 @@ class FreePathSolver:
         return np.concatenate(
             [
                 np.zeros(program.collocated + program.ending),
-                np.full((MESH.size - FIXED) * n, fastest),
-                np.full((len(MESH.breaks) - 1) * n, hardest),
+                np.broadcast_to(fastest, (MESH.size - FIXED, n)).ravel(),
+                np.broadcast_to(hardest, (len(MESH.breaks) - 1, n)).ravel(),
             ]
         )

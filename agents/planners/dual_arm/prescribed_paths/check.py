@@ -107,13 +107,16 @@ def _beyond_limits(
         (limits.rate, qdot, "rad/s"),
         (limits.acceleration, qddot, "rad/s^2"),
     ):
-        most = float(np.abs(values).max())
-        if limit is not None and most > limit * (1.0 + 1e-6):
-            row, joint = np.unravel_index(np.abs(values).argmax(), values.shape)
+        if limit is None:
+            continue
+        size = np.abs(values)
+        row, joint = np.unravel_index((size - limit).argmax(), size.shape)
+        most, allowed = size[row, joint], float(np.broadcast_to(limit, size.shape)[row, joint])
+        if most > allowed * (1.0 + 1e-6):
             return Failure(
                 method,
                 Cause.INFEASIBLE,
                 f"joint {joint + 1} would need {most:.3f} {unit} at t = {time[row]:.2f} s, the limit is "
-                f"{limit:.3f} {unit}",
+                f"{allowed:.3f} {unit}",
             )
     return None

@@ -13,7 +13,11 @@ import numpy as np
 from agents.planners.common.ipopt import NonlinearProgram
 from agents.planners.common.plans import Cause, Failure, Limits
 from agents.planners.dual_arm.prescribed_paths.derivatives import gradient, hessian, jacobian, point_functions
-from agents.planners.dual_arm.prescribed_paths.grid import CollocatedMotion, gauss_grid
+from agents.planners.dual_arm.prescribed_paths.grid import (
+    ACCELERATION_POINTS,
+    CollocatedMotion,
+    gauss_grid,
+)
 from agents.planners.dual_arm.prescribed_paths.model import PathModel
 from agents.planners.dual_arm.prescribed_paths.polynomial import PolynomialPath
 from agents.planners.dual_arm.problem import Capture
@@ -76,7 +80,8 @@ class PrescribedPathProgram:
         grid = gauss_grid(count)
         times = half * (1.0 + grid.points)
         low, high = self._angle_bounds(limits, fraction)
-        speed = np.full((count, n), np.inf if limits.rate is None else fraction * limits.rate)
+        fastest = np.inf if limits.rate is None else fraction * limits.rate
+        speed = np.broadcast_to(fastest, (count, n))
         guess = np.clip(guess, low, high)
         rates = grid.slope @ np.vstack([capture.start, guess]) / half
         bound = self._constraint_bounds(limits, fraction, half)
@@ -105,7 +110,8 @@ class PrescribedPathProgram:
     def _constraint_bounds(self, limits: Limits, fraction: float, half: float) -> Array:
         bound = np.zeros(self.solver.size_in("lbg")[0])
         if len(bound) > self.equalities and limits.acceleration is not None:
-            bound[self.equalities :] = fraction * limits.acceleration * half**2
+            largest = np.broadcast_to(fraction * limits.acceleration * half**2, self.joints)
+            bound[self.equalities :] = np.tile(largest, ACCELERATION_POINTS)
         if limits.control is not None:
             bound[self.rows - 1 : self.rows * self.points : self.rows] = fraction * limits.control
         return bound

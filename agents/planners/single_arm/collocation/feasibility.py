@@ -25,9 +25,10 @@ def _beyond_limits(method: str, reach: Reach, limits: Limits) -> Failure | None:
             joint = int(beyond.argmax()) + 1
             reason = f"joint {joint} starts {beyond.max():.3f} rad beyond its limit"
             return Failure(method, Cause.JOINT_LIMIT, reason)
-    if limits.rate is not None and np.abs(rate).max() > limits.rate:
-        joint = int(np.abs(rate).argmax())
-        reason = f"joint {joint + 1} starts at {rate[joint]:.3f} rad/s, {limits.rate} are allowed"
+    if limits.rate is not None and (np.abs(rate) > limits.rate).any():
+        joint = int((np.abs(rate) - limits.rate).argmax())
+        allowed = float(np.broadcast_to(limits.rate, rate.shape)[joint])
+        reason = f"joint {joint + 1} starts at {rate[joint]:.3f} rad/s, {allowed:.4g} are allowed"
         return Failure(method, Cause.INFEASIBLE, reason)
     return None
 

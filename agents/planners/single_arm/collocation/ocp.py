@@ -13,7 +13,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from agents.planners.common.plans import Cause, Failure, Limits
+from agents.planners.common.plans import Cause, Failure, Limits, in_words
 from agents.planners.single_arm.check import check
 from agents.planners.single_arm.collocation.feasibility import infeasible_start
 from agents.planners.single_arm.collocation.solver import METHOD, ReachSolution, ReachSolver
@@ -171,9 +171,10 @@ class _ReachSearch:
         if isinstance(unlimited, ReachSolution):
             motion = free.motion(unlimited)
             reason = (
-                f"no motion was found within {limits.rate} rad/s, {limits.acceleration} rad/s^2, "
-                f"{limits.torque} N m and the joint limits; without them one of {reach.duration:.2f} s turns "
-                f"the joints at up to {np.abs(motion.rate).max():.3g} rad/s"
+                f"no motion was found within {in_words(limits.rate, 'rad/s')}, "
+                f"{in_words(limits.acceleration, 'rad/s^2')}, {in_words(limits.torque, 'N m')} and the joint "
+                f"limits; without them one of {reach.duration:.2f} s turns the joints at up to "
+                f"{np.abs(motion.rate).max():.3g} rad/s"
             )
             return Failure(METHOD, Cause.INFEASIBLE, reason)
         least = min(failures, key=lambda failure: failure.residual)

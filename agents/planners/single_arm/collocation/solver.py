@@ -40,7 +40,7 @@ class ReachSolver:
         self.reach, self.model, self._limits = reach, SingleArm.of(robot), limits
         self._robot = robot
         self._spheres = np.zeros((0, 4)) if reach.spheres is None else reach.spheres
-        self._torques: dict[str, float] = {}  # N m, limits on torques that the program has so far
+        self._torques: dict[str, Array] = {}  # (n,) N m, limits on torques that the program has so far
         self._clearance = CLEARANCE
         first = MESH.breaks[1] / DEGREE  # Greville abscissa of the second coefficient
         self._fixed = np.stack([reach.start, reach.start + first * reach.duration * reach.rate])
@@ -103,9 +103,11 @@ class ReachSolver:
             if name in excess:
                 limit = self._torques.get(name)
                 if limit is None:
-                    self._torques[name] = getattr(self._limits, name)
+                    self._torques[name] = np.broadcast_to(getattr(self._limits, name), self._robot.n_joints)
                 else:  # between the nodes a torque may exceed its limit by more than the limit itself
-                    self._torques[name] = max(limit - TIGHTENING * excess[name], LEAST_FRACTION * limit)
+                    self._torques[name] = np.maximum(
+                        limit - TIGHTENING * excess[name], LEAST_FRACTION * limit
+                    )
         if "clearance" in excess:
             self._clearance += TIGHTENING * excess["clearance"]
         return self.solve(solution.variables)
@@ -136,13 +138,13 @@ class ReachSolver:
         t, n, limits = self.reach.duration, program.joints, self._limits
         rate = np.inf if limits.rate is None else limits.rate * t * (1.0 - MARGIN)
         acceleration = np.inf if limits.acceleration is None else limits.acceleration * t**2 * (1.0 - MARGIN)
-        rates, accelerations = program.linear
+        torques = [most * t**2 * (1.0 - MARGIN) for most in self._torques.values()]
+        rows = [*zip(program.linear, (rate, acceleration), strict=True)]
+        rows += [(program.torques // n, most) for most in torques]
         symmetric = np.concatenate(
             [
                 np.zeros(3 * INTERVALS + 6),
-                np.full(rates * n, rate),
-                np.full(accelerations * n, acceleration),
-                *(np.full(program.torques, most * t**2 * (1.0 - MARGIN)) for most in self._torques.values()),
+                *(np.broadcast_to(bound, (count, n)).ravel() for count, bound in rows),
             ]
         )
         least = self._spheres[:, 3] + SINGLE_ARM.link_radius + self._clearance

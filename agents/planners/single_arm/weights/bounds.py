@@ -17,7 +17,7 @@ def lower_and_upper(robot: FloatingRobot, limits: Limits) -> tuple[Array, Array]
     angles = np.tile([-np.inf, np.inf], (n, 1)) if limits.position is None else limits.position
     angles = angles + ANGLE_MARGIN * np.array([1.0, -1.0])
     largest = [
-        np.full(n, np.inf if limit is None else LIMIT_FRACTION * limit)
+        np.broadcast_to(np.inf if limit is None else LIMIT_FRACTION * limit, n)
         for limit in (limits.rate, limits.acceleration)
     ]
     return np.stack([angles[:, 0], *(-x for x in largest)]), np.stack([angles[:, 1], *largest])

@@ -19,10 +19,11 @@ class Torques:
     """|torque| <= limit on an even grid.
 
     Args:
-        limit: N m. accelerating: whether torques of accelerations are included, or of Coriolis forces only.
+        limit: N m, () or (n,). accelerating: whether torques of accelerations are included, or of Coriolis
+            forces only.
     """
 
-    def __init__(self, space: WeightSpace, limit: float, accelerating: bool = True) -> None:
+    def __init__(self, space: WeightSpace, limit: Array | float, accelerating: bool = True) -> None:
         self._space, self._limit = space, limit
         kinds = np.array([1.0, 1.0, float(accelerating)])[:, None, None]
         self._rows, self._fixed = (
