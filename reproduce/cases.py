@@ -7,7 +7,7 @@ that results of other settings or other code are never mixed in.
 import hashlib
 import json
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, cast
 
@@ -19,12 +19,6 @@ from space_envs.errors import ConfigurationError
 from space_envs.system.parallel import here
 
 CaseRecord = dict[str, Any]
-
-
-def config_key(config: Mapping[str, Any]) -> str:
-    """Sixteen hexadecimal digits that change with anything in `config`, which holds plain JSON values."""
-    text = json.dumps(config, sort_keys=True, separators=(",", ":"), allow_nan=False)
-    return hashlib.sha256(text.encode("utf-8")).hexdigest()[:16]
 
 
 def source_digest(paths: Iterable[Path]) -> str:
@@ -78,7 +72,7 @@ def run_cases(
     shown = tqdm(total=count, initial=count - len(missing), unit="case", disable=not progress)
     with file, here(), shown as bar:
         # A line that was cut off gets an end of its own, so that it spoils no other.
-        if file.tell() and not _ends_with_newline(path):
+        if file.tell() and not path.read_bytes().endswith(b"\n"):
             file.write(b"\n")
         calls = (delayed(_carried_out)(work, index) for index in missing)
         parallel = Parallel(n_jobs=min(jobs, len(missing) or 1), return_as="generator_unordered")
@@ -95,9 +89,3 @@ def run_cases(
 def _carried_out(work: Callable[[int], CaseRecord], index: int) -> CaseRecord:
     with threadpool_limits(1):  # several threads of BLAS give other bits
         return work(index)
-
-
-def _ends_with_newline(path: Path) -> bool:
-    with path.open("rb") as file:
-        file.seek(-1, os.SEEK_END)
-        return file.read(1) == b"\n"

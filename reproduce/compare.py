@@ -16,32 +16,30 @@ def figures_of(record: CaseRecord, key: str) -> Mapping[str, Any] | None:
     return None if "cause" in found else found
 
 
-def ratio(record: CaseRecord, key: str, others: tuple[str, ...], name: str) -> float | None:
+def ratio(record: CaseRecord, name: str, key: str, *others: str) -> float | None:
     """A figure of one method over the least of the others'; None where one of them found no plan."""
     found = [figures_of(record, each) for each in (key, *others)]
-    if not all(found):
-        return None
     values = [each[name] for each in found if each]
-    return values[0] / min(values[1:])
+    return values[0] / min(values[1:]) if len(values) == len(found) else None
 
 
-def ratios(records: Iterable[CaseRecord], key: str, others: tuple[str, ...], name: str) -> Array:
+def ratios(records: Iterable[CaseRecord], name: str, key: str, *others: str) -> Array:
     """`ratio` of every record that has one."""
-    found = [ratio(record, key, others, name) for record in records]
+    found = [ratio(record, name, key, *others) for record in records]
     return np.array([value for value in found if value is not None])
 
 
-def at_most(record: CaseRecord, key: str, others: tuple[str, ...], bound: float, name: str) -> bool | None:
+def at_most(record: CaseRecord, name: str, key: str, *others: str, bound: float) -> bool | None:
     """Whether a figure of one method is at most `bound` times the least of the others'."""
-    found = ratio(record, key, others, name)
+    found = ratio(record, name, key, *others)
     return None if found is None else found <= bound
 
 
 def comparison(
     record: CaseRecord,
-    key: str,
-    others: tuple[str, ...],
     name: str,
+    key: str,
+    *others: str,
     names: Mapping[str, str],
     shown: Callable[[float], str],
     unit: str,
@@ -53,10 +51,9 @@ def comparison(
     """
     values = {each: figures_of(record, each) for each in (key, *others)}
     listed = ", ".join(
-        f"{names[each]} {shown(found[name])}" if found else f"{names[each]} none"
-        for each, found in values.items()
+        f"{names[each]} {shown(found[name]) if found else 'none'}" for each, found in values.items()
     )
-    change = ratio(record, key, others, name)
+    change = ratio(record, name, key, *others)
     last = "" if change is None else f": {percent(100 * (change - 1.0))} %"
     return f"{listed} {unit}{last}."
 

@@ -5,9 +5,8 @@ All text is plain and is escaped where it is written. A content security policy 
 script run, known by its hash.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
 from markupsafe import Markup
 
@@ -15,7 +14,8 @@ from reproduce.claims import SHARE_NOTE
 from reproduce.page.animation import Movie
 from reproduce.page.blocks import Block, ClaimTable, Page, Picture, Prose, Section, Table
 from reproduce.page.figures import Figure, standalone
-from space_envs.evaluation.records.names import display_name, markdown_name
+from space_envs.evaluation.records.names import markdown_name
+from space_envs.evaluation.report.page.provenance import flat_rows
 from space_envs.evaluation.report.templating import make_environment, read_template, script_hash
 from space_envs.system.files import atomic_write, atomic_write_text
 
@@ -67,7 +67,7 @@ def to_html(page: Page) -> str:
         .render(
             page=page,
             share_note=SHARE_NOTE,
-            provenance=flat(page.provenance),
+            provenance=flat_rows(page.provenance),
             style=Markup(read_template("report.css") + read_template("page.css", "reproduce")),
             script=Markup(script),
             script_hash=script_hash(script),
@@ -85,7 +85,7 @@ def to_markdown(page: Page, images: str, prefix: str = "") -> str:
         for block in section.blocks:
             parts += _markdown(block, images, prefix)
     parts += ["## Where this comes from", f"```sh\n{page.command}\n```"]
-    rows = [f"- {_md(name)}: {_md(value)}" for name, value in flat(page.provenance)]
+    rows = [f"- {_md(name)}: {_md(value)}" for name, value in flat_rows(page.provenance)]
     parts += ["\n".join(rows)] if rows else []
     return "\n\n".join(parts) + "\n"
 
@@ -127,19 +127,6 @@ def _markdown_table(heads: Sequence[str], rows: Iterable[Sequence[str]], align: 
         for number, line in enumerate([*lines, *rows])
     ]
     return "\n".join(text)
-
-
-def flat(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
-    """Nested provenance as rows, such as `versions: numpy` with its number."""
-    rows: list[tuple[str, str]] = []
-    for key, value in values.items():
-        name = f"{prefix}{display_name(str(key)).replace('_', ' ')}"
-        if isinstance(value, Mapping):
-            rows += flat(value, f"{name}: ")
-        else:
-            text = ", ".join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)
-            rows.append((name, display_name(text, 1000)))
-    return rows
 
 
 def _md(text: str) -> str:

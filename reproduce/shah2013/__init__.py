@@ -9,8 +9,9 @@ from reproduce.page.blocks import Page
 from reproduce.shah2013.cases import CANONICAL, Sampler
 from reproduce.shah2013.content import build
 from reproduce.shah2013.methods import METHODS
-from reproduce.shah2013.runs import case_record, recipe_key, work_out
+from reproduce.shah2013.runs import case_record, recipe, work_out
 from reproduce.study import StudyOptions
+from space_envs.system.digests import json_digest
 
 
 def reproduce(options: StudyOptions) -> Page:
@@ -29,7 +30,7 @@ def reproduce(options: StudyOptions) -> Page:
     records = run_cases(
         partial(case_record, seed=options.seed, sampler=sampler),
         options.cases,
-        options.output / "cases" / f"{recipe_key(options.seed, sampler)}.jsonl",
+        options.output / "cases" / f"{json_digest(recipe(options.seed, sampler), 16)}.jsonl",
         jobs=options.jobs,
         progress=options.progress,
     )

@@ -1,9 +1,8 @@
 """The canonical case and random ones: start of the arms, pose and spin of the target."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cache
 from math import pi
-from typing import Any
 
 import numpy as np
 
@@ -53,10 +52,6 @@ class CaptureCase:
         points[:, :2] = np.array(self.centre) + arms
         velocity[:, :2] = self.spin * np.column_stack([-arms[:, 1], arms[:, 0]])
         return Capture(start=np.array(self.start), duration=self.duration, position=points, velocity=velocity)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain JSON values."""
-        return asdict(self)
 
 
 # shah2013 gives the target's centre, the end velocities (-+0.01, 0) m/s and the arms' rest at the start. The

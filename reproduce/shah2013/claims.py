@@ -3,11 +3,11 @@
 Records are those of `reproduce.shah2013.runs.work_out`. A test answers None where it cannot be asked.
 """
 
+from functools import partial
 from typing import Any
 
-from reproduce import compare
 from reproduce.claims import CaseRecord, rules
-from reproduce.compare import figures_of
+from reproduce.compare import at_most, comparison, figures_of, ratio
 from reproduce.shah2013.methods import METHODS
 from reproduce.shah2013.text import TEXT
 from reproduce.shah2013.thresholds import ARRIVED, HARDLY, LATE, MUCH, ORDER, PRINTED, SAME, SUDDEN
@@ -24,16 +24,6 @@ def found_by(record: CaseRecord, keys: tuple[str, ...]) -> dict[str, Any]:
 def nonsingular(record: CaseRecord) -> bool:
     """Whether all three of the paper's methods found a plan."""
     return len(found_by(record, PAPER)) == len(PAPER)
-
-
-def ratio(record: CaseRecord, key: str, *others: str, name: str = "energy") -> float | None:
-    """As `reproduce.compare.ratio`, of energies if nothing else is said."""
-    return compare.ratio(record, key, others, name)
-
-
-def at_most(record: CaseRecord, key: str, *others: str, bound: float, name: str = "energy") -> bool | None:
-    """As `reproduce.compare.at_most`, of energies if nothing else is said."""
-    return compare.at_most(record, key, others, bound, name)
 
 
 # The paper's claims
@@ -56,7 +46,7 @@ def reactionless(record: CaseRecord) -> bool | None:
 
 
 def zero_not_optimal(record: CaseRecord) -> bool | None:
-    return at_most(record, "ocp", "zeta_zero", bound=1.0 - 1e-6)
+    return at_most(record, "energy", "ocp", "zeta_zero", bound=1.0 - 1e-6)
 
 
 def instant(record: CaseRecord) -> bool | None:
@@ -64,11 +54,11 @@ def instant(record: CaseRecord) -> bool | None:
 
 
 def local_energy(record: CaseRecord) -> bool | None:
-    return None if (found := ratio(record, "local", "zeta_zero")) is None else found > 1.0 + SAME
+    return None if (found := ratio(record, "energy", "local", "zeta_zero")) is None else found > 1.0 + SAME
 
 
 def local_power(record: CaseRecord) -> bool | None:
-    found = ratio(record, "local", "zeta_zero", name="peak_power")
+    found = ratio(record, "peak_power", "local", "zeta_zero")
     return None if found is None else found > 1.0
 
 
@@ -86,26 +76,26 @@ def jump_time(record: CaseRecord) -> bool | None:
 
 
 def jump_cost(record: CaseRecord) -> bool | None:
-    more, found = ratio(record, "local", "zeta_zero"), figures_of(record, "local")
+    more, found = ratio(record, "energy", "local", "zeta_zero"), figures_of(record, "local")
     if more is None or more <= 1.0 or not found:
         return None
     return found["lead"] <= 0.0
 
 
 def not_total(record: CaseRecord) -> bool | None:
-    return at_most(record, "ocp", "local", bound=1.0 - 1e-6)
+    return at_most(record, "energy", "ocp", "local", bound=1.0 - 1e-6)
 
 
 def ocp_energy(record: CaseRecord) -> bool | None:
-    return at_most(record, "ocp", "zeta_zero", "local", bound=MUCH)
+    return at_most(record, "energy", "ocp", "zeta_zero", "local", bound=MUCH)
 
 
 def ocp_power(record: CaseRecord) -> bool | None:
-    return at_most(record, "ocp", "zeta_zero", "local", bound=MUCH, name="peak_power")
+    return at_most(record, "peak_power", "ocp", "zeta_zero", "local", bound=MUCH)
 
 
 def smooth(record: CaseRecord) -> bool | None:
-    return at_most(record, "ocp", "local", bound=1.0, name="jolt")
+    return at_most(record, "jolt", "ocp", "local", bound=1.0)
 
 
 def collocation(record: CaseRecord) -> bool | None:
@@ -114,20 +104,20 @@ def collocation(record: CaseRecord) -> bool | None:
 
 
 def minimum(record: CaseRecord) -> bool | None:
-    return None if (found := ratio(record, "free", "ocp")) is None else found >= 1.0 - SAME
+    return None if (found := ratio(record, "energy", "free", "ocp")) is None else found >= 1.0 - SAME
 
 
 # Beyond the paper
 
 
 def never_worse(record: CaseRecord) -> bool | None:
-    return at_most(record, "ocp", "zeta_zero", "local", bound=1.0 + SAME)
+    return at_most(record, "energy", "ocp", "zeta_zero", "local", bound=1.0 + SAME)
 
 
 def free(record: CaseRecord) -> bool | None:
     if not figures_of(record, "ocp"):
         return None
-    return (found := ratio(record, "free", "ocp")) is not None and found <= 1.0 + SAME
+    return (found := ratio(record, "energy", "free", "ocp")) is not None and found <= 1.0 + SAME
 
 
 def reaches(record: CaseRecord) -> bool | None:
@@ -135,7 +125,7 @@ def reaches(record: CaseRecord) -> bool | None:
 
 
 def rest(record: CaseRecord) -> bool | None:
-    return at_most(record, "ocp_rest", "ocp", bound=1.001)
+    return at_most(record, "energy", "ocp_rest", "ocp", bound=1.001)
 
 
 def torque(record: CaseRecord) -> bool | None:
@@ -149,14 +139,10 @@ def sentence_figures(record: CaseRecord) -> dict[str, Any]:
     letters = {key: f"({method.letter})" for key, method in METHODS.items()}
     paper, from_rest = found_by(record, PAPER), found_by(record, FROM_REST)
 
-    def energy(key: str, *others: str) -> str:
-        return compare.comparison(record, key, others, "energy", letters, lambda v: f"{v:.5g}", "J s")
-
-    def power(key: str, *others: str) -> str:
-        return compare.comparison(
-            record, key, others, "peak_power", letters, lambda v: f"{1000 * v:.5g}", "mW"
-        )
-
+    energy = partial(comparison, record, "energy", names=letters, shown=lambda v: f"{v:.5g}", unit="J s")
+    power = partial(
+        comparison, record, "peak_power", names=letters, shown=lambda v: f"{1000 * v:.5g}", unit="mW"
+    )
     return by_method | {
         "record": record,
         "duration": record["case"]["duration"],

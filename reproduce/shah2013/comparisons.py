@@ -7,11 +7,10 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from reproduce.claims import CaseRecord
-from reproduce.compare import ratios
+from reproduce.compare import ratio, ratios
 from reproduce.page.animation import AnimatedRobot, Chain, Movie, animate
 from reproduce.page.drawing import DASHES, shares, time_axes
 from reproduce.page.figures import Draw, Figure, figure
-from reproduce.shah2013.claims import ratio
 from reproduce.shah2013.figures import FIGURES, drawn_samples
 from reproduce.shah2013.methods import METHODS, DualArmMethod
 from reproduce.shah2013.runs import PlannedCase
@@ -81,10 +80,10 @@ def energy_ratios(records: Sequence[CaseRecord], own: CaseRecord) -> Figure | No
     draws: list[Draw] = []
     sentences: list[str] = []
     for name, key, others, colour in RATIOS:
-        values = ratios(records, key, others, "energy")
+        values = ratios(records, "energy", key, *others)
         if not values.size:
             continue
-        draws.append(_distribution(name, values, ratio(own, key, *others), colour))
+        draws.append(_distribution(name, values, ratio(own, "energy", key, *others), colour))
         low, middle, high = np.quantile(values, [0.1, 0.5, 0.9])
         sentence = TEXT.fill(
             "figures.ratios.alt", name=name, count=values.size, low=low, middle=middle, high=high

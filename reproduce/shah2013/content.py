@@ -91,7 +91,7 @@ def _tile_figures(
         key: "-" if (share := shares[key]) is None or not share.of else f"{100 * share.rate:.0f}"
         for key in ("local_energy", "ocp_energy")
     }
-    savings = 1.0 - ratios(records, "free", ("ocp",), "energy")
+    savings = 1.0 - ratios(records, "energy", "free", "ocp")
     if savings.size:
         figures["saving"] = f"{100 * float(np.median(savings)):.0f}"
     rates = [

@@ -64,10 +64,9 @@ def curves(plan: CapturePlan, samples: int = SAMPLES) -> Curves:
     base = robot.centre_of_mass(robot.kinematics(position[:1])) - robot.centre_of_mass(
         robot.kinematics(position)
     )
-    energy, torque = _dynamics()
     columns = np.ascontiguousarray(position.T), np.ascontiguousarray(rate.T)
-    cost = 2.0 * np.array(energy(*columns, np.ascontiguousarray(twist.T))).ravel()
-    forces = np.array(torque(*columns, np.ascontiguousarray(acceleration.T))).T
+    cost = 2.0 * np.array(_symbolic().kinetic_energy(*columns, np.ascontiguousarray(twist.T))).ravel()
+    forces = np.array(_symbolic().inverse_dynamics(*columns, np.ascontiguousarray(acceleration.T))).T
     angular = _along(now.angular, rate)[:, :, 2]
     each = forces * rate
     return Curves(
@@ -159,7 +158,7 @@ def _jolt(name: str, time: Array, velocity: Array) -> dict[str, float]:
 
 
 def _gradient(robot: FloatingRobot, course: Curves) -> float:
-    mass = np.array(_reduced_mass()(np.ascontiguousarray(course.position.T)))
+    mass = np.array(_symbolic().reduced_mass(np.ascontiguousarray(course.position.T)))
     mass = mass.reshape(6, -1, 6).transpose(1, 0, 2)
     free = free_direction(robot, course.position)
     pushed = (mass @ free[..., None])[..., 0]
@@ -173,11 +172,5 @@ def _along(jacobian: Array, rate: Array) -> Array:
 
 
 @cache
-def _dynamics() -> tuple[Any, Any]:
-    symbolic = SymbolicRobot(planar_robot())
-    return symbolic.kinetic_energy, symbolic.inverse_dynamics
-
-
-@cache
-def _reduced_mass() -> Any:
-    return SymbolicRobot(planar_robot()).reduced_mass
+def _symbolic() -> SymbolicRobot:
+    return SymbolicRobot(planar_robot())

@@ -14,7 +14,7 @@ from agents.planners.common.plans import Failure
 from agents.planners.dual_arm import problem
 from agents.planners.dual_arm.problem import CapturePlan
 from agents.planners.dual_arm.tracking import FINE, Tracked, Tracking, track
-from reproduce.cases import CaseRecord, config_key, source_digest
+from reproduce.cases import CaseRecord, source_digest
 from reproduce.shah2013.cases import CaptureCase, Sampler
 from reproduce.shah2013.measures import SAMPLES, Curves, curves, record
 from reproduce.shah2013.methods import ACCELERATION, METHODS
@@ -83,7 +83,7 @@ def work_out(case: CaptureCase, fine: bool = False) -> PlannedCase:
         courses,
         coarse,
         finer,
-        {"index": case.index, "case": case.to_dict(), "methods": figures, "timing": timing},
+        {"index": case.index, "case": asdict(case), "methods": figures, "timing": timing},
     )
 
 
@@ -120,11 +120,6 @@ def recipe(seed: int, sampler: Sampler) -> dict[str, Any]:
         "sources": source_digest(sources),
         "versions": {name: version(name) for name in ("numpy", "scipy", "casadi", "mujoco")},
     }
-
-
-def recipe_key(seed: int, sampler: Sampler) -> str:
-    """Hash of the recipe."""
-    return config_key(recipe(seed, sampler))
 
 
 def _lead(local: Curves, zero: Curves, figures: Mapping[str, float]) -> float:

@@ -71,7 +71,7 @@ def energy_ratios(records: Sequence[CaseRecord]) -> Table:
     """Distribution of the ratios of the methods' energies."""
     rows = []
     for name, key, others in RATIOS:
-        values = ratios(records, key, others, "energy")
+        values = ratios(records, "energy", key, *others)
         if not values.size:
             rows.append((name, "0", *["-"] * 5))
             continue

@@ -11,9 +11,10 @@ from reproduce.shyam2020.cases import check_count, goal
 from reproduce.shyam2020.demonstrated import QUICK, cover
 from reproduce.shyam2020.feedback import simulate_law
 from reproduce.shyam2020.page.content import build
-from reproduce.shyam2020.runs import case_record, recipe_key, work_out
+from reproduce.shyam2020.runs import case_record, recipe, work_out
 from reproduce.shyam2020.timing import step_times
 from reproduce.study import StudyOptions
+from space_envs.system.digests import json_digest
 
 
 def reproduce(options: StudyOptions) -> Page:
@@ -36,7 +37,7 @@ def reproduce(options: StudyOptions) -> Page:
     records = run_cases(
         partial(case_record, seed=options.seed),
         options.cases,
-        options.output / "cases" / f"{recipe_key(options.seed)}.jsonl",
+        options.output / "cases" / f"{json_digest(recipe(options.seed), 16)}.jsonl",
         jobs=options.jobs,
         progress=options.progress,
     )

@@ -14,7 +14,7 @@ import space_envs
 from agents.planners.common.inverse_kinematics import JointMotion
 from agents.planners.common.plans import Failure
 from agents.policies.single_arm.promp import SAMPLES
-from reproduce.cases import CaseRecord, config_key, source_digest
+from reproduce.cases import CaseRecord, source_digest
 from reproduce.shyam2020 import cases, measures, sampling, steps
 from reproduce.shyam2020.cases import GoalCase, goal
 from reproduce.shyam2020.measures import Course, course, figures
@@ -123,8 +123,3 @@ def recipe(seed: int) -> dict[str, Any]:
         "sources": source_digest(sources),
         "versions": {name: version(name) for name in ("numpy", "scipy", "casadi", "mujoco")},
     }
-
-
-def recipe_key(seed: int) -> str:
-    """Hash of the recipe."""
-    return config_key(recipe(seed))

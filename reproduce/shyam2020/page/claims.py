@@ -3,13 +3,14 @@
 Records are those of `reproduce.shyam2020.runs.work_out`. A test answers None where it cannot be asked.
 """
 
+from functools import partial
 from math import degrees, inf
 from typing import Any
 
 import numpy as np
 
 from reproduce.claims import CaseRecord, rules
-from reproduce.compare import at_most, comparison, figures_of, percent, ratio
+from reproduce.compare import at_most, comparison, figures_of, percent
 from reproduce.shyam2020.methods import METHODS
 from reproduce.shyam2020.page.text import TEXT
 from reproduce.shyam2020.page.thresholds import (
@@ -108,23 +109,23 @@ def sampling_20(record: CaseRecord) -> bool | None:
 
 
 def sampling_100(record: CaseRecord) -> bool | None:
-    return at_most(record, "promp", ("promp_mean",), MUCH, "cost")
+    return at_most(record, "cost", "promp", "promp_mean", bound=MUCH)
 
 
 def against_minimum_jerk(record: CaseRecord) -> bool | None:
-    return at_most(record, "promp", ("minimum_jerk",), 1.0, "cost")
+    return at_most(record, "cost", "promp", "minimum_jerk", bound=1.0)
 
 
 def against_demonstrator(record: CaseRecord) -> bool | None:
-    return at_most(record, "promp", ("mpc",), 1.0, "cost")
+    return at_most(record, "cost", "promp", "mpc", bound=1.0)
 
 
 def minimum(record: CaseRecord) -> bool | None:
-    return None if (found := ratio(record, "promp", ("ocp",), "cost")) is None else found <= NEAR
+    return at_most(record, "cost", "promp", "ocp", bound=NEAR)
 
 
 def attitude(record: CaseRecord) -> bool | None:
-    return at_most(record, "promp", ("promp_mean",), MUCH, "end_attitude")
+    return at_most(record, "end_attitude", "promp", "promp_mean", bound=MUCH)
 
 
 def attitude_any(record: CaseRecord) -> bool | None:
@@ -168,7 +169,7 @@ def reference(record: CaseRecord) -> bool | None:
 
 
 def weights_hold_it(record: CaseRecord) -> bool | None:
-    return at_most(record, "promp_optimal", ("ocp",), 1.15, "cost")
+    return at_most(record, "cost", "promp_optimal", "ocp", bound=1.15)
 
 
 def kept(record: CaseRecord) -> bool | None:
@@ -179,7 +180,7 @@ def kept(record: CaseRecord) -> bool | None:
 
 
 def kept_costs_less(record: CaseRecord) -> bool | None:
-    return at_most(record, "promp_optimal_kept", ("promp",), 1.0, "cost")
+    return at_most(record, "cost", "promp_optimal_kept", "promp", bound=1.0)
 
 
 def optimum_faster(record: CaseRecord) -> bool | None:
@@ -204,13 +205,10 @@ def sentence_figures(record: CaseRecord) -> dict[str, Any]:
     names = {key: method.name for key, method in METHODS.items()}
     samples, mean = record["samples"], by_method["promp_mean"]
 
-    def costs(key: str, *others: str) -> str:
-        return comparison(record, key, others, "cost", names, lambda v: f"{1e4 * v:.3f}", "cm²/s")
-
-    def attitudes(key: str, *others: str) -> str:
-        return comparison(
-            record, key, others, "end_attitude", names, lambda v: f"{degrees(1.0) * v:.3f}", "deg"
-        )
+    costs = partial(comparison, record, "cost", names=names, shown=lambda v: f"{1e4 * v:.3f}", unit="cm²/s")
+    attitudes = partial(
+        comparison, record, "end_attitude", names=names, shown=lambda v: f"{degrees(v):.3f}", unit="deg"
+    )
 
     def times(*keys: str) -> str:
         return ", ".join(f"{names[key]} {1000 * record['timing'][key]:.0f} ms" for key in keys) + "."

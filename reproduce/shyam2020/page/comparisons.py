@@ -24,7 +24,7 @@ def compared(records: Sequence[CaseRecord]) -> Figure:
     medians = "; ".join(
         f"{method.name} {np.median(values):.2f}"
         for key, method in METHODS.items()
-        if (values := ratios(records, key, ("ocp",), "cost")).size
+        if (values := ratios(records, "cost", key, "ocp")).size
     )
     draws = (
         lambda axes: _draw_ratios(axes, records),
@@ -36,7 +36,7 @@ def compared(records: Sequence[CaseRecord]) -> Figure:
 
 def _draw_ratios(axes: Axes, records: Sequence[CaseRecord]) -> None:
     for key, method in METHODS.items():
-        values = ratios(records, key, ("ocp",), "cost")
+        values = ratios(records, "cost", key, "ocp")
         if key != "ocp" and values.size:
             axes.step(np.sort(values), shares(values), color=method.colour, lw=1.9, label=LETTERS[key])
     axes.axvline(1.0, color=INK, lw=0.8, ls=DASHES[1])

@@ -121,7 +121,7 @@ def _tile_figures(records: Sequence[CaseRecord]) -> dict[str, str]:
     if gains:
         figures["sampling"] = f"{np.median(gains):.0f}"
     for key, other in RATIOS:
-        values = ratios(records, key, (other,), "cost")
+        values = ratios(records, "cost", key, other)
         if values.size:
             figures[f"{key} / {other}"] = f"{np.median(values):.2f}"
     return figures

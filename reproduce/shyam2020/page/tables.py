@@ -34,7 +34,7 @@ def comparison(records: Sequence[CaseRecord]) -> Table:
         if not found:
             rows.append((method.name, "0", *["-"] * 8))
             continue
-        over = ratios(records, method.key, ("ocp",), "cost")
+        over = ratios(records, "cost", method.key, "ocp")
         quantiles = np.quantile(over, [0.5, 0.9]) if over.size else [np.nan] * 2
         rows.append(
             (
@@ -64,7 +64,7 @@ def drives(records: Sequence[CaseRecord]) -> Table:
         if not found:
             rows.append((method.name, *["-"] * 6))
             continue
-        over = ratios(records, method.key, ("ocp_kept",), "cost")
+        over = ratios(records, "cost", method.key, "ocp_kept")
         peaks = ("peak_rate", "peak_acceleration", "peak_torque", "end_rate")
         rows.append(
             (

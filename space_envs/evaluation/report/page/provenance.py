@@ -13,10 +13,10 @@ def provenance_lists(result: EvaluationResult) -> dict[str, list[tuple[str, str]
     plain = {
         key: value for key, value in result.provenance.items() if key not in ("command", "configurations")
     }
-    groups = {"Run": _flat({key: value for key, value in plain.items() if key != "versions"})}
+    groups = {"Run": flat_rows({key: value for key, value in plain.items() if key != "versions"})}
     groups["Run"] += _timing(result.records)
-    groups["Versions"] = _flat(plain.get("versions", {}))
-    groups["Configurations"] = _flat(result.provenance.get("configurations", {}))
+    groups["Versions"] = flat_rows(plain.get("versions", {}))
+    groups["Configurations"] = flat_rows(result.provenance.get("configurations", {}))
     return {title: rows for title, rows in groups.items() if rows}
 
 
@@ -31,13 +31,13 @@ def _timing(records: Sequence[EpisodeRecord]) -> list[tuple[str, str]]:
     return [("planning and action timed on", display_name("; ".join(machines), 1000))] if machines else []
 
 
-def _flat(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
-    """Nested provenance as rows of a list: `machine: processor` -> an x86-64."""
+def flat_rows(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
+    """Nested plain values as rows of a list, such as `machine: processor` with its name."""
     flat: list[tuple[str, str]] = []
     for key, value in values.items():
         name = f"{prefix}{display_name(str(key)).replace('_', ' ')}"
         if isinstance(value, Mapping):
-            flat += _flat(value, f"{name}: ")
+            flat += flat_rows(value, f"{name}: ")
         elif isinstance(value, (list, tuple)):
             flat.append((name, display_name(", ".join(map(str, value)), 1000)))
         else:
