@@ -1,1 +1,1 @@
-"""Robots: parameters with their sources, and MuJoCo models built from them."""
+"""Robots: values, descriptions, models and export."""

@@ -152,6 +152,12 @@ class Arm:
     anchors: tuple[Anchor, ...]
     capsules: tuple[Capsule, ...]
 
+    @property
+    def length(self) -> float:
+        """Of the stretched arm, from its first joint to its end-effector, m."""
+        steps = [*(link.position for link in self.links[1:]), self.tool_position]
+        return float(np.linalg.norm(np.array(steps), axis=1).sum())
+
 
 @dataclass(frozen=True)
 class Satellite:
@@ -161,7 +167,7 @@ class Satellite:
         inertial: with its centre at the origin.
         box: half sides of its body, for goals, contacts and drawings. box_centre: of that body.
         reachable: whether the arms can touch it, and contacts with it are checked.
-        visuals: what is drawn of it; empty for a standard bus of the size of the box.
+        visuals: what is drawn of it. bus: whether a standard bus of the size of the box is drawn too.
     """
 
     inertial: Inertial
@@ -169,6 +175,7 @@ class Satellite:
     box_centre: Vector3 = ORIGIN
     reachable: bool = True
     visuals: tuple[Visual, ...] = ()
+    bus: bool = True
 
 
 @dataclass(frozen=True)
@@ -259,6 +266,11 @@ class Robot:
         return len(self.links)
 
     @property
+    def reach(self) -> float:
+        """Largest distance of an end-effector from the first joint of its arm, over all arms, m."""
+        return max(arm.length for arm in self.arms)
+
+    @property
     def home(self) -> Array:
         """(n,) rad."""
         return np.array([joint.home for joint in self.joints])
@@ -284,14 +296,18 @@ class Robot:
         return np.array([joint.torque_limit for joint in self.joints])
 
 
+_DRAWN = ("visuals", "bus", "view")  # fields of what is only drawn
+
+
 def _numbers(value: Any) -> Iterator[str]:
     """Numbers of a value in the order of its fields, all digits, with the names of its fields."""
-    if isinstance(value, Visual | View | str):
+    if isinstance(value, str):
         return
     if is_dataclass(value):
         for field in fields(value):
-            yield field.name
-            yield from _numbers(getattr(value, field.name))
+            if field.name not in _DRAWN:
+                yield field.name
+                yield from _numbers(getattr(value, field.name))
     elif isinstance(value, tuple):
         yield str(len(value))
         for part in value:

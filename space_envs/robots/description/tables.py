@@ -60,9 +60,9 @@ class DescriptionTable:
         """True or false."""
         return self._checked(flag, key, self.get(key, default))
 
-    def positive(self, key: str, default: Any = _MISSING) -> Any:
+    def positive(self, key: str, default: Any = _MISSING, hint: str = "") -> Any:
         """Positive number of a key, or the default."""
-        value = self.get(key, default)
+        value = self.get(key, default, hint)
         return self._checked(positive, key, value) if key in self._values else value
 
     def number(self, key: str, default: Any = _MISSING) -> Any:
@@ -76,6 +76,23 @@ class DescriptionTable:
         if key not in self._values:
             return value
         return tuple(self._checked(finite_array, key, value, (length,)).tolist())
+
+    def moments(self, key: str) -> tuple[float, float, float]:
+        """Principal inertia of a key, kg m^2.
+
+        Raises:
+            ConfigurationError: if it is not positive or breaks the triangle inequality.
+        """
+        moments = self.vector(key, 3)
+        low, middle, high = sorted(moments)
+        if not low > 0.0:
+            raise self.error(f"{key} must be positive, got {list(moments)} kg m^2")
+        if high > (low + middle) * (1.0 + 1e-9):
+            raise self.error(
+                f"{key} breaks the triangle inequality: no body has principal moments {list(moments)} kg m^2, "
+                "since each is at most the sum of the others"
+            )
+        return moments
 
     def table(self, key: str, keys: Sequence[str], default: Any = _MISSING) -> "DescriptionTable":
         """DescriptionTable within this one."""

@@ -1,0 +1,36 @@
+"""Poses of a robot's end-effectors in its satellite's frame, from its numbers alone."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from space_envs.dynamics.rotations import Array, exponential, multiply, rotate
+from space_envs.robots.robot import Arm, Robot
+
+
+class Pose(NamedTuple):
+    """Position (3,) m and orientation (4,), w x y z, of a frame in another one."""
+
+    position: Array
+    orientation: Array
+
+    def __matmul__(self, other: "Pose") -> "Pose":
+        """Pose of a third frame, given in the second."""
+        return Pose(
+            self.position + rotate(self.orientation, other.position),
+            multiply(self.orientation, other.orientation),
+        )
+
+
+def tool_poses(robot: Robot, q: Array) -> list[Pose]:
+    """Pose of each end-effector in the satellite's frame at joint angles q (n,), rad."""
+    parts = np.split(np.asarray(q, dtype=np.float64), np.cumsum([len(arm.links) for arm in robot.arms])[:-1])
+    return [_tool_pose(arm, angles) for arm, angles in zip(robot.arms, parts, strict=True)]
+
+
+def _tool_pose(arm: Arm, angles: Array) -> Pose:
+    pose = Pose(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+    for link, angle in zip(arm.links, angles, strict=True):
+        hinge = Pose(np.zeros(3), exponential(angle * np.array(link.joint.axis)))
+        pose = pose @ Pose(np.array(link.position), np.array(link.orientation)) @ hinge
+    return pose @ Pose(np.array(arm.tool_position), np.array(arm.tool_orientation))

@@ -1,0 +1,76 @@
+"""Robots by name: those of this package, and those that a user registers."""
+
+from collections.abc import Callable
+from functools import lru_cache
+from importlib.resources import files
+from pathlib import Path
+
+from space_envs.errors import ConfigurationError, shown, unknown_name
+from space_envs.robots.description.reading import read_robot
+from space_envs.robots.robot import Robot, StepLimits
+
+Source = str | Path | Robot
+Measure = Callable[[Robot], StepLimits]
+_FOLDER = Path(str(files("space_envs") / "robots" / "zoo"))
+_SUFFIX = ".toml"
+_SOURCES: dict[str, Path | Robot] = {file.stem: file for file in sorted(_FOLDER.glob(f"*{_SUFFIX}"))}
+
+
+def robot_names() -> tuple[str, ...]:
+    """Names of all robots that `find_robot` knows."""
+    return tuple(_SOURCES)
+
+
+def register_robot(name: str, source: str | Path | Robot) -> None:
+    """Make a robot available by name.
+
+    Args:
+        name: for `robot=` and `--robot`. source: its description file, or the robot itself.
+
+    Raises:
+        ConfigurationError: for a name that is another robot's, or a file that does not exist.
+    """
+    if not isinstance(name, str) or not name.strip() or _is_path(name):
+        raise ConfigurationError(f"the name of a robot is a text without / and {_SUFFIX}, got {shown(name)}")
+    value = source if isinstance(source, Robot) else Path(source).absolute()
+    if isinstance(value, Path) and not value.is_file():
+        raise ConfigurationError(f"there is no file {str(value)!r}")
+    if _SOURCES.get(name, value) != value:
+        raise ConfigurationError(f"robot {name!r} is registered already")
+    _SOURCES[name] = value
+
+
+def find_robot(source: Source, variant: str | None = None, measure: Measure | None = None) -> Robot:
+    """A robot by its name, its description file, or the robot itself.
+
+    Args:
+        source: registered name, path of a TOML file, or a robot, which is returned as it is.
+        variant: of its inertias; None is its default. measure: time steps of a robot whose file gives none.
+
+    Raises:
+        ConfigurationError: for an unknown name, with the nearest one, or a file that is not valid.
+    """
+    if isinstance(source, Robot):
+        if variant not in (None, source.variant):
+            raise unknown_name("model variant", variant, [source.variant])
+        return source
+    if not isinstance(source, str | Path):
+        raise ConfigurationError(f"robot must be a name, a path of a TOML file or a Robot, got {shown(source)}")
+    if isinstance(source, Path) or _is_path(source):
+        path = Path(source).expanduser().absolute()
+        if not path.is_file():
+            raise ConfigurationError(f"robot: there is no file {str(path)!r}")
+        return _read(path, path.stat().st_mtime_ns, variant, measure)
+    if source not in _SOURCES:
+        raise unknown_name("robot", source, _SOURCES)
+    found = _SOURCES[source]
+    return find_robot(found, variant, measure)
+
+
+@lru_cache(maxsize=64)
+def _read(path: Path, changed: int, variant: str | None, measure: Measure | None) -> Robot:
+    return read_robot(path, variant, measure)
+
+
+def _is_path(text: str) -> bool:
+    return text.endswith(_SUFFIX) or "/" in text or "\\" in text
