@@ -12,6 +12,7 @@ import numpy as np
 from space_envs.checks import flag, numbers
 from space_envs.errors import ConfigurationError, positive, shown, unknown_name
 from space_envs.robots.capsules import PLANAR_SHAPE, SPATIAL_SHAPE, ArmShape, add_point_sensors
+from space_envs.robots.models.drawing import draw
 from space_envs.robots.parameters import (
     DUAL_ARM_PLANAR,
     DUAL_ARM_SPATIAL,
@@ -22,8 +23,7 @@ from space_envs.robots.parameters import (
     cube_inertia,
 )
 from space_envs.robots.single_arm import SATELLITE, TARGET, quaternion_x, rod_link_inertia
-from space_envs.scenery.dual_arm import draw_planar, draw_spatial
-from space_envs.scenery.shapes import Vector
+from space_envs.robots.zoo import find_robot
 
 ARMS = (1, 2)
 END_EFFECTORS = ("end_effector1", "end_effector2")
@@ -154,18 +154,17 @@ class DualArmDescription:
 
     Attributes:
         parameters: of the robot. shape: of its arms, for contacts.
-        build: adds the bodies of robot and target to an empty model. draw: adds the geometry.
+        build: adds the bodies of robot and target to an empty model.
     """
 
     parameters: Any
     shape: ArmShape
     build: Callable[[mujoco.MjSpec, Any], None]
-    draw: Callable[[mujoco.MjSpec, float, float, Vector], None]
 
 
 DUAL_ARMS = {
-    "planar": DualArmDescription(DUAL_ARM_PLANAR, PLANAR_SHAPE, _build_planar, draw_planar),
-    "spatial": DualArmDescription(DUAL_ARM_SPATIAL, SPATIAL_SHAPE, _build_spatial, draw_spatial),
+    "planar": DualArmDescription(DUAL_ARM_PLANAR, PLANAR_SHAPE, _build_planar),
+    "spatial": DualArmDescription(DUAL_ARM_SPATIAL, SPATIAL_SHAPE, _build_spatial),
 }
 KINDS = tuple(DUAL_ARMS)
 
@@ -222,7 +221,7 @@ def dual_arm_spec(options: DualArmOptions = DualArmOptions()) -> mujoco.MjSpec:
         parameters = replace(parameters, mounts=options.mounts)
     robot.build(spec, parameters)
     if options.visual:
-        robot.draw(spec, parameters.satellite_side, parameters.link_radius, parameters.target.body)
+        draw(spec, find_robot({"planar": "shah2013", "spatial": "spatial_dual_arm"}[options.kind]))
     _add_sensors(spec)
     if robot.shape.half is not None:
         add_point_sensors(spec, robot.shape, ARMS, SATELLITE)

@@ -1,7 +1,7 @@
 """A free-floating robot as a value: its satellite, its arms and their limits, wherever it was described.
 
 Every robot, of this package and of a user, is a `Robot`. `space_envs.robots.description` reads one from a
-file, and `space_envs.robots.building` makes its MuJoCo model. Lengths are in m, angles in rad, quaternions
+file, and `space_envs.robots.models` makes its MuJoCo model. Lengths are in m, angles in rad, quaternions
 w x y z.
 """
 

@@ -9,6 +9,7 @@ import numpy as np
 from space_envs.checks import count, flag
 from space_envs.errors import positive, unknown_name
 from space_envs.robots.capsules import SINGLE_ARM_SHAPE, add_point_sensors
+from space_envs.robots.models.drawing import draw
 from space_envs.robots.parameters import (
     SINGLE_ARM,
     VARIANTS,
@@ -17,7 +18,7 @@ from space_envs.robots.parameters import (
     cube_inertia,
     rod_inertia,
 )
-from space_envs.scenery.single_arm import draw_environment, draw_keep_out, draw_robot, draw_target
+from space_envs.robots.zoo import find_robot
 
 SATELLITE = "satellite"
 TARGET = "target"
@@ -141,10 +142,7 @@ def single_arm_spec(
     add_point_sensors(spec, SINGLE_ARM_SHAPE, (1,), SATELLITE)
     spec.add_key(name="home", qpos=[0, 0, 0, 1, 0, 0, 0, *parameters.home])
     if options.visual:
-        draw_robot(spec, parameters.satellite_side, parameters.link_radius)
-        draw_target(target)
-        draw_keep_out(spec, OBSTACLE_RADIUS)
-        draw_environment(spec)
+        draw(spec, find_robot("shyam2020", options.variant))
     return spec
 
 

@@ -6,10 +6,7 @@ import mujoco
 import numpy as np
 
 from space_envs.errors import ConfigurationError
-from space_envs.scenery.materials import add_space
 from space_envs.scenery.parts import (
-    add_part_meshes,
-    add_views,
     draw_arm_deck,
     draw_boom,
     draw_bus,
@@ -22,7 +19,6 @@ from space_envs.scenery.shapes import Brush, Vector, add_crumpled_box, rotation_
 _ARM_SCALE = 0.5  # of joints and hands, relative to the single arm
 _PLANAR_DECK = -0.34  # m, z of the deck that the planar arms rotate above
 _PLANAR_TARGET = -0.30  # m, z of the target's middle, below the arms
-_QUARTER_X = (cos(pi / 4), -sin(pi / 4), 0.0, 0.0)  # z becomes y
 _HALF_X = (0.0, 1.0, 0.0, 0.0)  # z becomes -z
 
 
@@ -50,37 +46,22 @@ def draw_planar(spec: mujoco.MjSpec, side: float, link_radius: float, target_hal
         target.rod("titanium", (0.0, sign * wide, foot[2]), foot, 0.02, round_ends=True)
         target.rod("aluminium", foot, (0.0, sign * half, -0.17), 0.03)
         _draw_fixture(target.at((0.0, sign * half, 0.0), _HALF_X))
-    _draw_surroundings(spec, "planar")
 
 
-def draw_spatial(spec: mujoco.MjSpec, side: float, link_radius: float, target_half: Vector) -> None:
-    """Draw the spatial robot, its deck facing +y where the arms work, and its target.
-
-    Args:
-        spec, side, link_radius, target_half: as in `draw_planar`.
-    """
-    bus = Brush(spec.body("satellite"))
-    _draw_satellite(spec, bus.at((0.0, 0.0, 0.0), _QUARTER_X), side)
-    for arm in (1, 2):
-        root = spec.body(f"arm{arm}_link1")
-        shoulder = bus.at(root.pos, root.quat)
-        shoulder.rod("aluminium", (0.0, 0.0, 0.0), (0.0, 0.0, 0.035), 0.17)
-        shoulder.rod("dark_metal", (0.0, 0.0, 0.0), (0.0, 0.0, 0.07), 0.11)
-        _draw_arm(spec, arm, link_radius, (1.0, 0.0, 0.0, 0.0))
-
+def draw_spatial_target(spec: mujoco.MjSpec, target_half: Vector) -> None:
+    """Draw the target of two arms in space, with half sides (3,) in m, on the body `target`."""
     target = Brush(spec.body("target"))
     _draw_debris(target, target_half)
     for name in ("grapple1", "grapple2"):
         site = spec.site(name)
         _draw_fixture(target.at(site.pos, site.quat))
-    _draw_surroundings(spec, "spatial")
 
 
 def scale_target(model: mujoco.MjModel, half_width: float) -> None:
     """Scale the geoms and sites of the target of a model for rendering, in place.
 
     Args:
-        model: compiled after `draw_planar` or `draw_spatial`; must not be shared.
+        model: compiled after `draw_planar` or `draw_spatial_target`; must not be shared.
         half_width: new distance of the grapple points from the target's centre, m.
 
     Raises:
@@ -200,19 +181,3 @@ def _draw_quilt(target: Brush, half: np.ndarray, tiles: int = 3) -> None:
                     toward[axis] = sign
                     quat = rotation_to(normal.tolist(), toward.tolist())
                     target.box("silver_foil", middle.tolist(), size.tolist(), quat)
-
-
-def _draw_surroundings(spec: mujoco.MjSpec, kind: str) -> None:
-    """Add space, and the cameras `overview` and `chase`."""
-    add_part_meshes(spec)
-    if kind == "planar":
-        add_space(spec, earth=(-370.0, 110.0, -340.0))
-        overview = ((4.32, 1.30, 3.36), (1.63, 0.57, 0.03))
-        chase = ((-1.37, -3.64, 1.45), (0.94, 0.35, -1.78))
-    else:
-        add_space(spec, earth=(-400.0, -120.0, -310.0), sun=(-0.55, -0.30, -0.78))
-        overview = ((2.20, 3.70, 3.59), (0.02, 0.70, 0.99))
-        chase = ((3.41, 1.72, 3.36), (-0.12, 0.43, 0.73))
-    spec.stat.extent = 5.0
-    spec.stat.center = [0.0, 0.8, 0.0]
-    add_views(spec, overview, chase)

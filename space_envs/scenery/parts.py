@@ -89,6 +89,20 @@ def draw_bus(bus: Brush, side: float) -> None:
                 bus.rod("titanium", start, end, 0.024)
 
 
+def draw_plain_bus(bus: Brush, sides: Vector) -> None:
+    """Draw a box in foil with a frame; the foil is the mesh `bus_foil`."""
+    bus.mesh("gold_foil", "bus_foil")
+    half = np.array(sides) / 2
+    for axis in range(3):
+        first, second = (axis + 1) % 3, (axis + 2) % 3
+        for u in (-1.0, 1.0):
+            for v in (-1.0, 1.0):
+                middle, size = np.zeros(3), np.full(3, 0.03)
+                middle[[first, second]] = u * half[first], v * half[second]
+                size[axis] = 2 * half[axis] + 0.03
+                bus.box("aluminium", middle.tolist(), size.tolist())
+
+
 def draw_arm_deck(bus: Brush, side: float) -> None:
     """Draw the bolted plate of the deck of `draw_bus`."""
     h = side / 2
@@ -135,7 +149,7 @@ def draw_joint(body: Brush) -> None:
 
 
 def draw_boom(body: Brush, end: Vector, radius: float, shorten: float = 0.0) -> None:
-    """Draw a boom from the origin to `end`, which is not on the y axis, or `shorten` metres less."""
+    """Draw a boom from the origin to `end`, or `shorten` metres less."""
     reach = float(np.linalg.norm(end))
     along = np.asarray(end, dtype=float) / reach
     length = reach - shorten
@@ -150,7 +164,7 @@ def draw_boom(body: Brush, end: Vector, radius: float, shorten: float = 0.0) -> 
         ring("dark_metal", length - 0.17, length - 0.10, 1.18)
     ring("aluminium", length * 0.5 - 0.012, length * 0.5 + 0.012, 1.06)
     # A cable duct along the boom, across the joint axis or along x.
-    side = np.cross(along, [0.0, 1.0, 0.0])
+    side = np.cross(along, [0.0, 1.0, 0.0] if abs(along[1]) < 0.99 else [1.0, 0.0, 0.0])
     offset = 1.02 * radius * side / np.linalg.norm(side)
     duct = (0.17 * along + offset).tolist(), ((length - 0.12) * along + offset).tolist()
     body.rod("grey_paint", *duct, 0.16 * radius)

@@ -99,9 +99,28 @@ class Brush:
         """Ellipsoid with the given semi-axes."""
         self._geom(mujoco.mjtGeom.mjGEOM_ELLIPSOID, material, pos, radii, (1, 0, 0, 0))
 
-    def mesh(self, material: str, mesh: str, pos: Vector = (0, 0, 0), quat: Vector = (1, 0, 0, 0)) -> None:
-        """Mesh of this module, by name."""
-        self._geom(mujoco.mjtGeom.mjGEOM_MESH, material, pos, [0, 0, 0], quat, meshname=mesh)
+    def mesh(
+        self,
+        material: str,
+        mesh: str,
+        pos: Vector = (0, 0, 0),
+        quat: Vector = (1, 0, 0, 0),
+        colour: Vector | None = None,
+    ) -> None:
+        """Mesh of the model, by name, in its material or in a colour (red, green, blue, opacity)."""
+        self._geom(
+            mujoco.mjtGeom.mjGEOM_MESH, material, pos, [0, 0, 0], quat, meshname=mesh, **_coloured(colour)
+        )
+
+    def solid(self, kind: str, pos: Vector, size: Vector, quat: Vector, colour: Vector | None = None) -> None:
+        """Box, sphere, cylinder, capsule or ellipsoid with MuJoCo's half sizes."""
+        shape = getattr(mujoco.mjtGeom, f"mjGEOM_{kind.upper()}")
+        self._geom(shape, "white_paint", pos, size, quat, **_coloured(colour))
+
+
+def _coloured(colour: Vector | None) -> dict[str, list[float]]:
+    """Argument of a geom with this colour instead of its material's."""
+    return {} if colour is None else {"rgba": list(colour)}
 
 
 def _add_mesh(spec: mujoco.MjSpec, name: str, corners: np.ndarray) -> None:

@@ -1,23 +1,11 @@
-"""Visual geometry of the single-arm model: no mass and no collisions.
-
-Materials and meshes are added by `draw_environment`, so a spec needs all three calls.
-"""
+"""Visual geometry of what one arm captures and avoids: no mass and no collisions."""
 
 from math import cos, pi, sin
 
 import mujoco
 
-from space_envs.scenery.materials import add_space
 from space_envs.scenery.parts import (
-    add_part_meshes,
-    add_views,
-    draw_arm_deck,
-    draw_boom,
-    draw_bus,
-    draw_hand,
-    draw_joint,
     draw_ring,
-    draw_wing,
 )
 from space_envs.scenery.shapes import Brush, Vector, add_crumpled_box
 
@@ -25,36 +13,8 @@ _KEEP_OUT_WIRE = 0.007  # m, radius
 _MERIDIANS = [pi * number / 3 for number in range(3)]  # rad, of a keep-out sphere's cage
 
 
-def draw_robot(spec: mujoco.MjSpec, side: float, link_radius: float) -> None:
-    """Draw the satellite and the arm on the bodies `satellite`, `link1`, `link2`, ... and `end_effector`.
-
-    Args:
-        side: of the satellite's cube, m. link_radius: m.
-    """
-    bus = Brush(spec.body("satellite"))
-    draw_bus(bus, side)
-    draw_arm_deck(bus, side)
-    bus.rod("aluminium", (0, 0, side / 2), (0, 0, side / 2 + 0.02), 0.24)
-    for sign in (-1.0, 1.0):
-        draw_wing(bus, side, sign)
-    add_crumpled_box(spec, "bus_foil", [side * 0.97] * 3, depth=0.022 * side)
-
-    links = [body for body in spec.bodies if body.name.startswith("link")]
-    ends = [tuple(link.pos.tolist()) for link in [*links[1:], spec.site("end_effector")]]
-    for number, (link, end) in enumerate(zip(links, ends, strict=True), start=1):
-        body, last = Brush(link), number == len(links)
-        if number == 1:  # from the satellite's centre to its face: only what stands out can be seen
-            body.rod("dark_metal", (0, 0, end[2] - 0.02), (0, 0, end[2] + 0.03), 0.19)
-            continue
-        draw_joint(body)
-        if any(end):
-            draw_boom(body, end, link_radius, shorten=0.30 if last else 0.0)
-        if last:
-            draw_hand(body.at((0.0, 0.0, end[2])), "end_effector", fingers=2)
-
-
-def draw_keep_out(spec: mujoco.MjSpec, radius: float) -> None:
-    """Draw a sphere of this radius in m on every body `obstacle{i}`.
+def draw_keep_out(spec: mujoco.MjSpec) -> None:
+    """Draw the sphere of every body `obstacle{i}`, whose radius is that of its site `obstacle{i}_surface`.
 
     It is a cage of rings, which hides neither the arm nor the goal behind it.
     """
@@ -62,7 +22,7 @@ def draw_keep_out(spec: mujoco.MjSpec, radius: float) -> None:
     rotations = [(cos(pi / 4), cos(angle) * half, sin(angle) * half, 0.0) for angle in _MERIDIANS]
     for body in spec.bodies:
         if body.name.startswith("obstacle"):
-            cage = Brush(body)
+            cage, radius = Brush(body), float(spec.site(f"{body.name}_surface").pos[0])
             for rotation in ((1.0, 0.0, 0.0, 0.0), *rotations):
                 draw_ring(cage.at((0, 0, 0), rotation), "keep_out", radius, _KEEP_OUT_WIRE)
 
@@ -78,9 +38,16 @@ def resize_keep_out(model: mujoco.MjModel, radius: Vector) -> None:
         surface.pos[0] = size
 
 
-def draw_target(target: mujoco.MjsBody) -> None:
-    """Draw a defunct satellite with its grapple bar at the body's origin; it extends along +y from there."""
-    debris = Brush(target)
+def draw_target(spec: mujoco.MjSpec, scale: float) -> None:
+    """Draw a defunct satellite with its grapple bar at the origin of the body `target`; it extends along +y.
+
+    Args:
+        scale: of its size. Its nozzle and dish are left out where it is not 1.
+    """
+    debris = Brush(spec.body("target"), scale=scale)
+    add_crumpled_box(
+        spec, "debris_foil", [0.6 * scale, 0.7 * scale, 0.6 * scale], depth=0.02 * scale, cells=9
+    )
     # Grapple fixture: a bar along x between two posts, on a plate with marks for the camera.
     debris.rod("warning", (-0.07, 0, 0), (0.07, 0, 0), 0.02)
     for sign in (-1.0, 1.0):
@@ -102,7 +69,6 @@ def draw_target(target: mujoco.MjsBody) -> None:
             debris.box("titanium", (0, y, v), (0.62, 0.03, 0.03))
             debris.box("titanium", (v, y, 0), (0.03, 0.03, 0.62))
     debris.box("scorched", (0.05, middle + 0.05, 0.30), (0.36, 0.4, 0.02))
-    debris.mesh("scorched", "nozzle", (0, far + 0.24, 0), (cos(pi / 4), sin(pi / 4), 0, 0))
     debris.rod("dark_metal", (0, far, 0), (0, far + 0.04, 0), 0.16)
     debris.rod("aluminium", (-0.2, far, 0.2), (-0.34, far + 0.3, 0.42), 0.008)
 
@@ -116,19 +82,6 @@ def draw_target(target: mujoco.MjsBody) -> None:
     debris.box(
         "dead_cells", (-0.47, middle + 0.09, 0.07), (0.13, 0.24, 0.014), (cos(0.3), 0.1, sin(0.3), 0.15)
     )
-    debris.mesh("white_paint", "small_dish", (0.08, middle, -0.38), (0, 1, 0, 0))
-
-
-def draw_environment(spec: mujoco.MjSpec) -> None:
-    """Add materials, meshes, sky, sun the cameras `overview` and `chase`, and render settings."""
-    add_space(spec, earth=(-370.0, 110.0, -340.0))
-    add_crumpled_box(spec, "debris_foil", [0.6, 0.7, 0.6], depth=0.02, cells=9)
-    add_part_meshes(spec)
-    spec.stat.extent = 5.0
-    spec.stat.center = [0.0, 0.8, 1.0]
-
-    add_views(
-        spec,
-        overview=((7.51, -0.82, 5.53), (-0.5, 0.31, 1.76)),
-        chase=((4.76, 5.48, 4.87), (0.69, 1.42, 1.55)),
-    )
+    if scale == 1.0:
+        debris.mesh("scorched", "nozzle", (0, far + 0.24, 0), (cos(pi / 4), sin(pi / 4), 0, 0))
+        debris.mesh("white_paint", "small_dish", (0.08, middle, -0.38), (0, 1, 0, 0))

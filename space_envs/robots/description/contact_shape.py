@@ -3,8 +3,8 @@
 from typing import Any
 
 from space_envs.errors import shown, unknown_name
-from space_envs.robots.building import END_EFFECTOR
 from space_envs.robots.description.tables import DescriptionTable
+from space_envs.robots.models.bodies import END_EFFECTOR
 from space_envs.robots.robot import UNCHECKED, Anchor, Capsule, Vector3
 
 POINT_KEYS = ("link", "at")
@@ -18,8 +18,8 @@ def explicit_shape(
 ) -> tuple[tuple[Anchor, ...], tuple[Capsule, ...]]:
     """Anchors and capsules from the keys `points` and `capsules` of an arm.
 
-    Ends of capsules are named: `link3` is the origin of a link's frame, `tool` the end-effector, anything else
-    one of `points`.
+    Ends of capsules are named: `link3` is the origin of a link's frame, `tool` the end-effector, and other
+    names are those of `points`.
 
     Args:
         arm: its table. links: number of links. tool: (3,) position of the end-effector in the last link, m.

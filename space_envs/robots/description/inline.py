@@ -36,7 +36,9 @@ def inline_arm(arm: DescriptionTable) -> DescribedArm:
     for number, row in enumerate(rows):
         alpha, a, d = (row.number(key, 0.0) for key in ("alpha", "a", "d"))
         links.append(
-            Link(names[number], position, orientation, _joint(values, number), _inertial(arm, row, alpha, a, d))
+            Link(
+                names[number], position, orientation, _joint(values, number), _inertial(arm, row, alpha, a, d)
+            )
         )
         position, orientation = (a, 0.0, d), about_x(alpha)
     return DescribedArm(tuple(links), position, orientation)
@@ -76,8 +78,8 @@ def _inertial(arm: DescriptionTable, row: DescriptionTable, alpha: float, a: flo
         straight = (along[0], along[1], 0.0 if abs(along[2]) < _ROUNDING else along[2])
         if sum(abs(part) > _ROUNDING for part in straight) > 1:
             raise row.error(
-                "lacks 'inertia': a solid rod is assumed for links along one axis of their frame only, and this "
-                f"one runs along {tuple(round(part, 6) for part in straight)}"
+                "lacks 'inertia': a solid rod is assumed for links along one axis of their frame only, and "
+                f"this one runs along {tuple(round(part, 6) for part in straight)}"
             )
         return Inertial(mass, rod_moments(mass, arm.positive("radius"), straight), centre, axes)
     return Inertial(mass, row.moments("inertia"), centre, axes)

@@ -11,7 +11,13 @@ from space_envs.errors import shown, unknown_name
 from space_envs.robots.description.tables import DescriptionTable
 
 LIMIT_KEYS = ("rate", "acceleration", "torque", "range")
-_UNITS = {"rate": "rad/s", "acceleration": "rad/s^2", "torque": "N m", "home": "rad", "rotor_inertia": "kg m^2"}
+_UNITS = {
+    "rate": "rad/s",
+    "acceleration": "rad/s^2",
+    "torque": "N m",
+    "home": "rad",
+    "rotor_inertia": "kg m^2",
+}
 
 
 @dataclass(frozen=True)
@@ -90,15 +96,19 @@ def _one_each(
     elif isinstance(value, list):
         found = value
     else:
-        found = (list(default) if default is not None else [None] * len(names)) if value is None else [value] * len(names)
+        found = (
+            (list(default) if default is not None else [None] * len(names))
+            if value is None
+            else [value] * len(names)
+        )
     missing = [name for name, part in zip(names, found, strict=False) if part is None or part != part]
     if missing and len(found) == len(names):
         raise table.error(_lack(key, missing))
     array = numbers(found)
     if array is None or array.shape != (len(names),) or not np.isfinite(array).all():
         raise table.error(
-            f"{key} must be a number, a list of {len(names)} numbers or a table by joint, in {_UNITS[key]}, got "
-            f"{shown(value)}"
+            f"{key} must be a number, a list of {len(names)} numbers or a table by joint, in {_UNITS[key]}, "
+            f"got {shown(value)}"
         )
     return array.tolist()
 
@@ -107,8 +117,8 @@ def _lack(key: str, missing: list[str]) -> str:
     example = f"{key} = {{ {missing[0]!r} = ... }}".replace("'", '"')
     where = "" if key in ("home", "rotor_inertia") else "limits."
     return (
-        f"there is no {key} of {', '.join(map(repr, missing))}: write {where}{example} in {_UNITS[key]}, or one "
-        "number for all joints"
+        f"there is no {key} of {', '.join(map(repr, missing))}: write {where}{example} in {_UNITS[key]}, or "
+        "one number for all joints"
     )
 
 
@@ -134,5 +144,3 @@ def _ranges(
     if array is None or array.shape != (len(names), 2) or not np.isfinite(array).all():
         raise limits.error(f"range must be {len(names)} pairs [least, largest] in rad, got {shown(value)}")
     return [(low, high) for low, high in array.tolist()]
-
-

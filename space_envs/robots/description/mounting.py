@@ -68,9 +68,7 @@ def _mounted(arm: DescribedArm, mount: Pose) -> Arm:
     first = arm.links[0]
     pose = mount @ Pose(np.array(first.position), np.array(first.orientation))
     root = replace(first, position=vector(pose.position), orientation=quaternion(pose.orientation))
-    return Arm(
-        (root, *arm.links[1:]), arm.tool_position, arm.tool_orientation, arm.anchors, arm.capsules
-    )
+    return Arm((root, *arm.links[1:]), arm.tool_position, arm.tool_orientation, arm.anchors, arm.capsules)
 
 
 def _moved(visual: Visual, by: Pose) -> Visual:

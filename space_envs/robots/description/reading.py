@@ -14,7 +14,18 @@ from space_envs.robots.description.targets import TARGET_KEYS, read_target
 from space_envs.robots.robot import Robot, StepLimits, View
 
 NOMINAL = "nominal"  # name of the only variant of a robot whose file names none
-KEYS = ("name", "variant", "planar", "satellite", "arm", "simulation", "target", "packages", "view", "variants")
+KEYS = (
+    "name",
+    "variant",
+    "planar",
+    "satellite",
+    "arm",
+    "simulation",
+    "target",
+    "packages",
+    "view",
+    "variants",
+)
 ARM_KEYS = (
     *("file", "root", "tool", "prefix", "mount", "lock", "home", "limits", "rotor_inertia"),
     *("links", "rods", "radius", "points", "capsules"),
@@ -77,7 +88,9 @@ def _of_variant(table: DescriptionTable, content: Mapping[str, Any], variant: st
     own = {key: value for key, value in content.items() if key != "variants"}
     if chosen != first:
         changes = variants[chosen]
-        DescriptionTable(changes, table.file, f"variants.{chosen}", [key for key in KEYS if key != "variants"])
+        DescriptionTable(
+            changes, table.file, f"variants.{chosen}", [key for key in KEYS if key != "variants"]
+        )
         own = merged(own, changes)
     return {**own, "variant": chosen}
 

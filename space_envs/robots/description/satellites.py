@@ -14,7 +14,9 @@ from space_envs.robots.robot import Inertial, Satellite, Visual
 SATELLITE_KEYS = ("mass", "size", "inertia", "mesh", "mesh_scale", "reachable")
 
 
-def read_satellite(table: DescriptionTable, fixed: Sequence[Inertial], visuals: tuple[Visual, ...]) -> Satellite:
+def read_satellite(
+    table: DescriptionTable, fixed: Sequence[Inertial], visuals: tuple[Visual, ...]
+) -> Satellite:
     """The satellite with everything that is fixed to it; its frame is at their common centre of mass.
 
     Args:
@@ -22,7 +24,7 @@ def read_satellite(table: DescriptionTable, fixed: Sequence[Inertial], visuals: 
             without them. visuals: what is drawn of them, in the same frame.
     """
     size = table.get("size", hint=": the sides of its box in m")
-    sides = (table.vector("size", 3) if isinstance(size, list) else (table.positive("size"),) * 3)
+    sides = table.vector("size", 3) if isinstance(size, list) else (table.positive("size"),) * 3
     if not min(sides) > 0.0:
         raise table.error(f"size must be positive, got {shown(size)}")
     own = _inertial(table, table.positive("mass", hint=", in kg"), sides)
@@ -56,8 +58,8 @@ def _inertial(table: DescriptionTable, mass: float, sides: tuple[float, ...]) ->
     low, middle, high = sorted(body.moments)
     if not low > 0.0 or high > (low + middle) * (1.0 + 1e-9):
         raise table.error(
-            f"inertia belongs to no body: its principal moments {list(body.moments)} kg m^2 must be positive and "
-            "each at most the sum of the others"
+            f"inertia belongs to no body: its principal moments {list(body.moments)} kg m^2 must be positive "
+            "and each at most the sum of the others"
         )
     return body
 

@@ -89,8 +89,8 @@ class DescriptionTable:
             raise self.error(f"{key} must be positive, got {list(moments)} kg m^2")
         if high > (low + middle) * (1.0 + 1e-9):
             raise self.error(
-                f"{key} breaks the triangle inequality: no body has principal moments {list(moments)} kg m^2, "
-                "since each is at most the sum of the others"
+                f"{key} breaks the triangle inequality: no body has principal moments {list(moments)} "
+                "kg m^2, since each is at most the sum of the others"
             )
         return moments
 

@@ -1,4 +1,4 @@
-"""What a robot with two arms captures: a free body with a grapple point for each arm."""
+"""The target of a robot with two arms: a free body with a grapple point for each."""
 
 import numpy as np
 
@@ -55,5 +55,3 @@ def _between(hands: list[Pose], toward_first: Array, planar: bool) -> Quaternion
     up = np.eye(3)[int(np.argmin(np.abs(x)))]
     z = np.cross(x, up) / np.linalg.norm(np.cross(x, up))
     return quaternion(from_matrix(np.stack([x, np.cross(z, x), z], axis=1)))
-
-

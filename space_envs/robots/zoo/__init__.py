@@ -55,7 +55,9 @@ def find_robot(source: Source, variant: str | None = None, measure: Measure | No
             raise unknown_name("model variant", variant, [source.variant])
         return source
     if not isinstance(source, str | Path):
-        raise ConfigurationError(f"robot must be a name, a path of a TOML file or a Robot, got {shown(source)}")
+        raise ConfigurationError(
+            f"robot must be a name, a path of a TOML file or a Robot, got {shown(source)}"
+        )
     if isinstance(source, Path) or _is_path(source):
         path = Path(source).expanduser().absolute()
         if not path.is_file():

@@ -2,7 +2,7 @@
 
 import mujoco
 
-from space_envs.robots.building import (
+from space_envs.robots.models.bodies import (
     SATELLITE,
     anchor_name,
     arm_numbers,

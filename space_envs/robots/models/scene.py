@@ -8,10 +8,10 @@ import mujoco
 
 from space_envs.checks import count, flag
 from space_envs.errors import positive
-from space_envs.robots.building import SATELLITE, add_hollow_site, add_robot, empty_spec, move_in_plane
+from space_envs.robots.models.bodies import add_hollow_site, add_robot, empty_spec, move_in_plane
+from space_envs.robots.models.drawing import draw
+from space_envs.robots.models.sensors import add_obstacle_sensors, add_sensors, add_target_sensors
 from space_envs.robots.robot import Robot, Target
-from space_envs.robots.sensors import add_obstacle_sensors, add_sensors, add_target_sensors
-from space_envs.scenery.robots import draw
 
 TARGET = "target"
 GRAPPLE = "grapple"
@@ -21,16 +21,17 @@ OBSTACLE_RADIUS = 0.25  # m, default of the model; set per episode
 
 
 @dataclass(frozen=True)
-class ModelOptions:
+class SceneOptions:
     """Options of the simulated model.
 
     Attributes:
-        timestep: integration step of RK4, s; None is the robot's default. See docs/momentum.md for its effect.
+        timestep: integration step of RK4, s; None is the robot's default. docs/momentum.md shows its
+            effect.
         visual: whether geometry, lights and cameras are drawn. They have no mass and do not collide; the
             simulation omits them since MuJoCo would update every geom.
-        obstacles: number of keep-out spheres for one arm. Sphere i is the mocap body `obstacle{i}` with a site
-            of that name in its centre and another, `obstacle{i}_surface`, as far from it as the radius;
-            nothing collides with it.
+        obstacles: number of keep-out spheres for one arm. Sphere i is the mocap body `obstacle{i}` with a
+            site of that name in its centre and another, `obstacle{i}_surface`, as far from it as the
+            radius; nothing collides with it.
     """
 
     timestep: float | None = None
@@ -44,7 +45,7 @@ class ModelOptions:
         count("obstacles", self.obstacles, 100)
 
 
-def robot_spec(robot: Robot, options: ModelOptions = ModelOptions()) -> mujoco.MjSpec:
+def robot_spec(robot: Robot, options: SceneOptions = SceneOptions()) -> mujoco.MjSpec:
     """Build the editable model of a robot and its target."""
     spec = empty_spec(robot, robot.steps.default_timestep if options.timestep is None else options.timestep)
     add_robot(spec, robot)
@@ -65,7 +66,7 @@ def robot_spec(robot: Robot, options: ModelOptions = ModelOptions()) -> mujoco.M
 
 
 @lru_cache(maxsize=64)
-def robot_model(robot: Robot, options: ModelOptions = ModelOptions()) -> mujoco.MjModel:
+def robot_model(robot: Robot, options: SceneOptions = SceneOptions()) -> mujoco.MjModel:
     """Compile the model. The result is shared: treat it as read-only, copy it to change it."""
     return robot_spec(robot, options).compile()
 
@@ -101,6 +102,3 @@ def _add_obstacles(spec: mujoco.MjSpec, number: int) -> None:
         body = spec.worldbody.add_body(name=name, mocap=True, pos=[0.0, 3.0, -2.0 - place])
         for site, along in ((name, 0.0), (f"{name}_surface", OBSTACLE_RADIUS)):
             add_hollow_site(body, site, pos=[along, 0.0, 0.0])
-
-
-__all__ = ["GRAPPLE", "GRAPPLES", "OBSTACLE", "SATELLITE", "TARGET", "ModelOptions", "robot_model", "robot_spec"]

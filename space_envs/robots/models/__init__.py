@@ -1,0 +1,25 @@
+"""MuJoCo models of robots."""
+
+from space_envs.robots.models.bodies import SATELLITE, end_effectors, joint_names
+from space_envs.robots.models.scene import (
+    GRAPPLE,
+    GRAPPLES,
+    OBSTACLE,
+    TARGET,
+    SceneOptions,
+    robot_model,
+    robot_spec,
+)
+
+__all__ = [
+    "GRAPPLE",
+    "GRAPPLES",
+    "OBSTACLE",
+    "SATELLITE",
+    "TARGET",
+    "SceneOptions",
+    "end_effectors",
+    "joint_names",
+    "robot_model",
+    "robot_spec",
+]
