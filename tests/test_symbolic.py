@@ -40,6 +40,7 @@ def test_kinematics(name: str) -> None:
         for field in ("position", "axis", "com"):
             close(found[field], getattr(expected, field).T, 1e-12)
         close(found["rotation"], np.concatenate(list(expected.rotation), axis=1), 1e-12)
+        close(found["centre_of_mass"], robot.centre_of_mass(expected)[:, None], 1e-12)
 
 
 def test_momentum(name: str) -> None:

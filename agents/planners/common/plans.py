@@ -53,6 +53,29 @@ class Limits:
             position.flags.writeable = False
             object.__setattr__(self, "position", position)
 
+    def angles(self, n: int) -> Array:
+        """Lowest and highest angles (n, 2) of n joints, rad; infinite without a limit."""
+        return np.tile([-np.inf, np.inf], (n, 1)) if self.position is None else self.position
+
+    def beyond_angles(self, q: Array) -> Array:
+        """Distances (..., n) of joint angles (..., n) beyond their limits, rad, negative inside."""
+        low, high = self.angles(q.shape[-1]).T
+        return np.maximum(low - q, q - high)
+
+    def excess(self, **values: Array) -> dict[str, float]:
+        """Largest values beyond the limits, negative inside, by name; those without a limit are absent.
+
+        Args:
+            values: quantities by the names of their limits: `position` (..., n) rad, `rate`, ...
+        """
+        found = {}
+        for name, value in values.items():
+            limit = getattr(self, name)
+            if limit is not None:
+                beyond = self.beyond_angles(value) if name == "position" else np.abs(value) - limit
+                found[name] = float(beyond.max())
+        return found
+
     def checked(self, robot: FloatingRobot) -> Self:
         """Return the limits if they are for as many joints as a robot has.
 
@@ -113,6 +136,15 @@ class Failure:
     cause: Cause
     reason: str
     residual: float = field(default=float("inf"), compare=False, repr=False)
+
+
+def start_beyond_limits(method: str, start: Array, limits: Limits) -> Failure | None:
+    """Failure if one of the joint angles (n,) at the start is beyond its limit."""
+    beyond = limits.beyond_angles(start)
+    if not beyond.max() > 0.0:
+        return None
+    joint = int(beyond.argmax()) + 1
+    return Failure(method, Cause.JOINT_LIMIT, f"joint {joint} starts {beyond.max():.3f} rad beyond its limit")
 
 
 @dataclass(frozen=True, eq=False)

@@ -53,13 +53,7 @@ def check(robot: FloatingRobot, capture: Capture, limits: Limits, plan: CaptureP
     if capture.axis is not None:
         sine, cosine = cross(now.axis, capture.axis), (now.axis * capture.axis).sum(axis=-1)
         violation["end_axis"] = float(np.arctan2(np.linalg.norm(sine, axis=-1), cosine).max())
-    if limits.position is not None:
-        beyond = np.maximum(limits.position[:, 0] - q, q - limits.position[:, 1])
-        violation["position"] = float(beyond.max())
-    for name, values in (("rate", qdot), ("acceleration", qddot), ("torque", torque)):
-        limit = getattr(limits, name)
-        if limit is not None:
-            violation[name] = float((np.abs(values) - limit).max())
+    violation |= limits.excess(position=q, rate=qdot, acceleration=qddot, torque=torque)
     integral = float(half.repeat(2) @ energy[len(time) :])
     return Checked(violation, integral)
 

@@ -12,6 +12,7 @@ from tqdm import tqdm
 
 from agents.planners.dual_arm.problem import CapturePlan
 from space_envs.checks import non_negative
+from space_envs.dynamics.reactionless import reactionless_projection
 from space_envs.dynamics.rotations import Array, rotation_angle
 from space_envs.errors import ConfigurationError, positive
 from space_envs.robots.dual_arm import DualArmOptions, dual_arm_model
@@ -158,7 +159,7 @@ def _attitude_feedback(simulation: Simulation, mass: Array, gain: float) -> Arra
     attitude = simulation.base_attitude[0]
     if not simulation.planar:
         attitude = 2.0 * attitude[1:] * np.copysign(1.0, attitude[0])
-    return -gain * np.linalg.pinv(rotation_per_rate) @ attitude
+    return reactionless_projection(rotation_per_rate, np.zeros(simulation.n_joints), -gain * attitude)
 
 
 def _momentum(simulation: Simulation) -> float:

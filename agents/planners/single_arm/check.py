@@ -69,16 +69,11 @@ def _excess(
 ) -> dict[str, float]:
     """Largest values beyond the limits that there are."""
     q, qdot, qddot = state
-    found = {}
-    if limits.position is not None:
-        found["position"] = float(np.maximum(limits.position[:, 0] - q, q - limits.position[:, 1]).max())
-    for name, values in (("rate", qdot), ("acceleration", qddot)):
-        if (limit := getattr(limits, name)) is not None:
-            found[name] = float((np.abs(values) - limit).max())
+    found = limits.excess(position=q, rate=qdot, acceleration=qddot)
     for name, accelerations in (("torque", qddot), ("coriolis", 0.0 * qddot)):
-        if (limit := getattr(limits, name)) is not None:
+        if getattr(limits, name) is not None:
             torque = joint_torques(model, *(x[::TORQUE_STRIDE] for x in (q, qdot, accelerations, twist)))
-            found[name] = float((np.abs(torque) - limit).max())
+            found |= limits.excess(**{name: torque})
     return found
 
 

@@ -29,13 +29,17 @@ class SymbolicRobot:
 
     @cached_property
     def kinematics(self) -> ca.Function:
-        """q -> rotation (3, 3 n) link axes next to each other; position (3, n), axis (3, n), com (3, n) m."""
+        """q -> rotation (3, 3 n) link axes next to each other; position (3, n), axis (3, n), com (3, n) m;
+        centre_of_mass (3) m of the whole robot."""
         rotation, position = self._bodies.poses()
         links = range(1, self.robot.n_joints + 1)
         axis = [rotation[i] @ ca.DM(self.robot.hinge[i - 1]) for i in links]
         com = [position[i] + rotation[i] @ ca.DM(self.robot.com[i]) for i in links]
         outputs = [ca.horzcat(*columns) for columns in (rotation[1:], position[1:], axis, com)]
-        return self._function("kinematics", ["q"], ["rotation", "position", "axis", "com"], outputs)
+        mass = self.robot.mass
+        moment = outputs[-1] @ ca.DM(mass[1:]) + float(mass[0]) * ca.DM(self.robot.com[0])
+        names = ["rotation", "position", "axis", "com", "centre_of_mass"]
+        return self._function("kinematics", ["q"], names, [*outputs, moment / float(mass.sum())])
 
     @cached_property
     def momentum(self) -> ca.Function:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.planners.common.newton import damped_newton
 from agents.planners.common.plans import Cause, Failure, Limits
 from agents.planners.dual_arm.free_paths.model import HeldAttitude
 from agents.planners.dual_arm.problem import Capture
@@ -62,12 +63,11 @@ def end_configurations(
     if (failure := _out_of_reach(robot, capture, method)) is not None:
         return failure
     n = robot.n_joints
-    bounds = np.tile([-np.inf, np.inf], (n, 1)) if limits.position is None else limits.position
-    low, high = bounds.T
+    angles = limits.angles(n)
     random = np.random.default_rng(0).uniform(-1.0, 1.0, (searches, n))
     random *= np.resize(_SPREAD, searches)[:, None]
     random[0] = 0.0
-    q, error = _searched(robot, model, capture, np.clip(capture.start + random, low, high), low, high)
+    q, error = _searched(robot, model, capture, np.clip(capture.start + random, *angles.T), angles)
     reached = (error < _TOLERANCE) & _aligned(model, capture, q)
     if not reached.any():
         reason = (
@@ -93,9 +93,9 @@ def _out_of_reach(robot: FloatingRobot, capture: Capture, method: str) -> Failur
 
 
 def _searched(
-    robot: FloatingRobot, model: HeldAttitude, capture: Capture, q: Array, low: Array, high: Array
+    robot: FloatingRobot, model: HeldAttitude, capture: Capture, q: Array, angles: Array
 ) -> tuple[Array, Array]:
-    """Configurations (S, n) after damped Newton iterations, and their largest errors (S,), m or 1."""
+    """Configurations (S, n) after damped Newton iterations from q, and their largest errors (S,), m or 1."""
     goals, n, d = EndGoals.of(robot, model, capture), robot.n_joints, model.dimensions
     # Positions and axes are the rows of `ending` that do not depend on rates.
     outputs, searches = model.ending.value.numel_out(0), len(q)
@@ -105,16 +105,23 @@ def _searched(
     required[: 2 * d] = goals.position
     value, slope = (f.map(searches) for f in (model.ending.value, model.ending.slope))
     rest, across = np.zeros((n, searches)), np.tile(goals.across, searches)
-    for _ in range(_ITERATIONS):
-        error = required - value(q.T, rest, across).full().T[:, rows]
-        jacobian = slope(q.T, rest, across).full().reshape(outputs, searches, 2 * n)[rows, :, :n]
-        jacobian = jacobian.swapaxes(0, 1)
-        damping = np.minimum(_DAMPING, np.abs(error).max(axis=1))[:, None, None] * np.eye(len(rows))
-        inner = np.linalg.solve(jacobian @ jacobian.swapaxes(1, 2) + damping, error[..., None])
-        step = (jacobian.swapaxes(1, 2) @ inner)[..., 0]
-        step *= np.minimum(_LARGEST_STEP / np.maximum(np.abs(step).max(axis=1), 1e-300), 1.0)[:, None]
-        q = np.clip(q + step, low, high)
-    return q, np.abs(required - value(q.T, rest, across).full().T[:, rows]).max(axis=1)
+
+    def error(q: Array) -> Array:
+        return required - value(q.T, rest, across).full().T[:, rows]
+
+    def jacobian(q: Array) -> Array:
+        by_rows = slope(q.T, rest, across).full().reshape(outputs, searches, 2 * n)[rows, :, :n]
+        return by_rows.swapaxes(0, 1)
+
+    return damped_newton(
+        error,
+        jacobian,
+        q,
+        angles,
+        iterations=_ITERATIONS,
+        largest_step=_LARGEST_STEP,
+        damping=(0.0, _DAMPING),
+    )
 
 
 def _aligned(model: HeldAttitude, capture: Capture, q: Array) -> NDArray[np.bool_]:

@@ -92,8 +92,7 @@ class _Pairs:
     def __init__(self, robot: FloatingRobot, planar: bool, q: ca.SX, pose: ca.SX, shared: ca.SX) -> None:
         self._links, self._planar = Links.of(robot), planar
         self._pose, self._shared = pose, shared
-        rotation, position, _, coms = SymbolicRobot(robot).kinematics(q)
-        centre = coms @ ca.DM(robot.mass[1:]) / float(robot.mass.sum())
+        rotation, position, _, _, centre = SymbolicRobot(robot).kinematics(q)
         self._begin = [position[:, int(link) - 1] for link in self._links.link]
         self._end = [
             begin + rotation[:, 3 * (int(link) - 1) : 3 * int(link)] @ ca.DM(end)

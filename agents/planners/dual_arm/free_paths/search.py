@@ -4,13 +4,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from agents.planners.common.plans import Cause, Failure, Limits, in_words
+from agents.planners.common.plans import Cause, Failure, Limits, in_words, start_beyond_limits
+from agents.planners.common.solutions import Solution, distinct, unsolved
 from agents.planners.dual_arm.check import check
 from agents.planners.dual_arm.clearance import Gaps
 from agents.planners.dual_arm.free_paths.goals import end_configurations, spread
 from agents.planners.dual_arm.free_paths.model import HeldAttitude
 from agents.planners.dual_arm.free_paths.obstacles import Obstacles
-from agents.planners.dual_arm.free_paths.solver import METHOD, FreePathSolver, SplineSolution
+from agents.planners.dual_arm.free_paths.solver import METHOD, FreePathSolver
 from agents.planners.dual_arm.prescribed_paths.instantaneous import plan_local, plan_zeta_zero
 from agents.planners.dual_arm.prescribed_paths.ocp import plan_ocp
 from agents.planners.dual_arm.problem import Capture, CapturePlan
@@ -81,20 +82,15 @@ class FreePathSearch:
         return min(plans, key=lambda plan: plan.energy, default=found)
 
     def _infeasible_start(self) -> Failure | None:
-        start, limits = self._capture.start, self._limits
-        if limits.position is not None:
-            beyond = np.maximum(limits.position[:, 0] - start, start - limits.position[:, 1])
-            if beyond.max() > 0.0:
-                joint = int(beyond.argmax()) + 1
-                reason = f"joint {joint} starts {beyond.max():.3f} rad beyond its limit"
-                return Failure(METHOD, Cause.JOINT_LIMIT, reason)
-        if self._obstacles is not None:
+        start = self._capture.start
+        failure = start_beyond_limits(METHOD, start, self._limits)
+        if failure is None and self._obstacles is not None:
             at = self._solver.dense[:1]
             first = self._obstacles.gaps(start[None], at)
             if first.least < 0.0:
                 return self._obstacles.collision("the start is in a collision", first, at)
             self._obstacles.require_margin(first.least)
-        return None
+        return failure
 
     def _as_found(self, plan: CapturePlan) -> CapturePlan | None:
         """A motion along polynomial paths as a plan of this method, if it satisfies all requirements."""
@@ -146,10 +142,7 @@ class FreePathSearch:
         guesses = [self._solver.straight(end) for end in spread(ends, self._starts)]
         guesses += [self._solver.fitted(plan) for plan in self._prescribed]
         solved = [self._solve(guess) for guess in guesses]
-        found: list[SplineSolution] = []
-        for solution in sorted((s for s in solved if isinstance(s, SplineSolution)), key=lambda s: s.cost):
-            if not found or solution.cost > (1.0 + COST_RESOLUTION) * found[-1].cost:
-                found.append(solution)
+        found = distinct(solved, COST_RESOLUTION)
         if not found:
             return self._unsolved(ends, [s for s in solved if isinstance(s, Failure)])
         note = f"{len(found)} local optima from {len(solved)} starts"
@@ -158,7 +151,7 @@ class FreePathSearch:
         return self._clear(self._obstacles, ends, found, note)
 
     def _clear(
-        self, obstacles: Obstacles, ends: Array, found: list[SplineSolution], note: str
+        self, obstacles: Obstacles, ends: Array, found: list[Solution], note: str
     ) -> CapturePlan | Failure:
         """The best optimum that is clear, or the best motion led around obstacles, from the others before it
         and from clear final configurations."""
@@ -170,7 +163,7 @@ class FreePathSearch:
                 best = _Clear(solution.cost, replace(plan, notes=note))
                 break
             tried.append(gap)
-            guesses.append((solution.cost, solution.coefficients))
+            guesses.append((solution.cost, solution.variables))
         least = found[0].cost
         if best.plan is None:
             clear = self._clear_ends(obstacles, ends)
@@ -211,7 +204,7 @@ class FreePathSearch:
             if any(abs(solution.cost - other) < COST_RESOLUTION * other for other in seen):
                 return
             seen.append(solution.cost)
-            guess = solution.coefficients
+            guess = solution.variables
             plan, gap = self._measured(obstacles, solution)
             if gap.least >= obstacles.required:
                 best.cost, best.plan = solution.cost, replace(plan, notes=f"{note}, led around obstacles")
@@ -241,17 +234,17 @@ class FreePathSearch:
         model = HeldAttitude.of(self._robot)
         return end_configurations(self._robot, model, self._capture, self._limits, METHOD, searches)
 
-    def _measured(self, obstacles: Obstacles, solution: SplineSolution) -> tuple[CapturePlan, Gaps]:
+    def _measured(self, obstacles: Obstacles, solution: Solution) -> tuple[CapturePlan, Gaps]:
         plan = self._solver.motion(solution)
         return plan, obstacles.gaps(plan.position, self._solver.dense)
 
-    def _solve(self, guess: Array, nearness: Array | None = None) -> SplineSolution | Failure:
+    def _solve(self, guess: Array, nearness: Array | None = None) -> Solution | Failure:
         return self._solver.solve(guess, self._rate, self._acceleration, nearness)
 
     def _unsolved(self, ends: Array, failures: list[Failure]) -> Failure:
         """Failure with its cause: limits that are too low, or the solver."""
         unlimited = self._solver.solve(self._solver.straight(ends[0]), None, None)
-        if isinstance(unlimited, SplineSolution):
+        if isinstance(unlimited, Solution):
             fastest = float(np.abs(self._solver.motion(unlimited).rate).max())
             limits = self._limits
             reason = (
@@ -260,9 +253,7 @@ class FreePathSearch:
                 f"limits the joints would turn at up to {fastest:.3g} rad/s in {self._capture.duration:.2f} s"
             )
             return Failure(METHOD, Cause.INFEASIBLE, reason)
-        least = min(failures, key=lambda failure: failure.residual)
-        reason = f"Ipopt ended with {least.reason} from {len(failures)} starts and left {least.residual:.2e}"
-        return Failure(METHOD, Cause.SOLVER, reason)
+        return unsolved(METHOD, failures)
 
 
 def prescribed_plans(robot: FloatingRobot, capture: Capture, limits: Limits) -> list[CapturePlan]:

@@ -1,10 +1,9 @@
 """Solutions of the free-path programs of one capture, and the exact motions that they become."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from agents.planners.common.plans import Cause, Failure, JointPath, Limits
+from agents.planners.common.plans import Failure, JointPath, Limits
+from agents.planners.common.solutions import Solution, solved
 from agents.planners.common.splines import Mesh
 from agents.planners.dual_arm.check import check
 from agents.planners.dual_arm.free_paths.goals import EndGoals
@@ -58,18 +57,6 @@ def _rollout(robot: FloatingRobot) -> ReactionlessRollout:
     return ReactionlessRollout(HeldAttitude.of(robot), free_program(robot))
 
 
-@dataclass(frozen=True, eq=False)
-class SplineSolution:
-    """Solution of a program.
-
-    Attributes:
-        cost: C in J s, with the cost of nearness if there is one. coefficients: (size, n) of the splines.
-    """
-
-    cost: float
-    coefficients: Array
-
-
 class FreePathSolver:
     """Programs of one capture.
 
@@ -109,8 +96,8 @@ class FreePathSolver:
         rate: Array | float | None,
         acceleration: Array | float | None,
         nearness: Array | None = None,
-    ) -> SplineSolution | Failure:
-        """Solve from coefficients (size, n); the reason of a failure is Ipopt's status.
+    ) -> Solution | Failure:
+        """Solve from coefficients (size, n) of the splines, which are the variables of the solution too.
 
         Args:
             rate, acceleration: limits, rad/s and rad/s^2, () or (n,); None for none.
@@ -118,32 +105,28 @@ class FreePathSolver:
         """
         program = free_program(self._robot) if nearness is None else clear_program(self._robot)
         high = self._constraint_bounds(program, rate, acceleration)
-        low_angle, high_angle = -np.inf, np.inf
-        if self._limits.position is not None:
-            angles = self._limits.position + ANGLE_MARGIN * np.array([1.0, -1.0])
-            low_angle, high_angle = (np.tile(side, MESH.size - FIXED) for side in angles.T)
+        angles = self._limits.angles(program.joints) + ANGLE_MARGIN * np.array([1.0, -1.0])
+        low_angle, high_angle = (np.tile(side, MESH.size - FIXED) for side in angles.T)
         extra = np.zeros(0) if nearness is None else nearness.ravel()
-        result = program.solver(
+        found = solved(
+            METHOD,
+            program.solver,
+            (-high, high),
+            TOLERANCE,
             x0=guess[FIXED:].ravel(),
             p=np.concatenate([self._parameters, extra]),
-            lbg=-high,
-            ubg=high,
             lbx=low_angle,
             ubx=high_angle,
         )
-        g = result["g"].full()[:, 0]
-        violation = float(np.maximum(np.abs(g) - high, 0.0).max())
-        status = program.solver.stats()["return_status"]
-        # A motion within the constraints is a solution, even if Ipopt would continue to improve it.
-        if not violation < TOLERANCE or status == "Infeasible_Problem_Detected":
-            return Failure(METHOD, Cause.SOLVER, status, violation)
-        free = result["x"].full().reshape(-1, program.joints)
+        if isinstance(found, Failure):
+            return found
+        free = found.variables.reshape(-1, program.joints)
         coefficients = np.concatenate([np.tile(self._capture.start, (FIXED, 1)), free])
-        return SplineSolution(float(result["f"]) / self._capture.duration, coefficients)
+        return Solution(found.cost / self._capture.duration, coefficients)
 
-    def motion(self, solution: SplineSolution) -> CapturePlan:
+    def motion(self, solution: Solution) -> CapturePlan:
         """The exact motion with its energy and violations as measured independently."""
-        motion, t = self._rollout.closed(solution.coefficients, self._parameters), self._capture.duration
+        motion, t = self._rollout.closed(solution.variables, self._parameters), self._capture.duration
         path = motion.s * t, motion.position, motion.rate / t, motion.acceleration / t**2
         unchecked = CapturePlan(METHOD, *path, solution.cost)
         checked = check(self._robot, self._capture, self._limits, unchecked)

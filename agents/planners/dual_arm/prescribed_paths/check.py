@@ -52,11 +52,8 @@ def checked_plan(
     }
     for name, most in TOLERANCES.items():
         if not violation[name] <= most:
-            return Failure(
-                method,
-                Cause.INACCURATE,
-                f"{name} is off by {violation[name]:.2e}, at most {most:.0e} may pass",
-            )
+            reason = f"{name} is off by {violation[name]:.2e}, at most {most:.0e} may pass"
+            return Failure(method, Cause.INACCURATE, reason)
     if limits.control is not None and zeta is not None:
         largest = float(np.linalg.norm(zeta, axis=1).max())
         if largest > limits.control * 1.001:
@@ -94,29 +91,21 @@ def null_velocities(robot: FloatingRobot, q: Array, qdot: Array) -> Array:
 def _beyond_limits(
     method: str, limits: Limits, time: Array, q: Array, qdot: Array, qddot: Array
 ) -> Failure | None:
-    if limits.position is not None:
-        excess = np.maximum(limits.position[:, 0] - q, q - limits.position[:, 1])
-        if excess.max() > 1e-6:
-            row, joint = np.unravel_index(excess.argmax(), excess.shape)
-            return Failure(
-                method,
-                Cause.JOINT_LIMIT,
-                f"joint {joint + 1} passes its limit by {excess.max():.3f} rad at t = {time[row]:.2f} s",
-            )
-    for limit, values, unit in (
-        (limits.rate, qdot, "rad/s"),
-        (limits.acceleration, qddot, "rad/s^2"),
-    ):
+    excess = limits.beyond_angles(q)
+    if excess.max() > 1e-6:
+        row, joint = np.unravel_index(excess.argmax(), excess.shape)
+        reason = f"joint {joint + 1} passes its limit by {excess.max():.3f} rad at t = {time[row]:.2f} s"
+        return Failure(method, Cause.JOINT_LIMIT, reason)
+    for limit, values, unit in ((limits.rate, qdot, "rad/s"), (limits.acceleration, qddot, "rad/s^2")):
         if limit is None:
             continue
         size = np.abs(values)
         row, joint = np.unravel_index((size - limit).argmax(), size.shape)
         most, allowed = size[row, joint], float(np.broadcast_to(limit, size.shape)[row, joint])
         if most > allowed * (1.0 + 1e-6):
-            return Failure(
-                method,
-                Cause.INFEASIBLE,
+            reason = (
                 f"joint {joint + 1} would need {most:.3f} {unit} at t = {time[row]:.2f} s, the limit is "
-                f"{allowed:.3f} {unit}",
+                f"{allowed:.3f} {unit}"
             )
+            return Failure(method, Cause.INFEASIBLE, reason)
     return None

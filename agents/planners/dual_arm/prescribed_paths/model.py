@@ -87,8 +87,7 @@ def _build(robot: FloatingRobot) -> PathModel:
     q, qdot, rest = ca.SX.sym("q", n), ca.SX.sym("qdot", n), ca.SX(6, 1)
     total = symbolic.momentum(q, qdot, rest)
     mass = float(robot.mass.sum())
-    links = symbolic.kinematics(q)[3]
-    centre = (float(robot.mass[0]) * ca.DM(robot.com[0]) + links @ ca.DM(robot.mass[1:])) / mass
+    _, _, axes, _, centre = symbolic.kinematics(q)
     linear, angular = total[:3], total[3:] - ca.cross(centre, total[:3])
     planar = bool(angular[0].is_zero() and angular[1].is_zero())
     momentum = angular[2] if planar else angular
@@ -101,7 +100,6 @@ def _build(robot: FloatingRobot) -> PathModel:
     # Ibm~ has the unit kg m^2; divided by mass times a metre of the arms it is a velocity per rate.
     scale = float(robot.mass[1:].sum())
     task = ca.vertcat(ca.jacobian(ends, q), ca.jacobian(momentum, qdot) / scale)
-    axes = symbolic.kinematics(q)[2]
     rows = []
     for link in robot.end_effector_link:
         carried = ca.DM(robot.carries[:, int(link) - 1]).T

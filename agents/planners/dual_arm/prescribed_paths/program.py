@@ -100,12 +100,12 @@ class PrescribedPathProgram:
         return CollocatedMotion(times, np.vstack([capture.start, angles]), rates, float(found["f"]))
 
     def _angle_bounds(self, limits: Limits, fraction: float) -> tuple[Array, Array]:
-        shape = self.points, self.joints
-        low, high = np.full(shape, -np.inf), np.full(shape, np.inf)
+        """Lowest and highest angles (N, n) at the Gauss points, rad."""
+        low, high = limits.angles(self.joints).T
         if limits.position is not None:
-            margin = 0.5 * (1.0 - fraction) * (limits.position[:, 1] - limits.position[:, 0])
-            low[:], high[:] = limits.position[:, 0] + margin, limits.position[:, 1] - margin
-        return low, high
+            margin = 0.5 * (1.0 - fraction) * (high - low)
+            low, high = low + margin, high - margin
+        return np.tile(low, (self.points, 1)), np.tile(high, (self.points, 1))
 
     def _constraint_bounds(self, limits: Limits, fraction: float, half: float) -> Array:
         bound = np.zeros(self.solver.size_in("lbg")[0])

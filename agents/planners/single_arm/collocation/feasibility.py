@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from agents.planners.common.plans import Cause, Failure, Limits
+from agents.planners.common.plans import Cause, Failure, Limits, start_beyond_limits
 from agents.planners.single_arm.problem import Reach
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import to_matrix
@@ -14,23 +14,21 @@ NO_ROTATION = np.array([1.0, 0.0, 0.0, 0.0])
 
 def infeasible_start(method: str, robot: FloatingRobot, reach: Reach, limits: Limits) -> Failure | None:
     """Failure if a checked problem starts beyond the limits, or starts or ends in a collision."""
-    return _beyond_limits(method, reach, limits) or _collision(method, robot, reach)
+    return (
+        start_beyond_limits(method, reach.start, limits)
+        or _too_fast(method, reach, limits)
+        or _collision(method, robot, reach)
+    )
 
 
-def _beyond_limits(method: str, reach: Reach, limits: Limits) -> Failure | None:
-    rate = np.zeros_like(reach.start) if reach.rate is None else reach.rate
-    if limits.position is not None:
-        beyond = np.maximum(limits.position[:, 0] - reach.start, reach.start - limits.position[:, 1])
-        if beyond.max() > 0.0:
-            joint = int(beyond.argmax()) + 1
-            reason = f"joint {joint} starts {beyond.max():.3f} rad beyond its limit"
-            return Failure(method, Cause.JOINT_LIMIT, reason)
-    if limits.rate is not None and (np.abs(rate) > limits.rate).any():
-        joint = int((np.abs(rate) - limits.rate).argmax())
-        allowed = float(np.broadcast_to(limits.rate, rate.shape)[joint])
-        reason = f"joint {joint + 1} starts at {rate[joint]:.3f} rad/s, {allowed:.4g} are allowed"
-        return Failure(method, Cause.INFEASIBLE, reason)
-    return None
+def _too_fast(method: str, reach: Reach, limits: Limits) -> Failure | None:
+    rate = reach.rate
+    if rate is None or limits.rate is None or not (np.abs(rate) > limits.rate).any():
+        return None
+    joint = int((np.abs(rate) - limits.rate).argmax())
+    allowed = float(np.broadcast_to(limits.rate, rate.shape)[joint])
+    reason = f"joint {joint + 1} starts at {rate[joint]:.3f} rad/s, {allowed:.4g} are allowed"
+    return Failure(method, Cause.INFEASIBLE, reason)
 
 
 def _collision(method: str, robot: FloatingRobot, reach: Reach) -> Failure | None:

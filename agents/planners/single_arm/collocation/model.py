@@ -105,9 +105,7 @@ def _build(robot: FloatingRobot) -> SingleArm:
     q, qdot, qddot = (ca.SX.sym(name, n) for name in ("q", "qdot", "qddot"))
     r, com, centre = (ca.SX.sym(name, 3) for name in ("r", "com", "centre"))
     goal = ca.SX.sym("goal", 3, 3)
-    _, origins, _, coms = symbolic.kinematics(q)
-    masses = ca.DM(robot.mass[1:])
-    middle = (coms @ masses + float(robot.mass[0]) * ca.DM(robot.com[0])) / float(robot.mass.sum())
+    _, origins, _, _, middle = symbolic.kinematics(q)
     end_effector, axes = symbolic.end_effector_pose()(q)
 
     position = com + rotated(r, end_effector - middle)

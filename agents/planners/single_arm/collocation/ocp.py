@@ -14,9 +14,10 @@ import mujoco
 import numpy as np
 
 from agents.planners.common.plans import Cause, Failure, Limits, in_words
+from agents.planners.common.solutions import Solution, distinct, unsolved
 from agents.planners.single_arm.check import check
 from agents.planners.single_arm.collocation.feasibility import infeasible_start
-from agents.planners.single_arm.collocation.solver import METHOD, ReachSolution, ReachSolver
+from agents.planners.single_arm.collocation.solver import METHOD, ReachSolver
 from agents.planners.single_arm.collocation.starts import end_configurations, initial_paths
 from agents.planners.single_arm.library import shipped_library
 from agents.planners.single_arm.problem import Reach, ReachPlan
@@ -107,12 +108,9 @@ class _ReachSearch:
     def _paths(self, ends: Array, number: int, seed: int) -> list[Array]:
         return initial_paths(self._robot, self._reach, ends, number, seed, self._solver.abscissae)
 
-    def _best(self, converged: list[ReachSolution], starts: int) -> ReachPlan | Failure:
+    def _best(self, converged: list[Solution], starts: int) -> ReachPlan | Failure:
         """Plan of the solution of least cost that is accurate, else the failure of the first."""
-        found: list[ReachSolution] = []
-        for solution in sorted(converged, key=lambda s: s.cost):
-            if not found or solution.cost > (1.0 + COST_RESOLUTION) * found[-1].cost:
-                found.append(solution)
+        found = distinct(converged, COST_RESOLUTION)
         failures = []
         for solution in found:
             plan = self._accurate(solution)
@@ -129,7 +127,7 @@ class _ReachSearch:
         plan = OptimalPlanner(self._robot, self._limits, library).plan(reach)
         return [self._solver.fitted(plan)] if isinstance(plan, ReachPlan) else []
 
-    def _accurate(self, solution: ReachSolution) -> ReachPlan | Failure:
+    def _accurate(self, solution: Solution) -> ReachPlan | Failure:
         """The motion as measured; solved again with tighter limits where it violates them between nodes."""
         excess: dict[str, float] = {}
         for _ in range(ATTEMPTS):
@@ -163,12 +161,12 @@ class _ReachSearch:
         bare = replace(reach, spheres=None)
         if reach.spheres is not None:
             free = ReachSolver(self._robot, bare, limits)
-            if isinstance(free.solve(free.variables(path)), ReachSolution):
+            if isinstance(free.solve(free.variables(path)), Solution):
                 reason = f"no motion was found that is clear of the {len(reach.spheres)} spheres"
                 return Failure(METHOD, Cause.CLEARANCE, f"{reason}, from {len(failures)} starts")
         free = ReachSolver(self._robot, bare, Limits())
         unlimited = free.solve(free.variables(path))
-        if isinstance(unlimited, ReachSolution):
+        if isinstance(unlimited, Solution):
             motion = free.motion(unlimited)
             reason = (
                 f"no motion was found within {in_words(limits.rate, 'rad/s')}, "
@@ -177,13 +175,11 @@ class _ReachSearch:
                 f"{np.abs(motion.rate).max():.3g} rad/s"
             )
             return Failure(METHOD, Cause.INFEASIBLE, reason)
-        least = min(failures, key=lambda failure: failure.residual)
-        reason = f"Ipopt ended with {least.reason} from {len(failures)} starts and left {least.residual:.2e}"
-        return Failure(METHOD, Cause.SOLVER, reason)
+        return unsolved(METHOD, failures)
 
 
-def _solutions(solved: list[ReachSolution | Failure]) -> list[ReachSolution]:
-    return [each for each in solved if isinstance(each, ReachSolution)]
+def _solutions(solved: list[Solution | Failure]) -> list[Solution]:
+    return [each for each in solved if isinstance(each, Solution)]
 
 
 def _worst(excess: dict[str, float]) -> str:

@@ -1,10 +1,11 @@
 """Solutions of the collocation program of one problem, and the motions they represent."""
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
-from agents.planners.common.plans import Cause, Failure, JointPath, Limits
+from agents.planners.common.plans import Failure, JointPath, Limits
+from agents.planners.common.solutions import Solution, solved
 from agents.planners.common.splines import DEGREE
 from agents.planners.single_arm.collocation.assembly import SCALE, OptionalConstraints
 from agents.planners.single_arm.collocation.layout import FIXED
@@ -23,14 +24,6 @@ CLEARANCE = 0.002  # m, initial margin to spheres at the nodes: in between a lin
 TIGHTENING = 1.5  # times its violation is taken off a limit
 LEAST_FRACTION = 0.5  # of a limit after one tightening
 TOLERANCE = 1e-5  # on the violation of a program's constraints, in their units or relative to large bounds
-
-
-@dataclass(frozen=True, eq=False)
-class ReachSolution:
-    """Solution of a program: cost by eq. 20 in m^2/s, and the program's variables."""
-
-    cost: float
-    variables: Array
 
 
 class ReachSolver:
@@ -72,24 +65,21 @@ class ReachSolver:
         attitude = roll_out_base(self._robot, q, rate, float(time[1]) * t)[1][STEPS::STEPS]
         return np.concatenate([coefficients.ravel(), (attitude[:, 1:] / attitude[:, :1]).ravel()])
 
-    def solve(self, guess: Array) -> ReachSolution | Failure:
-        """Solve from variables; the reason of a failure is Ipopt's status."""
+    def solve(self, guess: Array) -> Solution | Failure:
+        """Solve from variables of the program."""
         program = self._program()
         low, high = self._constraint_bounds(program)
         low_x, high_x = self._variable_bounds(program, len(guess))
-        result = program.solver(x0=guess, p=self._parameters(), lbg=low, ubg=high, lbx=low_x, ubx=high_x)
-        g, x = result["g"].full()[:, 0], result["x"].full()[:, 0]
         # Ipopt relaxes bounds in proportion to their size.
         size = np.minimum(np.abs(low), np.abs(high))
         scale = np.where(np.isfinite(size), np.maximum(size, 1.0), 1.0)
-        violation = float(np.maximum(np.maximum(low - g, g - high) / scale, 0.0).max())
-        status = program.solver.stats()["return_status"]
-        # A motion within the constraints is a solution, even if Ipopt would continue to improve it.
-        if not violation < TOLERANCE or status == "Infeasible_Problem_Detected":
-            return Failure(METHOD, Cause.SOLVER, status, violation)
-        return ReachSolution(float(result["f"]) / SCALE / self.reach.duration, x)
+        inputs = {"x0": guess, "p": self._parameters(), "lbx": low_x, "ubx": high_x}
+        found = solved(METHOD, program.solver, (low, high), TOLERANCE, scale, **inputs)
+        if isinstance(found, Failure):
+            return found
+        return replace(found, cost=found.cost / SCALE / self.reach.duration)
 
-    def motion(self, solution: ReachSolution) -> ReachPlan:
+    def motion(self, solution: Solution) -> ReachPlan:
         """The motion of a solution, not yet checked."""
         t = self.reach.duration
         free = solution.variables[: -3 * INTERVALS].reshape(-1, self._robot.n_joints)
@@ -97,7 +87,7 @@ class ReachSolver:
         q, rate, acceleration = (MESH.basis(MESH.breaks, k) @ coefficients / t**k for k in range(3))
         return ReachPlan(METHOD, MESH.breaks * t, q, rate, acceleration, cost=solution.cost)
 
-    def tightened(self, solution: ReachSolution, excess: dict[str, float]) -> ReachSolution | Failure:
+    def tightened(self, solution: Solution, excess: dict[str, float]) -> Solution | Failure:
         """Solve again from a solution, with tighter limits on what was measured to be violated."""
         for name in ("torque", "coriolis"):
             if name in excess:
@@ -127,9 +117,9 @@ class ReachSolver:
 
     def _variable_bounds(self, program: ReachProgram, size: int) -> tuple[Array, Array]:
         low, high = np.full(size, -np.inf), np.full(size, np.inf)
-        if self._limits.position is not None:
-            angles = program.free * program.joints
-            low[:angles], high[:angles] = (np.tile(side, program.free) for side in self._limits.position.T)
+        angles = program.free * program.joints
+        sides = self._limits.angles(program.joints).T
+        low[:angles], high[:angles] = (np.tile(side, program.free) for side in sides)
         if self.reach.keep_attitude:
             low[-3:] = high[-3:] = 0.0
         return low, high

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from agents.planners.common.newton import damped_newton
 from agents.planners.common.plans import Cause, Failure, Limits
 from agents.planners.single_arm.collocation.model import SingleArm
 from agents.planners.single_arm.problem import Reach
@@ -31,24 +32,22 @@ def end_configurations(
     if far > longest:
         reason = f"the goal is {far:.3f} m from the system's centre of mass, the reach is {longest:.3f} m"
         return Failure(method, Cause.OUT_OF_REACH, reason)
-    low, high = (
-        limits.position.T if limits.position is not None else (np.full(n, -np.inf), np.full(n, np.inf))
-    )
+    angles = limits.angles(n)
     random = np.random.default_rng(seed).uniform(-1.0, 1.0, (SEARCHES, n))
-    q = np.clip(start + random * np.resize(SPREAD, SEARCHES)[:, None], low, high)
+    q = np.clip(start + random * np.resize(SPREAD, SEARCHES)[:, None], *angles.T)
     value, slope = (f.map(SEARCHES) for f in (model.ending.value, model.ending.slope))
     given = [np.zeros((3, SEARCHES)), np.tile(com[:, None], SEARCHES)]
     given.append(np.tile(to_matrix(reach.quaternion), SEARCHES))
     required = np.concatenate([reach.position, np.zeros(3)])
-    for _ in range(_ITERATIONS):
-        error = required - value(q.T, *given).full().T
-        jacobian = slope(q.T, *given).full().reshape(6, SEARCHES, n + 3)[:, :, :n].swapaxes(0, 1)
-        damping = np.clip(np.abs(error).max(axis=1), _LEAST_DAMPING, _DAMPING)[:, None, None] * np.eye(6)
-        inner = np.linalg.solve(jacobian @ jacobian.swapaxes(1, 2) + damping, error[..., None])
-        step = (jacobian.swapaxes(1, 2) @ inner)[..., 0]
-        step *= np.minimum(_LARGEST_STEP / np.maximum(np.abs(step).max(axis=1), 1e-300), 1.0)[:, None]
-        q = np.clip(q + step, low, high)
-    error = np.abs(required - value(q.T, *given).full().T).max(axis=1)
+    q, error = damped_newton(
+        lambda q: required - value(q.T, *given).full().T,
+        lambda q: slope(q.T, *given).full().reshape(6, SEARCHES, n + 3)[:, :, :n].swapaxes(0, 1),
+        q,
+        angles,
+        iterations=_ITERATIONS,
+        largest_step=_LARGEST_STEP,
+        damping=(_LEAST_DAMPING, _DAMPING),
+    )
     # Sines vanish at half a revolution too.
     axes = robot.end_effector_pose(q)[1]
     aligned = np.trace(to_matrix(reach.quaternion).T @ axes, axis1=1, axis2=2) > 1.0

@@ -14,8 +14,7 @@ TOLERANCE = 1e-4  # fraction of a bound's half width by which it may be violated
 def lower_and_upper(robot: FloatingRobot, limits: Limits) -> tuple[Array, Array]:
     """Least and greatest angles rad, rates rad/s and accelerations rad/s^2 of plans, (3, n) each."""
     n = robot.n_joints
-    angles = np.tile([-np.inf, np.inf], (n, 1)) if limits.position is None else limits.position
-    angles = angles + ANGLE_MARGIN * np.array([1.0, -1.0])
+    angles = limits.angles(n) + ANGLE_MARGIN * np.array([1.0, -1.0])
     largest = [
         np.broadcast_to(np.inf if limit is None else LIMIT_FRACTION * limit, n)
         for limit in (limits.rate, limits.acceleration)
