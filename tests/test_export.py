@@ -11,10 +11,14 @@ import pinocchio as pin
 import pytest
 
 from space_envs.errors import ConfigurationError
-from space_envs.robots.dual_arm import END_EFFECTORS, KINDS, DualArmOptions, dual_arm_model
 from space_envs.robots.export import _roll_pitch_yaw, export, main
-from space_envs.robots.parameters import VARIANTS
-from space_envs.robots.single_arm import ModelOptions, single_arm_model
+from space_envs.robots.models import SceneOptions, robot_model
+from space_envs.robots.robot import Robot
+from space_envs.robots.zoo import find_robot
+
+VARIANTS = ("paper", "physical")
+DUAL_ARMS = ("shah2013", "spatial_dual_arm")
+END_EFFECTORS = ("end_effector1", "end_effector2")
 
 
 def mass_matrix(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
@@ -35,17 +39,18 @@ def random_state(model: mujoco.MjModel, generator: np.random.Generator) -> mujoc
     return data
 
 
+def dual_arm(name: str, mount: tuple[float, float]) -> Robot:
+    """A robot with two arms; in the plane, with another place of the first one."""
+    robot = find_robot(name)
+    return robot.mounted_at((mount, (-0.5, -0.1))) if robot.planar else robot
+
+
 @pytest.mark.parametrize("visual", [False, True])
-@pytest.mark.parametrize("variant", [*VARIANTS, *KINDS])
-def test_mjcf_reads_back_as_the_same_model(variant: str, visual: bool) -> None:
-    if variant in VARIANTS:
-        options = ModelOptions(variant=variant, visual=visual)
-        ours = single_arm_model(options)
-    else:
-        mounts = ((0.5, 1 / 3), (-0.5, -0.1)) if variant == "planar" else None
-        options = DualArmOptions(variant, visual=visual, mounts=mounts)
-        ours = dual_arm_model(options)
-    theirs = mujoco.MjModel.from_xml_string(export("mjcf", options))
+@pytest.mark.parametrize("name", [*VARIANTS, *DUAL_ARMS])
+def test_mjcf_reads_back_as_the_same_model(name: str, visual: bool) -> None:
+    robot = find_robot("shyam2020", name) if name in VARIANTS else dual_arm(name, (0.5, 1 / 3))
+    ours = robot_model(robot, SceneOptions(visual=visual))
+    theirs = mujoco.MjModel.from_xml_string(export("mjcf", robot, visual))
     for name in ("nq", "nv", "nu", "nmocap", "nsensordata", "ngeom", "ncam", "nlight", "nkey", "nsite"):
         assert getattr(ours, name) == getattr(theirs, name), name
     for name in ("body_mass", "body_inertia", "body_ipos", "body_iquat", "body_pos", "body_quat", "key_qpos"):
@@ -74,9 +79,9 @@ def test_mjcf_reads_back_as_the_same_model(variant: str, visual: bool) -> None:
 
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_urdf_agrees_with_mujoco_in_pinocchio(variant: str) -> None:
-    options = ModelOptions(variant=variant)
-    model = single_arm_model(options)
-    robot = pin.buildModelFromXML(export("urdf", options), pin.JointModelFreeFlyer())
+    ours = find_robot("shyam2020", variant)
+    model = robot_model(ours)
+    robot = pin.buildModelFromXML(export("urdf", ours), pin.JointModelFreeFlyer())
     assert list(robot.names)[2:] == [f"joint{number}" for number in range(1, 8)]
     np.testing.assert_allclose(robot.lowerPositionLimit[7:], model.jnt_range[1:, 0], rtol=0, atol=1e-15)
     np.testing.assert_allclose(robot.upperPositionLimit[7:], model.jnt_range[1:, 1], rtol=0, atol=1e-15)
@@ -102,17 +107,17 @@ def test_urdf_agrees_with_mujoco_in_pinocchio(variant: str) -> None:
         np.testing.assert_allclose(pose.rotation, site.xmat.reshape(3, 3), rtol=0, atol=1e-10)
 
 
-def in_pinocchio(kind: str, options: DualArmOptions) -> pin.Model:
-    floating = pin.JointModelPlanar() if kind == "planar" else pin.JointModelFreeFlyer()
-    return pin.buildModelFromXML(export("urdf", options), floating)
+def in_pinocchio(robot: Robot) -> pin.Model:
+    floating = pin.JointModelPlanar() if robot.planar else pin.JointModelFreeFlyer()
+    return pin.buildModelFromXML(export("urdf", robot), floating)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_urdf_of_two_arms_agrees_with_mujoco_in_pinocchio(kind: str) -> None:
-    options = DualArmOptions(kind, mounts=((0.4, 1 / 3), (-0.5, -0.1)) if kind == "planar" else None)
-    model = dual_arm_model(options)
-    robot = in_pinocchio(kind, options)
-    first = 3 if kind == "planar" else 6  # of the joints, among MuJoCo's and Pinocchio's velocities
+@pytest.mark.parametrize("name", DUAL_ARMS)
+def test_urdf_of_two_arms_agrees_with_mujoco_in_pinocchio(name: str) -> None:
+    ours = dual_arm(name, (0.4, 1 / 3))
+    model = robot_model(ours)
+    robot = in_pinocchio(ours)
+    first = 3 if ours.planar else 6  # of the joints, among MuJoCo's and Pinocchio's velocities
     size = first + model.nu
     names = [f"arm{arm}_joint{number}" for arm in (1, 2) for number in range(1, model.nu // 2 + 1)]
     assert list(robot.names)[2:] == names == [model.actuator(i).name for i in range(model.nu)]
@@ -132,7 +137,7 @@ def test_urdf_of_two_arms_agrees_with_mujoco_in_pinocchio(kind: str) -> None:
         # Pinocchio's base velocity is in body axes, MuJoCo's linear one in world axes.
         axes = np.eye(size)
         axes[: first - 3, : first - 3] = turn.T[: first - 3, : first - 3]
-        if kind == "planar":
+        if ours.planar:
             axes[:2, :2] = turn.T[:2, :2]
             q = np.array([*data.qpos[:2], np.cos(data.qpos[2]), np.sin(data.qpos[2]), *data.qpos[3:9]])
         else:
@@ -168,14 +173,14 @@ def test_roll_pitch_yaw_where_two_of_them_turn_about_one_axis() -> None:
 
 def test_command_prints_without_a_file(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--format", "urdf", "--variant", "physical"]) == 0
-    assert ET.fromstring(capsys.readouterr().out).attrib["name"] == "single_arm_physical"
+    assert ET.fromstring(capsys.readouterr().out).attrib["name"] == "shyam2020"
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_command_exports_every_robot(kind: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--robot", f"dual_arm_{kind}", "--format", "urdf"]) == 0
-    assert ET.fromstring(capsys.readouterr().out).attrib["name"] == f"dual_arm_{kind}"
-    assert main(["--robot", f"dual_arm_{kind}", "--visual"]) == 0
+@pytest.mark.parametrize("name", DUAL_ARMS)
+def test_command_exports_every_robot(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--robot", name, "--format", "urdf"]) == 0
+    assert ET.fromstring(capsys.readouterr().out).attrib["name"] == name
+    assert main(["--robot", name, "--visual"]) == 0
     assert mujoco.MjModel.from_xml_string(capsys.readouterr().out).ngeom > 100
 
 
@@ -192,9 +197,10 @@ def test_command_writes_a_file(tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         (["--format", "urfd"], "unknown model format 'urfd'; valid are 'mjcf', 'urdf'. Did you mean 'urdf'?"),
-        (["--robot", "dual_arm"], "unknown robot 'dual_arm'; valid are 'single_arm', 'dual_arm_planar',"),
-        (["--robot", "dual_arm_planar", "--variant", "paper"], "dual_arm_planar has no variants"),
-        (["--robot", "dual_arm_spatial", "--format", "urdf", "--visual"], "URDF is exported without"),
+        (["--robot", "shah2012"], "Did you mean 'shah2013'?"),
+        (["--robot", "shah2013", "--variant", "paper"], "unknown model variant 'paper'; valid are 'nominal'"),
+        (["--robot", "none.toml"], "there is no file"),
+        (["--robot", "spatial_dual_arm", "--format", "urdf", "--visual"], "URDF is exported without"),
         (["--variant", "x"], "unknown model variant 'x'; valid are 'paper', 'physical'."),
         (["--format", "urdf", "--visual"], "URDF is exported without geometry"),
         (["-o", "/dev/null/arm.xml"], "/dev/null"),
@@ -213,4 +219,4 @@ def test_command_says_in_one_line_what_is_wrong(
 
 def test_unknown_format_is_refused() -> None:
     with pytest.raises(ConfigurationError, match="unknown model format"):
-        export("sdf")
+        export("sdf", find_robot("shyam2020"))

@@ -1,4 +1,4 @@
-"""The robots' models for other tools: `python -m space_envs.robots.export --format urdf -o arm.urdf`.
+"""Robots' models for other tools: `python -m space_envs.robots.export --format urdf -o arm.urdf`.
 
 MJCF is the whole model (robot, target, sensors, home pose). URDF holds the robot alone; its root link is
 the satellite, with the origin at the satellite's centre of mass, and floats in whatever loads it: freely or,
@@ -14,29 +14,32 @@ import mujoco
 import numpy as np
 
 from space_envs.errors import ConfigurationError, unknown_name
-from space_envs.robots.dual_arm import DUAL_ARMS, END_EFFECTORS, DualArmOptions, dual_arm_spec
-from space_envs.robots.parameters import SINGLE_ARM, VARIANTS
-from space_envs.robots.single_arm import END_EFFECTOR, SATELLITE, ModelOptions, single_arm_spec
+from space_envs.robots.models import (
+    SATELLITE,
+    SceneOptions,
+    end_effectors,
+    joint_names,
+    robot_model,
+    robot_spec,
+)
+from space_envs.robots.robot import Robot
+from space_envs.robots.zoo import find_robot, robot_names
 from space_envs.scenery.planet import make_plain
 from space_envs.system.command_line import Parser, check_replaceable, exit_status, output_path
 from space_envs.system.files import atomic_write_text
 
 FORMATS = ("mjcf", "urdf")
-ROBOTS = ("single_arm", "dual_arm_planar", "dual_arm_spatial")
-Options = ModelOptions | DualArmOptions
+DEFAULT = "shyam2020"
 
 
-def _spec(options: Options) -> mujoco.MjSpec:
-    return single_arm_spec(options) if isinstance(options, ModelOptions) else dual_arm_spec(options)
+def mjcf(robot: Robot, visual: bool = False) -> str:
+    """The model as MJCF text, with dynamic parameters in full precision.
 
-
-def mjcf(options: Options = ModelOptions()) -> str:
-    """The model as self-contained MJCF text, with dynamic parameters in full precision.
-
-    A visible planet has one plain color, without clouds.
+    It is self-contained but for meshes of the robot's own files, which it names. A visible planet has one
+    plain color, without clouds.
     """
-    spec = _spec(options)
-    if options.visual:
+    spec = robot_spec(robot, SceneOptions(visual=visual))
+    if visual:
         make_plain(spec)
     model = spec.compile()
     root = ET.fromstring(spec.to_xml())
@@ -64,55 +67,48 @@ def _restore_digits(root: ET.Element, model: mujoco.MjModel) -> None:
                 quat=_text(model.site(site.attrib["name"]).quat),
             )
         for joint in element.findall("joint[@range]"):
-            joint.attrib["range"] = _text(model.joint(joint.attrib["name"]).range)
+            compiled = model.joint(joint.attrib["name"])
+            joint.attrib.update(range=_text(compiled.range), axis=_text(compiled.axis))
     for key in root.iter("key"):
         key.attrib["qpos"] = _text(model.key(key.attrib["name"]).qpos)
 
 
-def urdf(options: Options = ModelOptions()) -> str:
+def urdf(robot: Robot) -> str:
     """The robot as URDF text: the satellite, links with inertia, hinges with limits, the end-effector frames.
 
-    Links have the frames of the MuJoCo bodies of their names: the DH frame at the joint, rotated by the joint
-    angle, so every joint rotates about z. URDF has no rotor inertia: that of the model is omitted.
-
-    Raises:
-        ConfigurationError: with visual geometry, which URDF could only refer to as files.
+    Links have the frames of the MuJoCo bodies of their names, rotated by the joint angles. URDF has no rotor
+    inertia: that of the model is omitted.
     """
-    if options.visual:
-        raise ConfigurationError("URDF is exported without geometry; ask for mjcf, or leave out --visual")
-    spec = _spec(options)
-    model = spec.compile()
-    rate_limit, end_effectors = SINGLE_ARM.rate_limit, (END_EFFECTOR,)
-    if isinstance(options, DualArmOptions):
-        rate_limit, end_effectors = DUAL_ARMS[options.kind].parameters.rate_limit, END_EFFECTORS
-    robot = ET.Element("robot", name=spec.modelname)
+    model = robot_model(robot)
+    rates = dict(zip(joint_names(robot), robot.rate_limit.tolist(), strict=True))
+    tree = ET.Element("robot", name=robot.name)
     root = model.body(SATELLITE).id
     for number in range(model.nbody):  # MuJoCo numbers parents before their children
         if int(model.body_rootid[number]) != root:
             continue
         body = model.body(number)
-        _add_link(robot, model, body.name)
+        _add_link(tree, model, body.name)
         if number == root:
             continue
         joint = model.joint(int(body.jntadr[0]))
         parent = model.body(int(body.parentid[0])).name
-        element = _add_joint(robot, joint.name, "revolute", parent, body.name, body.pos, body.quat)
+        element = _add_joint(tree, joint.name, "revolute", parent, body.name, body.pos, body.quat)
         ET.SubElement(element, "axis", xyz=_text(joint.axis))
         ET.SubElement(
             element,
             "limit",
             lower=_text(joint.range[0]),
             upper=_text(joint.range[1]),
-            velocity=_text(rate_limit),
+            velocity=_text(rates[joint.name]),
             effort=_text(model.actuator(joint.name).forcerange[1]),
         )
-    for name in end_effectors:
+    for name in end_effectors(robot):
         site = model.site(name)
         parent = model.body(int(site.bodyid[0])).name
-        ET.SubElement(robot, "link", name=name)
-        _add_joint(robot, f"{name}_mount", "fixed", parent, name, site.pos, site.quat)
-    ET.indent(robot)
-    return f'<?xml version="1.0"?>\n{ET.tostring(robot, encoding="unicode")}\n'
+        ET.SubElement(tree, "link", name=name)
+        _add_joint(tree, f"{name}_mount", "fixed", parent, name, site.pos, site.quat)
+    ET.indent(tree)
+    return f'<?xml version="1.0"?>\n{ET.tostring(tree, encoding="unicode")}\n'
 
 
 def _text(values: float | Sequence[float] | np.ndarray) -> str:
@@ -163,15 +159,19 @@ def _roll_pitch_yaw(quaternion: np.ndarray) -> tuple[float, float, float]:
     return float(np.arctan2(-across[2], across[1])), float(pitch), float(yaw)
 
 
-def export(file_format: str, options: Options = ModelOptions()) -> str:
-    """Model of the robot given by the options, as text in one of FORMATS.
+def export(file_format: str, robot: Robot, visual: bool = False) -> str:
+    """Model of a robot as text in one of FORMATS, with or without the drawings.
 
     Raises:
-        ConfigurationError: for an unknown format, or options that the format does not support.
+        ConfigurationError: for an unknown format, or drawings in URDF, which could only name files of them.
     """
     if file_format not in FORMATS:
         raise unknown_name("model format", file_format, FORMATS)
-    return mjcf(options) if file_format == "mjcf" else urdf(options)
+    if file_format == "mjcf":
+        return mjcf(robot, visual)
+    if visual:
+        raise ConfigurationError("URDF is exported without geometry; ask for mjcf, or leave out --visual")
+    return urdf(robot)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -182,15 +182,11 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--robot",
-        default="single_arm",
-        metavar="|".join(ROBOTS),
-        help="whose model (default: %(default)s)",
+        default=DEFAULT,
+        metavar="NAME|FILE",
+        help=f"its description file, or one of {', '.join(robot_names())} (default: %(default)s)",
     )
-    parser.add_argument(
-        "--variant",
-        metavar="|".join(VARIANTS),
-        help="single_arm: inertias of Table II as printed, or of solid rods and a cube (default: paper)",
-    )
+    parser.add_argument("--variant", help="of the robot's inertias (default: its first)")
     parser.add_argument(
         "--format",
         default="mjcf",
@@ -207,16 +203,6 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _options(robot: str, variant: str | None, visual: bool) -> Options:
-    if robot not in ROBOTS:
-        raise unknown_name("robot", robot, ROBOTS)
-    if robot == "single_arm":
-        return ModelOptions(variant=variant or "paper", visual=visual)
-    if variant is not None:
-        raise ConfigurationError(f"{robot} has no variants; leave out --variant")
-    return DualArmOptions(robot.removeprefix("dual_arm_"), visual=visual)
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit status, 2 after a user error."""
     return exit_status("python -m space_envs.robots.export", lambda: _run(_parser().parse_args(arguments)))
@@ -225,7 +211,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace) -> None:
     if options.output is not None:
         check_replaceable(options.output, options.overwrite)
-    text = export(options.format, _options(options.robot, options.variant, options.visual))
+    text = export(options.format, find_robot(options.robot, options.variant), options.visual)
     if options.output is None:
         sys.stdout.write(text)
     else:

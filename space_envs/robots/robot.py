@@ -6,8 +6,8 @@ w x y z.
 """
 
 import hashlib
-from collections.abc import Iterator
-from dataclasses import dataclass, fields, is_dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -249,6 +249,14 @@ class Robot:
         for number in _numbers(self):
             digest.update(f"{number};".encode())
         return digest.hexdigest()
+
+    def mounted_at(self, mounts: Sequence[tuple[float, float]]) -> "Robot":
+        """The robot in the plane with its arms at other points (x, y) of the satellite, m."""
+        arms = []
+        for arm, (x, y) in zip(self.arms, mounts, strict=True):
+            root = replace(arm.links[0], position=(x, y, 0.0))
+            arms.append(replace(arm, links=(root, *arm.links[1:])))
+        return replace(self, arms=tuple(arms))
 
     @property
     def links(self) -> tuple[Link, ...]:
