@@ -170,7 +170,7 @@ CASES = [
     *each(recipe, "keep_attitude limited", NO_FLAG),
     *each(DemonstratorConfig, "dt", NOT_POSITIVE),
     *each(DemonstratorConfig, "per_goal", NO_COUNT),
-    *each(DemonstratorConfig, "redundancy miss noise quiet rest weight_decades", NEGATIVE),
+    *each(DemonstratorConfig, "redundancy offset noise noise_free rest weight_decades", NEGATIVE),
     *each(DemonstratorConfig, "ramp radius", NO_RANGE),
     *each(ModelOptions, "timestep", NOT_POSITIVE),
     *each(ModelOptions, "visual", NO_FLAG),

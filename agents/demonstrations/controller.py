@@ -157,10 +157,10 @@ def _detour(
     middle = start + draws.obstacle_phase[:, None] * (goal - start)
     if config.bands == "task":
         aside = draws.sphere_side / np.linalg.norm(draws.sphere_side, axis=1, keepdims=True)
-        centre = end_effector_path(arm, middle) + config.sphere_miss * aside
+        centre = end_effector_path(arm, middle) + config.sphere_offset * aside
         spheres = BandObstacles(centre, draws.sphere_radius)
         return task_detour(arm, start, goal, spheres, progress, config.dt)
-    centre = middle + config.miss * sideways_direction(arm, middle, draws.obstacle_side)
+    centre = middle + config.offset * sideways_direction(arm, middle, draws.obstacle_side)
     return joint_detour(start, goal, BandObstacles(centre, draws.obstacle_radius), progress, config.dt)
 
 

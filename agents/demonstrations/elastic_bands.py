@@ -32,11 +32,10 @@ class BandObstacles:
 
 @dataclass(frozen=True, eq=False)
 class Detour:
-    """Displacement (D, T, n) from the straight joint motion, rad, with its first and second derivatives."""
+    """Displacement (D, T, n) from the straight joint motion, rad, with its derivative by time."""
 
     position: Array
     velocity: Array
-    acceleration: Array
 
 
 def straight_path(start: Array, goal: Array) -> Array:
@@ -108,6 +107,4 @@ def _timed(displacement: Array, progress: Array, dt: float) -> Detour:
     # Clamped: the detour starts and ends at rest, for any progress.
     spline = CubicSpline(np.linspace(0.0, 1.0, NODES), displacement, axis=1, bc_type="clamped")
     speed = np.gradient(progress, dt)[:, None]
-    change = np.gradient(speed[:, 0], dt)[:, None]
-    slope, curvature = spline(progress, 1), spline(progress, 2)
-    return Detour(spline(progress), slope * speed, curvature * speed**2 + slope * change)
+    return Detour(spline(progress), spline(progress, 1) * speed)

@@ -1,7 +1,7 @@
 """Variations of demonstrations: the paper's three kinds, and the random draws behind them (sec. IV)."""
 
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,10 +34,10 @@ class DemonstratorConfig:
         bands: kind elastic_band: the space of its artificial obstacle. `task` is the paper's, a sphere
             between the end-effector's points at start and goal; the shipped prior has `joint`, a sphere of
             joint angles.
-        radius, miss: bands `joint`: least and largest radius, distance of the centre from the motion, rad.
-        sphere_radius, sphere_miss: bands `task`: the same in m, from the end-effector's path.
+        radius, offset: bands `joint`: least and largest radius, distance of the centre from the motion, rad.
+        sphere_radius, sphere_offset: bands `task`: the same in m, from the end-effector's path.
         noise: kind noise: standard deviation of the acceleration that disturbs every control period, rad/s^2.
-        quiet: s before the end from which there is no noise, so that the arm comes to rest.
+        noise_free: s at the end without noise, so that the arm comes to rest.
         rest: largest joint rate at the end, rad/s.
     """
 
@@ -50,12 +50,12 @@ class DemonstratorConfig:
     scale_decades: float = 1.5
     redundancy: float = 0.2
     radius: tuple[float, float] = (0.4, 0.7)
-    miss: float = 0.1
+    offset: float = 0.1
     bands: str = "joint"
     sphere_radius: tuple[float, float] = (0.3, 0.6)
-    sphere_miss: float = 0.1
+    sphere_offset: float = 0.1
     noise: float = 0.015
-    quiet: float = 2.5
+    noise_free: float = 2.5
     rest: float = 2e-3
 
     def __post_init__(self) -> None:
@@ -83,9 +83,8 @@ class DemonstratorConfig:
         }
 
 
-@dataclass(frozen=True, eq=False)
-class VariationDraws:
-    """Random quantities of D demonstrations; shapes as in the problem they enter."""
+class VariationDraws(NamedTuple):
+    """Random quantities of one demonstration, or of D; shapes as in the problem they enter."""
 
     q: Array
     r: Array
@@ -110,7 +109,7 @@ def draw(
 ) -> VariationDraws:
     """Every demonstration draws everything from a generator of its own, and uses what is of its kind."""
     n, samples = len(home), len(time)
-    rows: list[tuple[Array, ...]] = []
+    drawn: list[VariationDraws] = []
     for i, k in zip(number.tolist(), kind.tolist(), strict=True):
         rng = np.random.default_rng([seed, i, attempt])
         preferred = home + rng.normal(0.0, config.redundancy, n)
@@ -119,19 +118,28 @@ def draw(
         ramp = rng.uniform(*config.ramp)
         scale = 10.0 ** rng.uniform(-config.scale_decades, config.scale_decades)
         phase, radius, side = rng.uniform(0.3, 0.7), rng.uniform(*config.radius), rng.standard_normal(n)
-        noise = rng.normal(0.0, config.noise, (samples, n)) * (time < time[-1] - config.quiet)[:, None]
+        noise = rng.normal(0.0, config.noise, (samples, n)) * (time < time[-1] - config.noise_free)[:, None]
         sphere, aside = rng.uniform(*config.sphere_radius), rng.standard_normal(3)
         varied, pushed, noisy = (k == KINDS.index(name) for name in KINDS)
         q = np.zeros((2 * n, 2 * n))
         q[:n, :n] = scale * POSITION_WEIGHT * (position if varied else np.eye(n))
-        r = CONTROL_WEIGHT * (control if varied else np.eye(n))
-        # An obstacle of size zero has no effect.
-        size, sphere = np.array(radius if pushed else 0.0), np.array(sphere if pushed else 0.0)
-        obstacle = np.array(phase), side, size
-        rows.append((q, r, np.array(ramp), preferred, *obstacle, noise * noisy, aside, sphere))
-    columns = [np.stack(column) for column in zip(*rows, strict=True)]
-    columns[7] = np.ascontiguousarray(columns[7].swapaxes(0, 1))
-    return VariationDraws(*columns)
+        drawn.append(
+            VariationDraws(
+                q=q,
+                r=CONTROL_WEIGHT * (control if varied else np.eye(n)),
+                ramp=np.array(ramp),
+                preferred=preferred,
+                obstacle_phase=np.array(phase),
+                obstacle_side=side,
+                # An obstacle of size zero has no effect.
+                obstacle_radius=np.array(radius if pushed else 0.0),
+                disturbance=noise * noisy,
+                sphere_side=aside,
+                sphere_radius=np.array(sphere if pushed else 0.0),
+            )
+        )
+    stacked = VariationDraws(*(np.stack(column) for column in zip(*drawn, strict=True)))
+    return stacked._replace(disturbance=np.ascontiguousarray(stacked.disturbance.swapaxes(0, 1)))
 
 
 def _random_spd(rng: np.random.Generator, n: int, decades: float) -> Array:

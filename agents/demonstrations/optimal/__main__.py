@@ -10,6 +10,8 @@ import numpy as np
 from agents.demonstrations.optimal.library import LibraryRecipe, generate
 from space_envs.system.command_line import AppendValues, Parser, exit_status
 
+ATTITUDES = ("unconstrained", "constrained")  # final base attitudes
+
 
 def parser() -> Parser:
     """The command line."""
@@ -22,12 +24,12 @@ def parser() -> Parser:
     out.add_argument("--jobs", type=int, default=1, help="processes (default %(default)s)")
     out.add_argument("--seed", type=int, default=0, help="default %(default)s")
     out.add_argument(
-        "--setting",
-        choices=("free", "kept"),
+        "--attitude",
+        choices=ATTITUDES,
         action=AppendValues,
         nargs="+",
-        default=["free", "kept"],
-        help="final base attitude: unconstrained or equal to the initial one (default both)",
+        default=list(ATTITUDES),
+        help="at the end: unconstrained, or constrained to the initial one (default both)",
     )
     out.add_argument(
         "--limits",
@@ -50,8 +52,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def run(options: argparse.Namespace) -> None:
     """Make the libraries that the options name; errors as in `generate`."""
     for limits in options.limits:
-        for setting in options.setting:
-            recipe = LibraryRecipe(setting == "kept", limits == "limited", options.seed)
+        for attitude in options.attitude:
+            recipe = LibraryRecipe(attitude == "constrained", limits == "limited", options.seed)
             made = generate(options.output, recipe, jobs=options.jobs, progress=True)
             cost = f"median base disturbance (eq. 20) {1e4 * np.median(made.cost):.2f} cm^2/s"
             print(f"{options.output / recipe.name}: {len(made.cost)} motions, {cost}")

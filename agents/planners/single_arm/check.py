@@ -67,7 +67,7 @@ def _boundary_errors(
 def _excess(
     model: mujoco.MjModel, limits: Limits, state: tuple[Array, Array, Array], twist: Array
 ) -> dict[str, float]:
-    """Largest values beyond the limits that there are."""
+    """Largest values beyond the limits, by name; those without a limit are absent."""
     q, qdot, qddot = state
     found = limits.excess(position=q, rate=qdot, acceleration=qddot)
     for name, accelerations in (("torque", qddot), ("coriolis", 0.0 * qddot)):

@@ -24,8 +24,8 @@ from space_envs.dynamics.reactionless import reactionless_projection
 from space_envs.dynamics.rotations import Array, conjugate, logarithm, multiply, rotate
 from space_envs.policy import PolicyContext
 from space_envs.robots.parameters import DUAL_ARM_PLANAR, DUAL_ARM_SPATIAL
+from space_envs.tasks.goals.tumbling import RENDEZVOUS_TIME
 
-RENDEZVOUS_TIME = 20.0  # s after the start of the episode, when every plan ends
 CHECKS = 201  # times at which the clearance of a plan is checked
 _ALWAYS = 1e9  # s before the end at which grippers open: from the start
 ATTITUDE_GAIN = 0.3  # 1/s, of the attitude error

@@ -103,16 +103,16 @@ class ReactionlessRollout:
 def _steps(model: HeldAttitude, n: int, lengths: Array) -> ca.Function:
     """(Start (n), u at start, middle and end of each step (3 n, steps)) -> angles after each (n, steps)."""
     q, u, h = ca.MX.sym("q", n), ca.MX.sym("u", 3 * n), ca.MX.sym("h")
-    begin, middle, end = ca.vertsplit(u, n)
+    first, middle, end = ca.vertsplit(u, n)
 
     def rate(at: ca.MX, required: ca.MX) -> ca.MX:
         return model.projected(at, required)
 
-    one = rate(q, begin)
+    one = rate(q, first)
     two = rate(q + 0.5 * h * one, middle)
     three = rate(q + 0.5 * h * two, middle)
     four = rate(q + h * three, end)
     step = ca.Function("step", [q, u, h], [q + h / 6.0 * (one + 2.0 * two + 2.0 * three + four)])
-    start, required = ca.MX.sym("start", n), ca.MX.sym("wanted", 3 * n, len(lengths))
+    start, required = ca.MX.sym("start", n), ca.MX.sym("required", 3 * n, len(lengths))
     path = step.mapaccum(len(lengths))(start, required, ca.DM(lengths).T)
     return ca.Function("steps", [start, required], [path])
