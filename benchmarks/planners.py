@@ -61,9 +61,9 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
         for row in rows:
             x, y = planning_time(row), max(scale * row["figures"][key]["value"], 1e-4)
             constrained = row["figures"][ATTITUDE_METRIC]["value"] >= 0.5
-            marker, colour = ("s", VERMILION) if constrained else ("o", BLUE)
+            marker, color = ("s", VERMILION) if constrained else ("o", BLUE)
             label = "final attitude constrained" if constrained else "final attitude unconstrained"
-            axes.plot(x, y, marker, color=colour, ms=7, label=label)
+            axes.plot(x, y, marker, color=color, ms=7, label=label)
             points.append((row["policy"], x, y))
         axes.set(xscale="log", yscale="log", xlabel="planning time [ms]", ylabel=title)
         axes.margins(0.12)

@@ -53,10 +53,10 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def run(options: argparse.Namespace, words: list[str]) -> None:
-    """Reproduce as the options say.
+    """Compute the cases of a paper and write its page.
 
     Raises:
-        SpaceEnvsError: for options that are not valid, before anything is worked out.
+        SpaceEnvsError: for options that are not valid, before anything is computed.
     """
     if options.paper not in STUDIES:
         raise unknown_name("paper", options.paper, STUDIES)

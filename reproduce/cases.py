@@ -1,4 +1,4 @@
-"""Random cases of a study: each worked out once, in parallel, and kept as a line of JSON at once.
+"""Random cases of a study, computed in parallel, each stored as a line of JSON as soon as it is done.
 
 A run that was stopped goes on where it was. Lines belong to a key, the hash of all that decides a result, so
 that results of other settings or other code are never mixed in.
@@ -48,7 +48,7 @@ def read_cases(path: Path) -> dict[int, CaseRecord]:
 def run_cases(
     work: Callable[[int], CaseRecord], count: int, path: Path, jobs: int = 1, progress: bool = False
 ) -> list[CaseRecord]:
-    """Records of cases 0 to count - 1, in order; those that `path` holds already are not worked out again.
+    """Records of cases 0 to count - 1, in order; those that `path` holds are not computed again.
 
     Args:
         work: the record of a case from its index alone: a plain JSON object with `index` in it. It has to be
@@ -74,7 +74,7 @@ def run_cases(
         # A line that was cut off gets an end of its own, so that it spoils no other.
         if file.tell() and not path.read_bytes().endswith(b"\n"):
             file.write(b"\n")
-        calls = (delayed(_carried_out)(work, index) for index in missing)
+        calls = (delayed(_computed)(work, index) for index in missing)
         parallel = Parallel(n_jobs=min(jobs, len(missing) or 1), return_as="generator_unordered")
         for record in cast(Iterable[CaseRecord], parallel(calls)):
             line = json.dumps(record, allow_nan=False)
@@ -86,6 +86,6 @@ def run_cases(
     return [records[index] for index in range(count)]
 
 
-def _carried_out(work: Callable[[int], CaseRecord], index: int) -> CaseRecord:
+def _computed(work: Callable[[int], CaseRecord], index: int) -> CaseRecord:
     with threadpool_limits(1):  # several threads of BLAS give other bits
         return work(index)

@@ -48,7 +48,7 @@ class Share:
 
     @property
     def rate(self) -> float:
-        """0 to 1; NaN where there is nothing to count."""
+        """Share of the cases asked in which it holds, 0 to 1; NaN where none was asked."""
         return self.holds / self.of if self.of else float("nan")
 
     @property

@@ -1,5 +1,7 @@
-"""Figures of methods that planned the same case, from records whose `methods` hold the figures by method, or
-`cause` and `reason` where a method found no plan."""
+"""Figures of methods that planned the same case.
+
+A record's `methods` holds the figures by method, or `cause` and `reason` where a method found no plan.
+"""
 
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
@@ -59,10 +61,10 @@ def comparison(
 
 
 def percent(change: float) -> str:
-    """A change in percent with its sign: one decimal, or one digit where that would be none."""
+    """Text of a change in percent with its sign: one decimal, or one digit where that would be none."""
     return f"{change:+.1f}" if abs(change) >= 0.1 else f"{change:+.1g}"
 
 
 def short(value: float) -> str:
-    """Three digits, and no powers of ten for large numbers."""
+    """Text of a number with three digits, large ones without a power of ten."""
     return f"{value:.0f}" if value >= 100.0 else f"{value:.3g}"

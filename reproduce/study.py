@@ -1,4 +1,4 @@
-"""Studies that there are, the options of a run, and its provenance."""
+"""The papers that can be reproduced, the options of a run, and its provenance."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

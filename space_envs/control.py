@@ -27,7 +27,9 @@ class ControlMode(Protocol):
     size: int
     scale: Array
 
-    def torques(self, action: Array) -> Array: ...
+    def torques(self, action: Array) -> Array:
+        """Joint torques (N, n), N m, for actions (N, size)."""
+        ...
 
 
 class JointVelocity:

@@ -22,7 +22,7 @@ _MAX_GEOMS = 2000
 MAX_SIDE = 4096
 OVERVIEW = "overview"  # default camera
 _WINDOW_SECONDS = 10.0  # time limit for closing a window
-_TRAIL_COLOUR = np.array([0.35, 0.95, 1.0, 0.9], dtype=np.float32)
+_TRAIL_COLOR = np.array([0.35, 0.95, 1.0, 0.9], dtype=np.float32)
 _TRAIL_WIDTH = 0.012  # m
 
 
@@ -239,7 +239,7 @@ def draw_trail(scene: mujoco.MjvScene, points: NDArray[np.float64]) -> None:
     capsule = int(mujoco.mjtGeom.mjGEOM_CAPSULE)
     for start, end in zip(points[:-1], points[1:], strict=True):
         geom = scene.geoms[scene.ngeom]
-        mujoco.mjv_initGeom(geom, capsule, np.zeros(3), np.zeros(3), np.eye(3).ravel(), _TRAIL_COLOUR)
+        mujoco.mjv_initGeom(geom, capsule, np.zeros(3), np.zeros(3), np.eye(3).ravel(), _TRAIL_COLOR)
         mujoco.mjv_connector(geom, capsule, _TRAIL_WIDTH, start, end)
         geom.emission = 0.8
         scene.ngeom += 1

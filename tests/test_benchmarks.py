@@ -133,10 +133,10 @@ def test_figure_of_planners_shows_what_its_caption_says(tmp_path: Path) -> None:
     text = (tmp_path / "one.svg").read_text(encoding="utf-8")
     markers = re.findall(r'<path id="[^"]+" d="([^"]+)" style="stroke: (#[0-9a-f]{6})', text)
     # A circle is made of curves, a square of lines.
-    shapes = {colour: "square" if "C" not in path else "circle" for path, colour in markers}
+    shapes = {color: "square" if "C" not in path else "circle" for path, color in markers}
     assert shapes[planners.VERMILION] == "square" and shapes[planners.BLUE] == "circle"
     # In two panels and in the legend.
-    uses = [text.count(f'style="fill: {colour}') for colour in (planners.VERMILION, planners.BLUE)]
+    uses = [text.count(f'style="fill: {color}') for color in (planners.VERMILION, planners.BLUE)]
     assert uses == [3, 5]
     for name in ("README.md", "docs/optimal.md"):
         assert f"![{planners.CAPTION}](" in (ROOT / name).read_text(encoding="utf-8")

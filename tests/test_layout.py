@@ -177,8 +177,8 @@ def movie() -> Movie:
     """Two robots with two links an arm that wave."""
     t = np.linspace(0.0, 1.0, 5)
     chains = [
-        Chain(np.array([0.5, side]), (1.0, 0.7), np.stack([side * t, t], axis=1), colour)
-        for side, colour in ((0.3, "#0072b2"), (-0.3, "#d55e00"))
+        Chain(np.array([0.5, side]), (1.0, 0.7), np.stack([side * t, t], axis=1), color)
+        for side, color in ((0.3, "#0072b2"), (-0.3, "#d55e00"))
     ]
     trails = [np.stack([t, t], axis=1), np.stack([t, -t], axis=1)]
     grapples = np.array([[0.0, 0.3], [0.0, -0.3]])
@@ -225,7 +225,7 @@ def paper(name: str, rules: tuple, jpeg: bytes) -> Page:
                 (
                     figure("one", words("One panel", 1), [wave]),
                     figure("many", words("Many panels", 6), [wave] * 6),
-                    Table("Wide", (heads[0], *heads[1:] * 4), rows, "A caption.", colours=("#0072b2",) * 2),
+                    Table("Wide", (heads[0], *heads[1:] * 4), rows, "A caption.", colors=("#0072b2",) * 2),
                     Table("Words", ("method", "cause", "case", "reason"), ((names[0], reason, "3", reason),),
                           words=True),
                 ),

@@ -167,8 +167,8 @@ def test_attributes_and_methods_of_rows() -> None:
     assert env.get_attr("control_mode") == ["joint_velocity"] * 3
     assert env.get_attr("num_envs", indices=[0]) == [3]
     assert env.env_is_wrapped(gym.Wrapper) == [False] * 3
-    env.set_attr("colour", "red")
-    assert env.get_attr("colour", 1) == ["red"]
+    env.set_attr("color", "red")
+    assert env.get_attr("color", 1) == ["red"]
     assert len(env.env_method("reset")) == 3
     assert env.render_mode is None and list(env.get_images()) == [None] * 3
     with pytest.raises(ConfigurationError, match="one by one"):

@@ -17,6 +17,7 @@ COUNTED_TEXT = {"second": "per s", "once": "once"}
 
 
 def observations_section(env: CaptureVectorEnv) -> str:
+    """Section on the observations."""
     layout, rows = env.task.layout, []
     for field in layout.fields:
         place, (unit, meaning) = layout.slices[field.name], split_unit(field.meaning)
@@ -34,6 +35,7 @@ def observations_section(env: CaptureVectorEnv) -> str:
 
 
 def rewards_section(env: CaptureVectorEnv) -> str:
+    """Section on the reward terms."""
     task = env.task
     tables = [{term.name: term for term in terms} for terms in (task.dense_reward, task.sparse_reward)]
     rows = []
@@ -63,6 +65,7 @@ def rewards_section(env: CaptureVectorEnv) -> str:
 
 
 def capture_section(env: CaptureVectorEnv) -> str:
+    """Section on the capture envelope and the end of an episode."""
     envelope = env.task.envelope
     units = field_comments(type(envelope))
     limits = [

@@ -54,6 +54,7 @@ ONLY_VECTOR = ("num_envs", "autoreset_mode")
 
 
 def keywords_section(env: CaptureVectorEnv) -> str:
+    """Section on the keywords of `gym.make`."""
     signature = inspect.signature(CaptureVectorEnv)
     names = ("num_envs", "control_mode", "autoreset_mode", *(field.name for field in fields(EnvOptions)))
     own = {name: signature.parameters[name].default for name in names}
@@ -88,6 +89,7 @@ def keywords_section(env: CaptureVectorEnv) -> str:
 
 
 def reset_section(env: CaptureVectorEnv) -> str:
+    """Section on the options of `reset`."""
     args = section(CaptureVectorEnv.reset.__doc__, "Args")
     about = described(args, ("seed", "options"))
     joints = f"({env.task.mechanics.n_joints},)"
@@ -110,6 +112,7 @@ def reset_section(env: CaptureVectorEnv) -> str:
 
 
 def info_section() -> str:
+    """Section on `info`."""
     rows = [(f"`{key}`", text) for key, text in INFO_TEXT.items()]
     return "\n\n".join(
         [

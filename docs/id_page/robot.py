@@ -26,6 +26,7 @@ def _steps(task: CaptureTask) -> str:
 
 
 def robot_section(env: CaptureVectorEnv) -> str:
+    """Section on the robot."""
     robot, drive, task = env.task.mechanics, env.drive, env.task
     free = "two slides and a hinge" if env.simulation.planar else "six degrees of freedom"
     rows = [
@@ -77,6 +78,7 @@ def _ranges(limits: Array, home: Array) -> str:
 
 
 def actions_section(env: CaptureVectorEnv) -> str:
+    """Section on the actions of each control mode."""
     rows = []
     for mode in CONTROL_MODES:
         built = MODES[mode](env.drive)

@@ -23,7 +23,7 @@ class Chain:
     mount: Array
     links: Sequence[float]
     angles: Array
-    colour: str
+    color: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +147,7 @@ def _scene(scene: AnimatedRobot, clock: _Clock) -> list[str]:
     for chain, trail in zip(scene.chains, scene.trails, strict=True):
         points = " ".join(f"{_number(x, 3)},{_number(y, 3)}" for x, y in trail)
         parts.append(
-            f'<polyline points="{points}" stroke="{chain.colour}" stroke-width="0.035" '
+            f'<polyline points="{points}" stroke="{chain.color}" stroke-width="0.035" '
             'stroke-dasharray="0.02 0.08"/>'
         )
     x, y = scene.target
@@ -161,7 +161,7 @@ def _scene(scene: AnimatedRobot, clock: _Clock) -> list[str]:
     for (gx, gy), chain in zip(scene.grapples, scene.chains, strict=True):
         at = f'cx="{_number(gx, 3)}" cy="{_number(gy, 3)}"'
         parts.append(f'<path d="M0 0L{_number(gx, 3)} {_number(gy, 3)}" stroke="currentColor"/>')
-        parts.append(f'<circle {at} r="0.07" stroke="{chain.colour}" stroke-width="0.035"/>')
+        parts.append(f'<circle {at} r="0.07" stroke="{chain.color}" stroke-width="0.035"/>')
     parts.append("</g></g>")
     parts.append("<g>")
     parts.append(clock.transform("translate", scene.base))
@@ -185,10 +185,10 @@ def _chain(chain: Chain, clock: _Clock) -> list[str]:
         parts.append("<g>")
         parts.append(clock.transform("rotate", np.rad2deg(chain.angles[:, number])))
         parts.append(
-            f'<path d="M0 0H{_number(length, 3)}" stroke="{chain.colour}" stroke-width="0.085"/>'
+            f'<path d="M0 0H{_number(length, 3)}" stroke="{chain.color}" stroke-width="0.085"/>'
             f'<circle r="0.06" fill="currentColor"/><g transform="translate({_number(length, 3)} 0)">'
         )
-    parts.append(f'<circle r="0.05" fill="{chain.colour}"/>')
+    parts.append(f'<circle r="0.05" fill="{chain.color}"/>')
     parts.append("</g></g>" * len(chain.links) + "</g>")
     return parts
 
@@ -200,7 +200,7 @@ def _bar(scene: AnimatedRobot, clock: _Clock, width: float, y: float) -> list[st
         f'<rect x="4" y="{y:.1f}" width="{full:.1f}" height="9" rx="4.5" fill="currentColor" '
         'fill-opacity="0.12"/>',
         f'<rect x="4" y="{y:.1f}" width="{_number(values[-1], 2)}" height="9" rx="4.5" '
-        f'fill="{scene.chains[0].colour}">{clock.attribute("width", values)}</rect>',
+        f'fill="{scene.chains[0].color}">{clock.attribute("width", values)}</rect>',
         f'<text x="{full + 14:.1f}" y="{y + 9:.1f}" fill="currentColor" font-size="11">'
         f"{escape(scene.label)}</text>",
     ]

@@ -30,7 +30,7 @@ class Table:
     rows: Sequence[tuple[str, ...]]
     caption: str = ""
     words: bool = False
-    colours: tuple[str, ...] = ()  # of the dots before the rows' names
+    colors: tuple[str, ...] = ()  # of the dots before the rows' names
 
     kind = "table"
 
@@ -82,7 +82,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Page:
-    """All that is written about one paper.
+    """Content of the page of a paper.
 
     Attributes:
         name: of the paper, and of the files. lead: paragraphs at the top. notice: a warning above them,

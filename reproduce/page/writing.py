@@ -1,5 +1,4 @@
-"""The page of a paper, written as one HTML file that asks for nothing outside itself, as Markdown, and the
-files next to it.
+"""Write the page of a paper: one self-contained HTML file, the same as Markdown, and the files next to it.
 
 All text is plain and is escaped where it is written. A content security policy lets only the page's own
 script run, known by its hash.

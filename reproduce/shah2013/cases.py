@@ -40,12 +40,12 @@ class CaptureCase:
 
     @property
     def grapples(self) -> Array:
-        """(2, 2) m, in the target's frame."""
+        """Grapple points (2, 2) m, in the target's frame."""
         return np.array([[0.0, -self.half_width], [0.0, self.half_width]])
 
     @property
     def capture(self) -> Capture:
-        """The boundary conditions: each end-effector at its grapple point, and as fast."""
+        """Boundary conditions: each end-effector at its grapple point, with the velocity of that point."""
         c, s = np.cos(self.angle), np.sin(self.angle)
         arms = self.grapples @ np.array([[c, s], [-s, c]])
         points, velocity = np.zeros((2, 3)), np.zeros((2, 3))
@@ -88,7 +88,7 @@ class Sampler:
     reach: float = 0.7
 
     def draw(self, seed: int, index: int) -> CaptureCase:
-        """CaptureCase `index` of a seed, the same whatever else is drawn.
+        """Case `index` of a seed, the same whatever else is drawn.
 
         Raises:
             PlanningError: if no draw is within the limits and in reach.

@@ -46,14 +46,14 @@ def comparison(planned: PlannedCase) -> Figure:
 
 
 def _curve(planned: PlannedCase, shown: Sequence[DualArmMethod], name: str, scale: float, label: str) -> Draw:
-    """Draws a quantity of `Curves` over time, of all methods."""
+    """Function that draws a quantity of `Curves` over time, of all methods."""
 
     def draw(axes: Axes) -> None:
         for method in shown:
             course = planned.curves[method.key]
             drawn = drawn_samples(course.time)
             values = scale * getattr(course, name)[drawn]
-            axes.plot(course.time[drawn], values, color=method.colour, lw=1.9, label=f"({method.letter})")
+            axes.plot(course.time[drawn], values, color=method.color, lw=1.9, label=f"({method.letter})")
         time_axes(axes, planned.curves[shown[0].key].time, label)
         axes.set_ylim(bottom=0)
         axes.legend(ncols=2)
@@ -64,7 +64,7 @@ def _curve(planned: PlannedCase, shown: Sequence[DualArmMethod], name: str, scal
 def _draw_bars(axes: Axes, planned: PlannedCase) -> None:
     methods = [METHODS[key] for key in METHODS if key in planned.plans]
     values = [planned.plans[method.key].energy for method in methods]
-    axes.barh(range(len(values)), values, height=0.62, color=[method.colour for method in methods])
+    axes.barh(range(len(values)), values, height=0.62, color=[method.color for method in methods])
     for number, value in enumerate(values):
         axes.annotate(
             f"{value:.4f}", (value, number), (4, 0), textcoords="offset points", va="center", fontsize=9
@@ -79,11 +79,11 @@ def energy_ratios(records: Sequence[CaseRecord], own: CaseRecord) -> Figure | No
     """Distributions of the energies' ratios over the random cases, with the canonical case marked."""
     draws: list[Draw] = []
     sentences: list[str] = []
-    for name, key, others, colour in RATIOS:
+    for name, key, others, color in RATIOS:
         values = ratios(records, "energy", key, *others)
         if not values.size:
             continue
-        draws.append(_distribution(name, values, ratio(own, "energy", key, *others), colour))
+        draws.append(_distribution(name, values, ratio(own, "energy", key, *others), color))
         low, middle, high = np.quantile(values, [0.1, 0.5, 0.9])
         sentence = TEXT.fill(
             "figures.ratios.alt", name=name, count=values.size, low=low, middle=middle, high=high
@@ -95,18 +95,18 @@ def energy_ratios(records: Sequence[CaseRecord], own: CaseRecord) -> Figure | No
     return figure("ratios", {"title": title, "caption": caption, "alt": sentences}, draws)
 
 
-def _distribution(name: str, values: Array, canonical: float | None, colour: str) -> Draw:
-    """Draws the distribution function of ratios (K,), and that of the canonical case."""
+def _distribution(name: str, values: Array, canonical: float | None, color: str) -> Draw:
+    """Function that draws the distribution function of ratios (K,), and that of the canonical case."""
 
     def draw(axes: Axes) -> None:
         ordered = np.sort(values)
         steps = np.concatenate([ordered[:1], ordered]), np.concatenate([[0.0], shares(values)])
-        axes.step(*steps, color=colour, lw=2.1)
-        axes.plot(ordered, np.full(values.size, -5.0), "|", color=colour, ms=7, alpha=0.7)
+        axes.step(*steps, color=color, lw=2.1)
+        axes.plot(ordered, np.full(values.size, -5.0), "|", color=color, ms=7, alpha=0.7)
         axes.axvline(1.0, color=INK, lw=0.8, ls=DASHES[1])
         if canonical is not None:
             right = canonical > np.median(values)
-            axes.axvline(canonical, color=colour, lw=1.4, alpha=0.6)
+            axes.axvline(canonical, color=color, lw=1.4, alpha=0.6)
             axes.annotate(
                 "canonical",
                 (canonical, 100),
@@ -125,7 +125,7 @@ def _distribution(name: str, values: Array, canonical: float | None, colour: str
 
 
 def movie(planned: PlannedCase) -> Movie:
-    """The canonical capture by all four methods."""
+    """Animation of the canonical capture by the paper's methods and by free paths."""
     shown = [METHODS[key] for key in FIGURES if key in planned.plans]
     most = max(float(planned.curves[method.key].energy[-1]) for method in shown)
     scenes = [_animated(planned, method, most) for method in shown]
@@ -137,13 +137,13 @@ def movie(planned: PlannedCase) -> Movie:
 
 
 def _animated(planned: PlannedCase, method: DualArmMethod, most: float) -> AnimatedRobot:
-    """The motion by one method, its bar full at an energy of `most`, J s."""
+    """Motion planned by one method; its bar is full at an energy of `most`, J s."""
     course, case = planned.curves[method.key], planned.case
     rows = np.linspace(0, len(course.time) - 1, FRAMES).round().astype(np.int64)
     lengths = [link.length for link in DUAL_ARM_PLANAR.arm]
-    colours = method.colour, SKY if method.colour != SKY else ORANGE
+    colors = method.color, SKY if method.color != SKY else ORANGE
     chains = [
-        Chain(np.array(mount), lengths, course.position[rows, 3 * arm : 3 * arm + 3], colours[arm])
+        Chain(np.array(mount), lengths, course.position[rows, 3 * arm : 3 * arm + 3], colors[arm])
         for arm, mount in enumerate(DUAL_ARM_PLANAR.mounts)
     ]
     return AnimatedRobot(

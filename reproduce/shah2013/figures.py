@@ -23,7 +23,7 @@ POINTS = 161  # drawn of a curve
 FLOOR = 1e-18  # rad/s; smaller rates, zero included, are drawn there
 ARROWS = 11  # velocity vectors drawn along each path
 ARROW_SECONDS = 1.5  # of motion that an arrow is long
-ARM_COLOURS = (BLUE, VERMILION)
+ARM_COLORS = (BLUE, VERMILION)
 SUBSCRIPTS = "₁₂"
 FIGURES = {"zeta_zero": "fig3", "local": "fig4", "ocp": "fig5", "free": "free"}  # by method
 
@@ -51,7 +51,7 @@ def _draw_velocities(axes: Axes, course: Curves) -> None:
         axes.plot(
             course.time[drawn],
             100 * course.velocity[drawn, number],
-            color=ARM_COLOURS[number // 2],
+            color=ARM_COLORS[number // 2],
             ls=DASHES[number % 2],
             lw=1.9,
             label=name,
@@ -61,13 +61,13 @@ def _draw_velocities(axes: Axes, course: Curves) -> None:
 
 
 def _draw_vectors(axes: Axes, course: Curves, arrows: NDArray[np.int64]) -> None:
-    for arm, colour in enumerate(ARM_COLOURS):
+    for arm, color in enumerate(ARM_COLORS):
         place, velocity = course.place[:, arm], course.velocity[:, 2 * arm : 2 * arm + 2]
-        axes.plot(*place.T, color=colour, lw=1.1, alpha=0.6)
+        axes.plot(*place.T, color=color, lw=1.1, alpha=0.6)
         axes.quiver(
             *place[arrows].T,
             *(ARROW_SECONDS * velocity[arrows]).T,
-            color=colour,
+            color=color,
             angles="xy",
             scale_units="xy",
             scale=1.0,
@@ -100,8 +100,8 @@ def method_figure(planned: PlannedCase, method: DualArmMethod) -> Figure | None:
         _pair(course, course.zeta, "ζ", "null-space velocity ζ [rad/s]"),
         _pair(course, course.angular, "ω", "dependent velocities [rad/s]"),
         lambda axes: _draw_base_rates(axes, planned, method.key),
-        lambda axes: _draw_energy(axes, course, method.colour),
-        lambda axes: _draw_power(axes, course, method.colour),
+        lambda axes: _draw_energy(axes, course, method.color),
+        lambda axes: _draw_power(axes, course, method.color),
         lambda axes: _draw_joint_rates(axes, course),
     )
     title = text["titles"][method.key]
@@ -109,7 +109,7 @@ def method_figure(planned: PlannedCase, method: DualArmMethod) -> Figure | None:
 
 
 def _pair(course: Curves, values: Array, name: str, label: str) -> Draw:
-    """Draws two quantities (K, 2), one of each arm."""
+    """Function that draws two quantities (K, 2), one of each arm."""
 
     def draw(axes: Axes) -> None:
         drawn = drawn_samples(course.time)
@@ -117,7 +117,7 @@ def _pair(course: Curves, values: Array, name: str, label: str) -> Draw:
             axes.plot(
                 course.time[drawn],
                 values[drawn, number],
-                color=ARM_COLOURS[number],
+                color=ARM_COLORS[number],
                 ls=DASHES[number],
                 lw=1.9,
                 label=f"{name}{SUBSCRIPTS[number]}",
@@ -130,17 +130,17 @@ def _pair(course: Curves, values: Array, name: str, label: str) -> Draw:
     return draw
 
 
-def _draw_energy(axes: Axes, course: Curves, colour: str) -> None:
+def _draw_energy(axes: Axes, course: Curves, color: str) -> None:
     drawn = drawn_samples(course.time)
-    axes.plot(course.time[drawn], course.energy[drawn], color=colour, lw=2.1)
+    axes.plot(course.time[drawn], course.energy[drawn], color=color, lw=2.1)
     time_axes(axes, course.time, "energy [J s]")
     axes.set_ylim(bottom=0)
 
 
-def _draw_power(axes: Axes, course: Curves, colour: str) -> None:
+def _draw_power(axes: Axes, course: Curves, color: str) -> None:
     drawn = drawn_samples(course.time)
     time = course.time[drawn]
-    axes.plot(time, 1000 * course.power[drawn], color=colour, lw=2.1, label="Σ |τ θ̇|")
+    axes.plot(time, 1000 * course.power[drawn], color=color, lw=2.1, label="Σ |τ θ̇|")
     axes.plot(time, 1000 * course.net[drawn], color=INK, lw=1.1, ls=DASHES[1], label="Σ τ θ̇")
     time_axes(axes, course.time, "power [mW]")
     axes.legend(ncols=2)
@@ -152,7 +152,7 @@ def _draw_joint_rates(axes: Axes, course: Curves) -> None:
         axes.plot(
             course.time[drawn],
             course.rate[drawn, number],
-            color=ARM_COLOURS[number // 3],
+            color=ARM_COLORS[number // 3],
             ls=DASHES[number % 3],
             lw=1.6,
             label=f"{number // 3 + 1}.{number % 3 + 1}",
@@ -163,13 +163,13 @@ def _draw_joint_rates(axes: Axes, course: Curves) -> None:
 
 def _draw_base_rates(axes: Axes, planned: PlannedCase, key: str) -> None:
     course, coarse, fine = planned.curves[key], planned.coarse[key], planned.fine[key]
-    for time, rate, colour, label in (
+    for time, rate, color, label in (
         (coarse.time, coarse.base_rate[:, 2], VERMILION, "simulated, suite's step"),
         (fine.time, fine.base_rate[:, 2], BLUE, "simulated, fine"),
         (course.time, course.base_rate, INK, "re-integrated"),
     ):
         peak_time, peak = _envelope(time, rate)
-        axes.plot(peak_time, np.maximum(peak, FLOOR), color=colour, lw=1.6, label=label)
+        axes.plot(peak_time, np.maximum(peak, FLOOR), color=color, lw=1.6, label=label)
     axes.axhline(1e-9, color=INK, lw=0.7, ls=DASHES[1])
     axes.set_yscale("log")
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.0e}"))

@@ -1,4 +1,4 @@
-"""Measures of a plan for figures and claims, by code that shares nothing with the planners.
+"""Measures of a plan for figures and claims, independent of the planners' own code.
 
 Quantities are recomputed from the plan's joint motion alone, with the momentum-level mathematics of
 `space_envs.dynamics`, between the planner's own nodes too.

@@ -25,7 +25,7 @@ class DualArmMethod:
     key: str
     letter: str
     name: str
-    colour: str
+    color: str
     plan: Callable[[CaptureCase], CapturePlan | Failure]
     within: str | None = None
 

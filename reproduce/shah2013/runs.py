@@ -123,6 +123,6 @@ def recipe(seed: int, sampler: Sampler) -> dict[str, Any]:
 
 
 def _lead(local: Curves, zero: Curves, figures: Mapping[str, float]) -> float:
-    """Energy of (b) less that of (a), J s, shortly before zeta of (b) changes fastest."""
+    """Energy of (b) minus that of (a), J s, shortly before zeta of (b) changes fastest."""
     then = max(0.0, figures["zeta_jolt_time"] - BEFORE)
     return float(np.interp(then, local.time, local.energy) - np.interp(then, zero.time, zero.energy))

@@ -22,14 +22,14 @@ RATIOS = (
     ("(c′) / (c)", "ocp_rest", ("ocp",)),
     ("(d) / (c)", "free", ("ocp",)),
 )
-COLOURS = tuple(method.colour for method in METHODS.values())
+COLORS = tuple(method.color for method in METHODS.values())
 
 
 def energies(planned: PlannedCase) -> Table:
     """Energy, power and base rates of every method in the canonical case."""
     text = TEXT.fill("tables.energies", coarse=settings(COARSE), fine=settings(FINE))
     rows = [_energies(planned.record, method) for method in METHODS.values()]
-    return Table(**text, rows=rows, colours=COLOURS)
+    return Table(**text, rows=rows, colors=COLORS)
 
 
 def _energies(record: CaseRecord, method: DualArmMethod) -> tuple[str, ...]:
@@ -64,7 +64,7 @@ def plans_found(records: Sequence[CaseRecord]) -> Table:
     text = TEXT.fill("tables.found")
     first, plans, planning = text["heads"]
     heads = (first, plans, *(cause.replace("_", " ") for cause in causes), planning)
-    return Table(**{**text, "heads": heads}, rows=rows, colours=COLOURS)
+    return Table(**{**text, "heads": heads}, rows=rows, colors=COLORS)
 
 
 def energy_ratios(records: Sequence[CaseRecord]) -> Table:

@@ -24,7 +24,7 @@ OWN_GOAL = 0  # of the validation split
 
 @dataclass(frozen=True, eq=False)
 class GoalCase:
-    """The robot at rest at home, and where its end-effector shall rest after 10 s.
+    """The robot at rest at home, and where its end-effector should rest after 10 s.
 
     Attributes:
         index: of the goal in the test split; -1 for the page's own one, of the validation split.
@@ -38,14 +38,14 @@ class GoalCase:
     quaternion: Array
 
     def reach(self, keep_attitude: bool = False, spheres: Array | None = None) -> Reach:
-        """The problem of optimal planners."""
+        """Planning problem for the optimal planners."""
         return Reach(
             self.start, self.position, self.quaternion, keep_attitude=keep_attitude, spheres=spheres, c=C
         )
 
     @property
     def observation(self) -> Array:
-        """(1, size): what a policy sees at the start, as far as planners read it."""
+        """Observation (1, size) at the start, with the fields that planners read."""
         layout = context().layout
         observation = np.zeros((1, layout.size))
         for name, value in (
@@ -62,7 +62,7 @@ C = 1.0  # m/rad, of eq. 20
 
 
 def goal(index: int) -> GoalCase:
-    """Goal `index` of the test split; -1: the page's own."""
+    """Case of goal `index` of the test split; -1 is the page's own, of the validation split."""
     split, number = ("validation", OWN_GOAL) if index == -1 else ("test", index)
     goals = SingleArmTask(difficulty=DIFFICULTY).goals(split, np.array([number]))
     return GoalCase(index, context().arm.home, goals.position[0], goals.quaternion[0])

@@ -38,7 +38,7 @@ class SimulatedEpisodes:
 
 @dataclass(frozen=True, eq=False)
 class FeedbackResult:
-    """Simulations of the law, and the distribution that it shall reproduce.
+    """Simulations of the law, and the distribution that it should reproduce.
 
     Attributes:
         mean: (T, 7) rad and spread: (T, 7) rad, standard deviation, of the ProMP conditioned on start and

@@ -1,4 +1,4 @@
-"""Measures of a joint motion, alike for every planner and by code that none of them uses to plan."""
+"""Measures of a joint motion, the same for every planner and independent of the planners' own code."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -42,17 +42,17 @@ class Course:
 
     @property
     def angle(self) -> Array:
-        """(K,) rad, of the base from its first attitude."""
+        """Angle (K,) of the base from its initial attitude, rad."""
         return angle_between(self.attitude, np.broadcast_to(IDENTITY, self.attitude.shape))
 
     @property
     def rotation(self) -> Array:
-        """(K, 3) rad, the base's rotation vector from its first attitude, inertial axes."""
+        """Rotation vector (K, 3) of the base from its initial attitude, inertial axes, rad."""
         return logarithm(self.attitude)
 
     @property
     def cost(self) -> float:
-        """Eq. 20 times dt, m^2/s."""
+        """Base disturbance: eq. 20 times dt, m^2/s."""
         return float(self.running[-1])
 
 
@@ -72,7 +72,7 @@ class LinkVectors:
 
     @property
     def joint(self) -> Array:
-        """(8, 3) joints 1 to 7 and the end-effector."""
+        """Positions (8, 3) of joints 1 to 7 and of the end-effector, m."""
         return self.centre + self.outward
 
 

@@ -1,4 +1,4 @@
-"""The planners that are compared: the paper's, what it is measured against, and what goes beyond it."""
+"""The planners that are compared: the paper's, those it is measured against, and extensions of it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ class SingleArmMethod:
 
     key: str
     name: str
-    colour: str
+    color: str
     plan: Callable[[GoalCase, int], Found]
 
 
@@ -55,7 +55,7 @@ def _planned(kind: type[JointGoalPolicy]) -> Callable[[GoalCase, int], Found]:
 
 @cache
 def planner(keep_attitude: bool) -> OptimalPlanner:
-    """The weight-space planner with the library that is shipped."""
+    """Planner in the weights of a ProMP, with the shipped library of initial guesses."""
     return OptimalPlanner(context().arm, limits(), shipped_library(keep_attitude))
 
 

@@ -52,7 +52,7 @@ class DrawnSamples:
 
     @property
     def end_attitude(self) -> Array:
-        """(S,) rad."""
+        """Final angle (S,) of the base from its initial attitude, rad."""
         return angle_between(self.attitude[:, -1], np.broadcast_to(IDENTITY, self.attitude[:, -1].shape))
 
 
@@ -80,7 +80,7 @@ def joint_goal(case: GoalCase, at: ConditionedPrior | None = None) -> Array | No
 def draw_samples(
     case: GoalCase, seed: int, count: int = SAMPLES, at: ConditionedPrior | None = None
 ) -> DrawnSamples | None:
-    """Samples of a ProMP conditioned on the start and on the joint goal; None where there is no such.
+    """Samples of a ProMP conditioned on the start and on the joint goal; None where there is none.
 
     Args:
         at: the ProMP; None is the shipped one.
@@ -132,6 +132,6 @@ def sample_figures(drawn: DrawnSamples) -> dict[str, Any]:
 
 
 def _rank_correlation(a: Array, b: Array) -> float:
-    """Spearman's, of values that are all different."""
+    """Spearman's rank correlation of values that all differ."""
     first, second = (np.argsort(np.argsort(values)).astype(np.float64) for values in (a, b))
     return float(np.corrcoef(first, second)[0, 1])

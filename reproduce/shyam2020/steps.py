@@ -77,7 +77,7 @@ def encoding_figures(motion: JointMotion) -> dict[str, float]:
 
 
 def locked_figures(case: GoalCase, starts: int = LOCKED_STARTS) -> dict[str, int]:
-    """Number of single joints with which locked a search finds a minimum-jerk motion to the goal.
+    """Number of joints without which a minimum-jerk motion to the goal is found, each locked by itself.
 
     The search is local, so that a failure from one start proves nothing: it is made from `starts` joint
     goals, the first the start itself, the others drawn within the joint limits. What none of them finds may

@@ -1,4 +1,4 @@
-"""Colours, foils, skies and sunlight of the drawings, all of them procedural."""
+"""Colors, foils, skies and sunlight of the drawings, all of them procedural."""
 
 import mujoco
 

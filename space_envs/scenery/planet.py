@@ -147,7 +147,7 @@ def _grid_faces(rows: int, columns: int, closed: bool) -> NDArray[np.int32]:
 
 @lru_cache(maxsize=4)
 def _planet_pixels(horizon: float, light: tuple[float, float, float]) -> Texture:
-    """(TEXTURE_SIDE, TEXTURE_SIDE, 3) colours of ocean, cloud and haze by day and night.
+    """(TEXTURE_SIDE, TEXTURE_SIDE, 3) colors of ocean, cloud and haze by day and night.
 
     Args:
         horizon: rad, angle from the point below the origin to the visible edge of the planet.
@@ -176,7 +176,7 @@ def _planet_pixels(horizon: float, light: tuple[float, float, float]) -> Texture
 
 @lru_cache(maxsize=4)
 def _glow_pixels(light: tuple[float, float, float]) -> Texture:
-    """Colours (outward, around, 3) of the atmosphere above the horizon, bright where the sun shines."""
+    """Colors (outward, around, 3) of the atmosphere above the horizon, bright where the sun shines."""
     outward, around = _GLOW_PIXELS
     angle = 2 * np.pi * (np.arange(around) + 0.5) / around
     day = 0.25 + 0.75 * _smoothstep(-light[0] * np.cos(angle) - light[1] * np.sin(angle), -0.6, 0.5)

@@ -105,22 +105,22 @@ class Brush:
         mesh: str,
         pos: Vector = (0, 0, 0),
         quat: Vector = (1, 0, 0, 0),
-        colour: Vector | None = None,
+        color: Vector | None = None,
     ) -> None:
-        """Mesh of the model, by name, in its material or in a colour (red, green, blue, opacity)."""
+        """Mesh of the model, by name, in its material or in a color (red, green, blue, opacity)."""
         self._geom(
-            mujoco.mjtGeom.mjGEOM_MESH, material, pos, [0, 0, 0], quat, meshname=mesh, **_coloured(colour)
+            mujoco.mjtGeom.mjGEOM_MESH, material, pos, [0, 0, 0], quat, meshname=mesh, **_colored(color)
         )
 
-    def solid(self, kind: str, pos: Vector, size: Vector, quat: Vector, colour: Vector | None = None) -> None:
+    def solid(self, kind: str, pos: Vector, size: Vector, quat: Vector, color: Vector | None = None) -> None:
         """Box, sphere, cylinder, capsule or ellipsoid with MuJoCo's half sizes."""
         shape = getattr(mujoco.mjtGeom, f"mjGEOM_{kind.upper()}")
-        self._geom(shape, "white_paint", pos, size, quat, **_coloured(colour))
+        self._geom(shape, "white_paint", pos, size, quat, **_colored(color))
 
 
-def _coloured(colour: Vector | None) -> dict[str, list[float]]:
-    """Argument of a geom with this colour instead of its material's."""
-    return {} if colour is None else {"rgba": list(colour)}
+def _colored(color: Vector | None) -> dict[str, list[float]]:
+    """Argument of a geom with this color instead of its material's."""
+    return {} if color is None else {"rgba": list(color)}
 
 
 def _add_mesh(spec: mujoco.MjSpec, name: str, corners: np.ndarray) -> None:

@@ -31,7 +31,7 @@ ATTITUDE_UNCONSTRAINED = ("minimum_jerk", "mpc", "promp_mean", "promp", "ocp", "
 
 
 def least_known(record: CaseRecord) -> float:
-    """The least eq. 20 of any method that leaves the attitude free, m^2/s; inf where none has a plan."""
+    """Least eq. 20, m^2/s, of the methods without an attitude constraint; inf without any."""
     found = (figures_of(record, key) for key in ATTITUDE_UNCONSTRAINED)
     return min((each["cost"] for each in found if each), default=inf)
 

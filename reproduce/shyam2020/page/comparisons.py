@@ -38,7 +38,7 @@ def _draw_ratios(axes: Axes, records: Sequence[CaseRecord]) -> None:
     for key, method in METHODS.items():
         values = ratios(records, "cost", key, "ocp")
         if key != "ocp" and values.size:
-            axes.step(np.sort(values), shares(values), color=method.colour, lw=1.9, label=LETTERS[key])
+            axes.step(np.sort(values), shares(values), color=method.color, lw=1.9, label=LETTERS[key])
     axes.axvline(1.0, color=INK, lw=0.8, ls=DASHES[1])
     axes.set(xlabel="eq. 20 over that of optimal control", ylabel="goals up to here [%]", xscale="log")
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
@@ -70,7 +70,7 @@ def _strips(axes: Axes, records: Sequence[CaseRecord], value: Callable[[CaseReco
         if not rows:
             continue
         points = np.array([(value(records[row], key), shift[row]) for row in rows])
-        axes.plot(points[:, 0], number + points[:, 1], "o", color=method.colour, ms=3, alpha=0.55, mew=0)
+        axes.plot(points[:, 0], number + points[:, 1], "o", color=method.color, ms=3, alpha=0.55, mew=0)
         middle = float(np.median(points[:, 0]))
         axes.plot([middle, middle], [number - 0.34, number + 0.34], color=INK, lw=1.8)
     axes.set_yticks(range(len(METHODS)), [LETTERS[key] for key in METHODS])

@@ -47,7 +47,7 @@ def build(
     controlled: FeedbackResult | None,
     records: Sequence[CaseRecord],
 ) -> Page:
-    """The page.
+    """The page of shyam2020.
 
     Args:
         planned: the own goal. steps: times of the algorithm's steps. covered: demonstrations. controlled: the
@@ -108,7 +108,7 @@ def _figures(planned: PlannedGoal) -> Sequence[Block | None]:
 
 
 def _run(planned: PlannedGoal, options: StudyOptions) -> Prose:
-    """Assumptions and settings."""
+    """Text about assumptions and settings."""
     position = ", ".join(f"{value:.3f}" for value in planned.case.position)
     methods = [(method.name, TEXT.fill(f"methods.{key}")) for key, method in METHODS.items()]
     return Prose(*TEXT.paragraphs("texts.run", position=position, methods=methods, seed=options.seed))

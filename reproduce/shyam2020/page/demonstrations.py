@@ -22,7 +22,7 @@ from space_envs.robots.parameters import SINGLE_ARM
 SHOWN = 45  # paths drawn of each variation
 EVERY = 4  # samples of a path between those that are drawn
 NAMES: dict[str, str] = TEXT.fill("variations")
-COLOURS = {"cost_matrices": BLUE, "noise": GREEN, "task": VERMILION, "joint": ORANGE}
+COLORS = {"cost_matrices": BLUE, "noise": GREEN, "task": VERMILION, "joint": ORANGE}
 
 
 def workspace(found: DemonstratedWorkspace) -> Figure:
@@ -49,7 +49,7 @@ def _spans(found: DemonstratedWorkspace, axes: tuple[int, int]) -> str:
 
 
 def _paths(found: DemonstratedWorkspace, first: int, second: int) -> Draw:
-    """Draws the paths of every variation in the plane of two axes."""
+    """Function that draws the paths of every variation in the plane of two axes."""
 
     def draw(axes: Axes) -> None:
         half = 0.5 * SINGLE_ARM.satellite_side
@@ -60,8 +60,8 @@ def _paths(found: DemonstratedWorkspace, first: int, second: int) -> Draw:
             bands, rows = found.rows(name)
             for row in rows[:SHOWN]:
                 path = found.end_effector[bands][row, ::EVERY, [first, second]]
-                axes.plot(*path, color=COLOURS[name], lw=0.6, alpha=0.55)
-            axes.plot([], [], color=COLOURS[name], lw=1.6, label=label)
+                axes.plot(*path, color=COLORS[name], lw=0.6, alpha=0.55)
+            axes.plot([], [], color=COLORS[name], lw=1.6, label=label)
         place_axes(axes, (f"{AXES[first]} [m]", f"{AXES[second]} [m]"))
 
     return draw
@@ -72,8 +72,8 @@ def _draw_distances(axes: Axes, distance: Array) -> None:
     axes.set(xlabel="from the nearest demonstrated goal [cm]", ylabel="test goals up to here [%]")
     axes.set_xlim(left=0)
     axes.grid()
-    for name, label in NAMES.items():  # the names of the colours in the other panels
-        axes.plot([], [], color=COLOURS[name], lw=1.6, label=label)
+    for name, label in NAMES.items():  # the names of the colors in the other panels
+        axes.plot([], [], color=COLORS[name], lw=1.6, label=label)
     axes.legend(fontsize=7, loc="lower right")
 
 
@@ -94,7 +94,7 @@ def variations(found: DemonstratedWorkspace) -> Table:
                 str(int((made.attempt[of] > 0).sum())),
             )
         )
-    return Table(**TEXT.fill("tables.variations"), rows=rows, colours=tuple(COLOURS[name] for name in NAMES))
+    return Table(**TEXT.fill("tables.variations"), rows=rows, colors=tuple(COLORS[name] for name in NAMES))
 
 
 def learned(found: DemonstratedWorkspace, case: GoalCase, seed: int) -> Table:

@@ -36,7 +36,7 @@ def _inside(found: FeedbackResult, number: int) -> float:
 
 
 def _joint(found: FeedbackResult, number: int) -> Draw:
-    """Draws the angles of a joint over time."""
+    """Function that draws the angles of a joint over time."""
 
     def draw(axes: Axes) -> None:
         time = found.drawn.time
@@ -56,12 +56,12 @@ def _joint(found: FeedbackResult, number: int) -> Draw:
 
 
 def _draw_spreads(axes: Axes, found: FeedbackResult) -> None:
-    for values, colour, style, name in (
+    for values, color, style, name in (
         (found.spread, INK, "--", "ProMP"),
         (found.drawn.joints.std(axis=0), BLUE, "-", f"{EPISODES} episodes in MuJoCo"),
     ):
         overall = np.rad2deg(np.sqrt((values**2).mean(axis=1)))
-        axes.plot(found.drawn.time, overall, color=colour, ls=style, lw=1.8, label=name)
+        axes.plot(found.drawn.time, overall, color=color, ls=style, lw=1.8, label=name)
     axes.set(xlabel="time [s]", ylabel="spread of the joints [deg]")
     axes.set_ylim(bottom=0)
     axes.legend(fontsize=8)

@@ -17,13 +17,13 @@ from space_envs.dynamics.rotations import Array
 from space_envs.evaluation.report.drawing.look import BLUE, GREEN, SKY, VERMILION
 from space_envs.evaluation.report.drawing.panel import INK
 
-COLOURS = (BLUE, VERMILION, GREEN)
+COLORS = (BLUE, VERMILION, GREEN)
 EVERY = 10  # samples of a course between those that are drawn
 COMPARED = ("minimum_jerk", "promp_mean", "promp", "promp_optimal", "ocp")
 
 
 def costs(planned: PlannedGoal, drawn: DrawnSamples) -> Figure:
-    """Fig. 4: the cost of each of the twenty, the least marked; and of all hundred with the planners'."""
+    """Fig. 4: costs of twenty samples, the least marked, and of all hundred with those of the planners."""
     shown = 1e4 * drawn.cost[:SHOWN]
     text = TEXT.fill(
         "figures.fig4",
@@ -41,8 +41,8 @@ def costs(planned: PlannedGoal, drawn: DrawnSamples) -> Figure:
 
 def _draw_bars(axes: Axes, shown: Array) -> None:
     best = int(shown.argmin())
-    colours = [VERMILION if number == best else SKY for number in range(SHOWN)]
-    axes.bar(np.arange(1, SHOWN + 1), shown, color=colours, width=0.7)
+    colors = [VERMILION if number == best else SKY for number in range(SHOWN)]
+    axes.bar(np.arange(1, SHOWN + 1), shown, color=colors, width=0.7)
     axes.annotate(
         "least",
         (best + 1, shown[best]),
@@ -60,7 +60,7 @@ def _draw_spread(axes: Axes, planned: PlannedGoal, cost: Array) -> None:
     top = axes.get_ylim()[1]
     for number, key in enumerate(name for name in COMPARED if name in planned.courses):
         value, method = 1e4 * planned.courses[key].cost, METHODS[key]
-        axes.axvline(value, color=method.colour, lw=1.8, ls=DASHES[number % 3], label=method.name)
+        axes.axvline(value, color=method.color, lw=1.8, ls=DASHES[number % 3], label=method.name)
     axes.set(xlabel="base disturbance (eq. 20) [cm²/s]", ylabel="samples")
     axes.set(xlim=(0, None), ylim=(0, 1.75 * top))
     axes.yaxis.set_major_locator(MaxNLocator(6, integer=True))
@@ -94,14 +94,14 @@ def base_motion(planned: PlannedGoal, key: str, name: str) -> Figure | None:
 
 
 def _vector(course: Course, values: Array, label: str) -> Draw:
-    """Draws the components (K, 3) of a vector over time."""
+    """Function that draws the components (K, 3) of a vector over time."""
 
     def draw(axes: Axes) -> None:
         for number, axis in enumerate(AXES):
             axes.plot(
                 course.time[::EVERY],
                 values[::EVERY, number],
-                color=COLOURS[number],
+                color=COLORS[number],
                 ls=DASHES[number],
                 lw=1.9,
                 label=axis,
@@ -124,6 +124,6 @@ def _draw_basis(axes: Axes, functions: GaussianBasis) -> None:
     phase = np.linspace(0.0, 1.0, 201)
     values = functions.value(phase)
     for number in range(functions.size):
-        axes.plot(phase, values[:, number], color=(*COLOURS, SKY)[number % 4], lw=1.9)
+        axes.plot(phase, values[:, number], color=(*COLORS, SKY)[number % 4], lw=1.9)
     axes.set(xlabel="phase", ylabel="ψ", xlim=(0, 1), ylim=(0, 1.05))
     axes.grid()

@@ -1,4 +1,4 @@
-"""Tables I and II of the paper next to what the compiled model has."""
+"""Tables I and II of the paper, read back from the compiled model."""
 
 from dataclasses import dataclass
 from math import pi
@@ -52,7 +52,7 @@ class CompiledModel:
 
 
 def compiled() -> CompiledModel:
-    """Read the model of the paper's variant back."""
+    """Parameters of the compiled model of variant `paper`."""
     model = single_arm_model(ModelOptions("paper"))
     names = [f"link{i}" for i in range(1, 8)]
     satellite = model.body(SATELLITE)

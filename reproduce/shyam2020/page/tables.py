@@ -16,7 +16,7 @@ from reproduce.shyam2020.methods import METHODS, SingleArmMethod
 from reproduce.shyam2020.page.text import TEXT
 from reproduce.shyam2020.timing import DEMONSTRATIONS, REPEATS, StepTimes
 
-COLOURS = tuple(method.colour for method in METHODS.values())
+COLORS = tuple(method.color for method in METHODS.values())
 
 
 def _by_method(
@@ -50,7 +50,7 @@ def comparison(records: Sequence[CaseRecord]) -> Table:
             )
         )
     text = TEXT.fill("tables.comparison", count=len(records), difficulty=DIFFICULTY)
-    return Table(**text, rows=rows, colours=COLOURS)
+    return Table(**text, rows=rows, colors=COLORS)
 
 
 def _median(found: Sequence[Mapping[str, float]], name: str) -> float:
@@ -74,7 +74,7 @@ def drives(records: Sequence[CaseRecord]) -> Table:
                 f"{np.median(over):.2f}" if over.size else "-",
             )
         )
-    return Table(**TEXT.fill("tables.drives", limits=limits()), rows=rows, colours=COLOURS)
+    return Table(**TEXT.fill("tables.drives", limits=limits()), rows=rows, colors=COLORS)
 
 
 def failures(records: Sequence[CaseRecord]) -> Table:
@@ -110,4 +110,4 @@ def planning_times(records: Sequence[CaseRecord]) -> Table:
         found = 1000 * np.array([record["timing"][key] for record in records])
         low, middle, high = np.quantile(found, [0.1, 0.5, 0.9])
         rows.append((method.name, *map(short, (middle, low, high, found.max()))))
-    return Table(**TEXT.fill("tables.planning", count=len(records)), rows=rows, colours=COLOURS)
+    return Table(**TEXT.fill("tables.planning", count=len(records)), rows=rows, colors=COLORS)

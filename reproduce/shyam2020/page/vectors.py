@@ -31,17 +31,17 @@ STILL = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 def along_x(points: Array) -> Array:
-    """Seen along x: y to the right, z up."""
+    """Coordinates (..., 2) of points (..., 3) seen along x: y to the right, z up."""
     return points[..., [1, 2]]
 
 
 def along_y(points: Array) -> Array:
-    """Seen along y: x to the right, z up."""
+    """Coordinates (..., 2) of points (..., 3) seen along y: x to the right, z up."""
     return points[..., [0, 2]]
 
 
 def oblique(points: Array) -> Array:
-    """Seen from in front, to the right and above."""
+    """Coordinates (..., 2) of points (..., 3) seen obliquely, from the front right and above."""
     pan, lift = np.deg2rad(-35.0), np.deg2rad(20.0)
     along = np.cos(pan) * points[..., 1] + np.sin(pan) * points[..., 0]
     away = -np.sin(pan) * points[..., 1] + np.cos(pan) * points[..., 0]
@@ -61,8 +61,8 @@ def vectors() -> Figure:
 def _draw_vectors(axes: Axes, found: LinkVectors, view: View, labels: tuple[str, str]) -> None:
     joints, centres = found.joint, found.centre
 
-    def arrow(start: Array, end: Array, colour: str, style: str) -> None:
-        look = {"arrowstyle": "-|>", "color": colour, "lw": 1.4, "ls": style, "shrinkA": 0, "shrinkB": 0}
+    def arrow(start: Array, end: Array, color: str, style: str) -> None:
+        look = {"arrowstyle": "-|>", "color": color, "lw": 1.4, "ls": style, "shrinkA": 0, "shrinkB": 0}
         axes.annotate("", _point(view(end)), _point(view(start)), arrowprops=look)
 
     for edge in _cube(centres[0], STILL):
@@ -78,8 +78,8 @@ def _draw_vectors(axes: Axes, found: LinkVectors, view: View, labels: tuple[str,
         arrow(centre - inward, centre, BLUE, "-")
     for centre, outward in zip(centres, found.outward, strict=True):
         arrow(centre, centre + outward, VERMILION, "-")
-    for colour, style, label in ((BLUE, "-", "a"), (VERMILION, "-", "b"), (SKY, "--", "r")):
-        axes.plot([], [], color=colour, ls=style, label=label)
+    for color, style, label in ((BLUE, "-", "a"), (VERMILION, "-", "b"), (SKY, "--", "r")):
+        axes.plot([], [], color=color, ls=style, label=label)
     place_axes(axes, labels, adjustable="datalim")
     axes.legend(fontsize=8, loc="lower right")
 
@@ -97,7 +97,7 @@ def trajectories(planned: PlannedGoal, drawn: DrawnSamples) -> Figure:
 
 
 def _paths(planned: PlannedGoal, drawn: DrawnSamples, view: View, labels: tuple[str, str]) -> Draw:
-    """Draws the arm at home and at the goal, and the paths of the samples."""
+    """Function that draws the arm at home and at the goal, and the paths of the samples."""
     best = int(np.argmin(drawn.cost[:SHOWN]))
 
     def draw(axes: Axes) -> None:
@@ -123,7 +123,7 @@ def _point(point: Array) -> tuple[float, float]:
 
 
 def _cube(position: Array, quaternion: Array) -> list[Array]:
-    """The edges (2, 3) of the bus."""
+    """Edges (2, 3) of the satellite's cube, m."""
     half = 0.5 * SINGLE_ARM.satellite_side
     corners = half * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     placed = position + rotate(quaternion, corners)

@@ -35,7 +35,7 @@ def require_minari() -> None:
 def write_minari(
     dataset: Dataset, dataset_id: str, root: Path, description: str, keywords: Mapping[str, Any]
 ) -> None:
-    """Write a Minari dataset into `root`, whole or not at all; what has its place is replaced.
+    """Write a Minari dataset into `root`, whole or not at all; an older one is replaced.
 
     Each episode's metadata has its seed, the options of its `reset`, its outcome and whether it captured.
 
@@ -94,7 +94,7 @@ def write_minari(
 
 @contextmanager
 def datasets_path(root: Path) -> Iterator[None]:
-    """Have Minari store its datasets in a folder other than the user's."""
+    """Context in which Minari stores its datasets in this folder instead of the user's."""
     before = os.environ.get(ROOT_VARIABLE)
     os.environ[ROOT_VARIABLE] = str(root.resolve())
     try:

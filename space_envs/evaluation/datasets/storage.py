@@ -103,12 +103,12 @@ class Dataset:
             raise ConfigurationError("dataset: actions must lie in [-1, 1]")
 
     def __len__(self) -> int:
-        """K."""
+        """Number of episodes K."""
         return len(self.index)
 
     @property
     def lengths(self) -> NDArray[np.int64]:
-        """(K,) steps of each episode."""
+        """Number of steps (K,) of each episode."""
         return np.diff(self.step_start)
 
     def trajectory(self, k: int) -> Trajectory:
@@ -134,7 +134,7 @@ class Dataset:
 
     @classmethod
     def of(cls, about: Mapping[str, str], trajectories: Sequence[Trajectory]) -> Self:
-        """Put trajectories one after the other.
+        """Dataset of trajectories, one after the other.
 
         Raises:
             ConfigurationError: if there are none, or one is not a whole episode.

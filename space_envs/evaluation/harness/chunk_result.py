@@ -1,4 +1,4 @@
-"""Results of chunks: records and episodes, kept in a file each until an evaluation is complete."""
+"""Results of chunks: records and episodes, in one file per chunk until an evaluation is complete."""
 
 import json
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ from space_envs.system.reading import parse_json, read_arrays
 
 @dataclass(frozen=True, eq=False)
 class ChunkResult:
-    """Records without timing and episodes, in the same order, and wall seconds that they took."""
+    """Records (without timing) and episodes of a chunk, in the same order, and its wall time in s."""
 
     records: tuple[EpisodeRecord, ...]
     episodes: EpisodeBatch

@@ -1,4 +1,4 @@
-"""Planning time and time per action of each policy of an evaluation, kept until it is complete."""
+"""Planning time and time per action of each policy of an evaluation, stored until it is complete."""
 
 import json
 from collections.abc import Sequence
@@ -71,7 +71,7 @@ def _timed(chunk: Chunk) -> Timing:
 
 
 def fastest(rounds: Sequence[Timing]) -> Timing:
-    """The smallest of each time; none where a round has none."""
+    """Least planning time and least time per action of several rounds; none where a round has none."""
     planning = [one["planning_ms"] for one in rounds if one["planning_ms"] is not None]
     action = [one["action_ms"] for one in rounds if one["action_ms"] is not None]
     if len(action) < len(rounds):

@@ -18,7 +18,7 @@ REPORT = "report"  # which takes as long for every entry: pictures, plots, table
 
 @dataclass(frozen=True)
 class Seconds:
-    """An estimate and an interval around it."""
+    """Estimated duration in s, and its range."""
 
     least: float
     usual: float
@@ -26,7 +26,7 @@ class Seconds:
 
     @classmethod
     def of(cls, values: Sequence[float]) -> Self:
-        """The mean of some, and the range that they lie in."""
+        """Mean and range of some durations."""
         return cls(min(values), sum(values) / len(values), max(values))
 
     def __add__(self, other: "Seconds") -> "Seconds":
@@ -37,17 +37,17 @@ class Seconds:
 
 
 def playing(entry: LeaderboardEntry) -> str:
-    """Name of the rate at which an entry's episodes are played; it takes about as long on any split."""
+    """Key of the duration of an entry's episode, which is about the same on every split."""
     return f"{entry.task.env_id} {entry.task.difficulty} {entry.policy} {entry.control_mode}"
 
 
 def timing(entry: LeaderboardEntry) -> str:
-    """Name of the rate at which it is timed."""
+    """Key of the duration of timing an entry."""
     return f"timing {playing(entry)}"
 
 
 def remember(rates: Mapping[str, Seconds]) -> None:
-    """Remember rates by their names; where there is no place to, nothing is remembered."""
+    """Store durations by their keys; without a cache folder nothing is stored."""
     known = _read() | {name: [one.least, one.usual, one.most] for name, one in rates.items()}
     try:
         folder = private_folder(cache_folder())
@@ -57,7 +57,7 @@ def remember(rates: Mapping[str, Seconds]) -> None:
 
 
 def recorded(name: str) -> Seconds | None:
-    """The rate of a name, if anything of it was measured on this machine."""
+    """Duration stored under a key; None if it was not measured on this machine."""
     rate = _read().get(name)
     if not isinstance(rate, list) or len(rate) != 3:
         return None

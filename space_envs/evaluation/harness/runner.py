@@ -1,4 +1,4 @@
-"""Evaluations that survive being killed: chunks are played in any order, and kept as soon as they are done.
+"""Evaluations that can be interrupted: chunks are played in any order, and stored as soon as they are done.
 
 While an evaluation runs its folder holds run.json, which says what is played, and chunks/, one file a chunk.
 The caller of `collect` writes everything else to the folder and then removes the chunks.
@@ -33,7 +33,7 @@ def prepare(evaluation: Evaluation, folder: Path, resume: bool = False, overwrit
     """Write down what is played, or check that the folder holds the same.
 
     Args:
-        folder: that nobody else writes to (space_envs/system/output.py). resume: go on with what it holds.
+        folder: that nobody else writes to (space_envs/system/output.py). resume: continue what it holds.
         overwrite: replace what it holds; without either, it must hold no evaluation.
 
     Returns:
@@ -66,7 +66,7 @@ def prepare(evaluation: Evaluation, folder: Path, resume: bool = False, overwrit
 
 
 def _check_same(plan: dict[str, object], folder: Path) -> None:
-    """Refuse to go on with another evaluation than the one that a folder holds."""
+    """Refuse to resume another evaluation than the one that a folder holds."""
     path = folder / PLAN
     try:
         before = read_object(path)

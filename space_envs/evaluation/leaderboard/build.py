@@ -131,7 +131,7 @@ def _row(
 
 
 def _shares(records: list[EpisodeRecord], stream: Stream, resamples: int) -> dict[str, Estimate]:
-    """The score, and shares of all episodes."""
+    """Kept-attitude score, and shares of all episodes."""
     seeds = np.array([record.seed for record in records])
     captured = np.array([record.captured for record in records])
     final, peak = (metric_values(records, name) for name in ("final_attitude", "peak_attitude"))
@@ -188,7 +188,7 @@ def _timing(records: list[EpisodeRecord], key: str) -> float:
 
 
 def _order(row: Row) -> tuple[Any, ...]:
-    """Best first; what is equal to the last bit stands by its name."""
+    """Sort key of a row: best first, equal rows by name."""
     task, figures = row.task, row.figures
     cost = figures["attitude_cost"].value
     merit = (-figures[HEADLINE].value, -figures["success"].value, math.inf if math.isnan(cost) else cost)
@@ -197,6 +197,6 @@ def _order(row: Row) -> tuple[Any, ...]:
 
 
 def _place(name: str, names: Iterable[str]) -> tuple[int, str]:
-    """Sorts by the place in a list, and what is not in it behind."""
+    """Sort key of a name: its place in a list; names that are not in it come last."""
     names = list(names)
     return (names.index(name) if name in names else len(names), name)

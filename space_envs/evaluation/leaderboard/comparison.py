@@ -1,4 +1,4 @@
-"""Improvements and profiles of the policies of one task, from their records."""
+"""Probabilities of improvement and performance profiles of the policies of one task, from their records."""
 
 import math
 from collections.abc import Collection, Sequence
@@ -148,17 +148,18 @@ def _compared(records: Sequence[EpisodeRecord], metric: str) -> np.ndarray:
 
 
 def seeds_of(records: Sequence[EpisodeRecord]) -> np.ndarray:
-    """The strata (n,)."""
+    """Evaluation seeds (n,) of records, the strata of the bootstrap."""
     return np.array([record.seed for record in records])
 
 
 def words(entry: LeaderboardEntry) -> tuple[str, ...]:
-    """All names of a policy and its task, to name its random numbers by."""
+    """Names of a policy and its task, from which its random numbers are seeded."""
     task = entry.task
     return (task.env_id, task.difficulty, task.split, entry.policy, entry.control_mode)
 
 
 def check_one_task(entries: Collection[LeaderboardEntry]) -> None:
+    """Refuse entries of several tasks. Raises ConfigurationError."""
     tasks = sorted({entry.task for entry in entries})
     if len(tasks) > 1:
         raise ConfigurationError(

@@ -20,7 +20,7 @@ _TYPES = {"f": np.float32, "i": np.int64, "U": np.str_}
 
 
 def compact(episodes: EpisodeBatch) -> EpisodeBatch:
-    """Episodes as they are read back from a file: with 32-bit floats, and no arrays that a file has not."""
+    """Copy of episodes as a file holds them: 32-bit floats, and the arrays of a file alone."""
     arrays: dict[str, Any] = {
         name: getattr(episodes, name).astype(_TYPES[kind]) for name, (kind, _) in ARRAYS.items()
     }

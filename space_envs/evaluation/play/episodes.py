@@ -86,7 +86,7 @@ class EpisodeBatch:
                 )
 
     def __len__(self) -> int:
-        """K."""
+        """Number of episodes K."""
         return len(self.length)
 
     @cached_property

@@ -43,7 +43,7 @@ class Totals:
 
 
 class Integrals:
-    """Adds up N episodes that a simulation steps side by side; `see` is what their `Simulation.watch` calls.
+    """Accumulates the totals of N episodes simulated side by side; their `Simulation.watch` calls `see`.
 
     Args:
         task: what is played.
@@ -65,7 +65,7 @@ class Integrals:
         self.totals.peak_attitude[:] = self._attitude[:, 0]
 
     def see(self) -> None:
-        """Take in the state after a step of the simulation."""
+        """Record the state after a step of the simulation."""
         simulation, task, place = self._simulation, self._task, self._seen
         self._qpos[:, place], self._qvel[:, place] = simulation.robot_state()
         observation = task.observe(simulation.sensors, np.zeros(simulation.n))

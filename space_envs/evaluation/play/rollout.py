@@ -26,7 +26,7 @@ class Rollout(EpisodeBatch, Totals):
         qvel: (K, T + 1, 6 + n) of the robot, in MuJoCo's conventions for a free joint.
         observation: (K, T + 1, d). action: (K, T, m), torque: (K, T, n) N m and reward: (K, T), zero after
             the end.
-        cause: (K,) why an episode failed, one of `records.CAUSES`, None for a capture.
+        cause: (K,) why an episode failed, one of `CAUSES`, None for a capture.
         reason: (K,) the cause in a sentence, where the policy or the harness says more, else None.
         clipped: (K,) steps whose action lay outside [-1, 1].
     """
@@ -43,12 +43,12 @@ class Rollout(EpisodeBatch, Totals):
 
     @property
     def qpos(self) -> Array:
-        """(K, T + 1, 7 + n) of the robot, as of one in space with a free joint."""
+        """Coordinates (K, T + 1, 7 + n) of the robot, with a free joint also where it is planar."""
         return np.concatenate([self.base_pose, self.joint_position], axis=-1)
 
     @property
     def episode_return(self) -> Array:
-        """(K,) sums of the rewards, one after the other."""
+        """Sums (K,) of the rewards, added in order."""
         return np.cumsum(self.reward, axis=1)[:, -1] + 0.0
 
 
@@ -107,7 +107,7 @@ class RolloutRecorder:
         self._outcome[row], self._reason[row] = "policy_error", reason
 
     def finished(self, policy: str, variant: str | None, seed: int, first: int) -> Rollout:
-        """Everything that was recorded.
+        """Recorded episodes.
 
         Args:
             policy: name. variant: of the model. seed: of the evaluation. first: number of the first episode.

@@ -34,7 +34,7 @@ class PolicyTime:
 
 
 class Stopwatch:
-    """Policy that does as another one, and measures how long each of its calls takes.
+    """Policy that calls another one and measures the time of each call.
 
     Attributes:
         seconds: of every call so far.

@@ -1,4 +1,4 @@
-"""Configuration of a task, by whose hash records know each other."""
+"""Configuration of a task, and the hash that records of equal configurations share."""
 
 from collections.abc import Mapping
 from dataclasses import asdict

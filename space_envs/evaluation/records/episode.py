@@ -1,4 +1,4 @@
-"""Record of an episode: what was asked, how it ended, its metrics, and how it stands as a JSON line.
+"""Record of an episode: task, policy and goal, outcome and metrics; and its form as a line of JSON.
 
 The keys stand in the order of `EpisodeRecord`, those of its metrics in the order of `metrics_of`, floats as
 Python's `repr`, so the same evaluation writes the same bytes. Everything a clock decides stands in the one
@@ -69,7 +69,7 @@ class EpisodeRecord:
 
     @cached_property
     def entry(self) -> LeaderboardEntry:
-        """The row that this episode counts in."""
+        """Row of the leaderboard that this episode counts in."""
         task = EvaluatedTask(self.env_id, self.difficulty, self.split)
         return LeaderboardEntry(task, self.policy, self.control_mode)
 
@@ -84,7 +84,7 @@ class EpisodeRecord:
         return text_digest(json.dumps(values, allow_nan=False), 16)
 
     def to_json(self) -> str:
-        """One line without its end."""
+        """The record as one line of JSON, without a line end."""
         return json.dumps(self.to_dict(), allow_nan=False)
 
     def to_dict(self) -> dict[str, Any]:

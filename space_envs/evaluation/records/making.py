@@ -20,7 +20,7 @@ def episode_records(
     first: int = 0,
     timing: Timing = UNTIMED,
 ) -> list[EpisodeRecord]:
-    """One record an episode, whose numbers within the seed begin with `first`."""
+    """Records of episodes, one each; their numbers within the seed begin with `first`."""
     metrics = episode_metrics(episodes, task)
     config = config_hash(entry.task.env_id, entry.control_mode, task)
     return [

@@ -49,12 +49,12 @@ def _of_captures(episodes: Rollout, values: Array) -> Array:
 
 
 def _recorded(name: str) -> Callable[[Any, Any], Any]:
-    """Values (K,) that the episodes have under this name."""
+    """Function that returns the episodes' attribute (K,) of this name."""
     return lambda episodes, task: getattr(episodes, name)
 
 
 def _final(name: str) -> Callable[[Any, Any], Array]:
-    """Last of the values over time (K, T + 1) that the episodes have under this name."""
+    """Function that returns the last value (K,) of the episodes' attribute (K, T + 1) of this name."""
     return lambda episodes, task: getattr(episodes, name)[:, -1]
 
 

@@ -1,4 +1,4 @@
-"""Names that others chose, made harmless for each place where they are shown.
+"""Escaping of names chosen by others, for each place where they are shown.
 
 A policy's name may be any text. HTML is escaped by the template engine; this is for the other places.
 """
@@ -74,7 +74,7 @@ def _plain(name: str, longest: int) -> str:
 
 
 def plural(count: int, noun: str) -> str:
-    """A regular noun as it stands after a number."""
+    """A regular noun in the form that follows a number."""
     return noun if count == 1 else f"{noun}s"
 
 

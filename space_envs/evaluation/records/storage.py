@@ -35,7 +35,7 @@ def read_records(path: str | Path) -> list[EpisodeRecord]:
 
 
 def records_without_timing(records: Iterable[EpisodeRecord]) -> list[dict[str, Any]]:
-    """The records as plain dictionaries without `timing`: what two runs of one seed must have in common."""
+    """The records as plain dictionaries without `timing`: equal for two runs of one seed."""
     plain = [record.to_dict() for record in records]
     for values in plain:
         del values["timing"]

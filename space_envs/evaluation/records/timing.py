@@ -1,4 +1,4 @@
-"""Times that a policy takes, which a clock decided."""
+"""Planning time and time per action of a policy, as measured."""
 
 from typing import TypedDict
 

@@ -14,7 +14,7 @@ from space_envs.metric import Metric
 
 
 def checked(name: str, value: Any, kind: Any, signed: bool = True, empty: bool = False) -> Any:
-    """The value of a field in a type of Python's own; NumPy scalars become plain.
+    """The value of a field as a plain Python value, also from a NumPy scalar.
 
     Args:
         kind: bool, int, float, str or a Literal of texts, or its union with None. signed: whether a number

@@ -31,13 +31,13 @@ def packed(arrays: Sequence[NDArray[Any]]) -> str:
 
 
 def quantised(values: NDArray[np.float64]) -> tuple[NDArray[np.int16], float]:
-    """Whole numbers and the unit that takes them back: values = whole numbers * unit, to half a unit."""
+    """Integers and their unit: values = integers * unit, to half a unit."""
     unit = float(np.abs(values).max(initial=0.0)) / _FULL or 1.0
     return np.round(values / unit).astype(np.int16), unit
 
 
 def scene_values(scene: ReplayScene) -> dict[str, Any]:
-    """Vertices (int16 x 3), triangles (uint32 x 3), normals and gloss (int8 x 4), colours (uint8 x 4) and
+    """Vertices (int16 x 3), triangles (uint32 x 3), normals and gloss (int8 x 4), colors (uint8 x 4) and
     body (uint8), in this order, in `data`; the rest as numbers."""
     vertices, unit = quantised(scene.vertices)
     normals = np.concatenate([scene.normals, scene.gloss[:, None].clip(0, 1)], axis=1)
@@ -46,7 +46,7 @@ def scene_values(scene: ReplayScene) -> dict[str, Any]:
             scene.triangles.astype(np.uint32),
             vertices,
             np.round(127 * normals).astype(np.int8),
-            np.round(255 * scene.colours).astype(np.uint8),
+            np.round(255 * scene.colors).astype(np.uint8),
             scene.body.astype(np.uint8),
         ]
     )
@@ -96,7 +96,7 @@ def replay_values(replay: Replay, motion: ReplayMotion, stride: int = 1) -> dict
 
 
 def size_of(values: Mapping[str, Any]) -> int:
-    """Letters that values take in the page."""
+    """Number of characters that values take in the page."""
     return len(json_text(values))
 
 
@@ -106,5 +106,5 @@ def _steps(values: NDArray[np.int16]) -> NDArray[np.int16]:
 
 
 def _short(values: ArrayLike) -> list[float]:
-    """Plain numbers of five significant digits."""
+    """Numbers rounded to five significant digits."""
     return [float(f"{value:.5g}") for value in np.asarray(values, dtype=float).ravel().tolist()]

@@ -1,4 +1,4 @@
-"""Episodes as the report replays them: which ones, and all that is needed to draw them again."""
+"""Episodes that the report replays: their selection, and all that is needed to draw them again."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -71,7 +71,7 @@ def make_replays(
 
 
 def _merit(record: EpisodeRecord) -> tuple[Any, ...]:
-    """Smaller is better; what does not exist is worse than any number."""
+    """Sort key of an episode, best first; a missing figure is worse than any number."""
     numbers = (record.metrics[name] for name in ("final_attitude", "attitude_cost"))
     figures = [np.inf if number is None else number for number in numbers]
     return (not record.captured, *figures, record.seed, record.episode)
@@ -80,7 +80,7 @@ def _merit(record: EpisodeRecord) -> tuple[Any, ...]:
 def replay_of(
     label: str, row: int, task: CaptureTask, episodes: EpisodeBatch, record: EpisodeRecord
 ) -> Replay:
-    """Replay with this label of one of the episodes, whose record is given."""
+    """Replay of the episode in a row, with its label."""
     until = slice(0, int(episodes.length[row]) + 1)
     return Replay(
         label=label,

@@ -20,18 +20,18 @@ class ReplayScene:
     """Surfaces of all bodies, each in the frame of its body; the same for every episode of a task.
 
     Attributes:
-        vertices: (V, 3) m. normals: (V, 3). colours: (V, 4) in 0..1. gloss: (V,) in 0..1.
+        vertices: (V, 3) m. normals: (V, 3). colors: (V, 4) in 0..1. gloss: (V,) in 0..1.
         body: (V,) index into `bodies`. triangles: (F, 3), those that can be seen through last.
         opaque: number of triangles that cannot.
         bodies: of the model, by id.
         end_effectors: name, index into `bodies`, and place (3,) in the body's frame of each.
-        eye, centre: (3,) m, from where to look at what, inertial frame. fovy: deg.
+        eye, centre: (3,) m, of the camera and of the point that it looks at, inertial frame. fovy: deg.
         sun: (3,) direction in which its light travels. planet: (4,) centre and radius in m, or None.
     """
 
     vertices: NDArray[np.float64]
     normals: NDArray[np.float64]
-    colours: NDArray[np.float64]
+    colors: NDArray[np.float64]
     gloss: NDArray[np.float64]
     body: NDArray[np.int64]
     triangles: NDArray[np.int64]
@@ -60,7 +60,7 @@ class ReplayMotion:
 
 
 def make_scene(model: mujoco.MjModel) -> ReplayScene:
-    """Surfaces of all bodies but the world's own, which are far away."""
+    """Scene of a model: surfaces of all bodies but the world, whose own are far away."""
     shown = [
         geom
         for geom in range(model.ngeom)
@@ -75,13 +75,13 @@ def make_scene(model: mujoco.MjModel) -> ReplayScene:
     return ReplayScene(
         vertices=np.concatenate([part.solid.vertices for part in parts]),
         normals=np.concatenate([part.solid.normals for part in parts]),
-        colours=np.repeat([part.colour for part in parts], counts, axis=0),
+        colors=np.repeat([part.color for part in parts], counts, axis=0),
         gloss=np.repeat([part.gloss for part in parts], counts),
         body=np.repeat([bodies.index(part.body) for part in parts], counts),
         triangles=np.concatenate(
             [part.solid.triangles + start for part, start in zip(parts, starts, strict=True)]
         ),
-        opaque=sum(len(part.solid.triangles) for part in parts if part.colour[3] == 1),
+        opaque=sum(len(part.solid.triangles) for part in parts if part.color[3] == 1),
         bodies=bodies,
         end_effectors=tuple(_end_effectors(model, bodies)),
         eye=eye,
@@ -95,7 +95,7 @@ def make_scene(model: mujoco.MjModel) -> ReplayScene:
 def make_motion(replay: Replay, scene: ReplayScene) -> ReplayMotion:
     """Poses of the scene's bodies at every recorded state."""
     shared = replay.task.render_model
-    model = copy.copy(shared)  # dressing may change it
+    model = copy.copy(shared)  # update_visuals may change it
     data = mujoco.MjData(model)
     replay.task.update_visuals(model, data, replay.goals, 0)
     bodies = list(scene.bodies)
@@ -119,7 +119,7 @@ def _end_effectors(
 
 
 def _view(model: mujoco.MjModel) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    """Eye, what it looks at and field of view of the camera `overview`; of the whole model without one."""
+    """Eye, centre and field of view of the camera `overview`; a view of the whole model without one."""
     centre = np.array(model.stat.center)
     names = [model.cam(number).name for number in range(model.ncam)]
     if _OVERVIEW not in names:
@@ -130,7 +130,7 @@ def _view(model: mujoco.MjModel) -> tuple[NDArray[np.float64], NDArray[np.float6
 
 
 def _planet(model: mujoco.MjModel) -> NDArray[np.float64] | None:
-    """Centre and radius of the largest thing that belongs to the world, if it is far larger than the rest."""
+    """Centre and radius of the largest geom of the world body, if it is far larger than the rest."""
     fixed = [geom for geom in range(model.ngeom) if model.geom_bodyid[geom] == 0]
     if not fixed:
         return None

@@ -1,4 +1,4 @@
-"""Surfaces of MuJoCo's geoms as triangles, coarse enough for a page that anybody can open."""
+"""Surfaces of MuJoCo's geoms as triangles, coarse, so that the page stays small."""
 
 from dataclasses import dataclass
 
@@ -27,7 +27,7 @@ class Solid:
 
 
 def geom_solid(model: mujoco.MjModel, geom: int) -> Solid:
-    """A geom's surface in its own frame.
+    """Surface of a geom in its own frame.
 
     Raises:
         ConfigurationError: for a kind of geom that has no closed surface, such as a plane.

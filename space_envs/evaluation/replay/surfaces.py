@@ -1,4 +1,4 @@
-"""Surfaces of geoms with their colours, placed in the frames of their bodies."""
+"""Surfaces of geoms with their colors, placed in the frames of their bodies."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -15,28 +15,28 @@ _ABOVE = 0.001  # m, a tile above what it lies on
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Surface of one colour, in the frame of its body."""
+    """Surface of one color, in the frame of its body."""
 
     solid: Solid
     body: int
-    colour: NDArray[np.float64]  # (4,) in 0..1
+    color: NDArray[np.float64]  # (4,) in 0..1
     gloss: float
 
 
 def surfaces(model: mujoco.MjModel, geom: int) -> Iterable[Surface]:
     """Surface of a geom, and tiles on the two larger sides of a box whose material is tiled."""
-    colour, gloss = rgba(model, geom), _gloss(model, geom)
+    color, gloss = rgba(model, geom), _gloss(model, geom)
     body = int(model.geom_bodyid[geom])
     tile = _tile(model, geom)
     if tile is None:
-        return [Surface(_placed(model, geom, geom_solid(model, geom)), body, colour, gloss)]
+        return [Surface(_placed(model, geom, geom_solid(model, geom)), body, color, gloss)]
     inner, edge, repeat = tile
     solids = [
         (geom_solid(model, geom), edge),
         (_tiles(model.geom_size[geom], repeat), inner),
     ]
     return [
-        Surface(_placed(model, geom, solid), body, np.append(rgb, colour[3]), gloss) for solid, rgb in solids
+        Surface(_placed(model, geom, solid), body, np.append(rgb, color[3]), gloss) for solid, rgb in solids
     ]
 
 
@@ -50,7 +50,7 @@ def _placed(model: mujoco.MjModel, geom: int, solid: Solid) -> Solid:
 
 
 def rgba(model: mujoco.MjModel, geom: int) -> NDArray[np.float64]:
-    """Colour and opacity (4,) of a geom."""
+    """Color and opacity (4,) of a geom."""
     material = model.geom_matid[geom]
     return np.array(model.geom_rgba[geom] if material < 0 else model.mat_rgba[material], dtype=float)
 
@@ -63,7 +63,7 @@ def _gloss(model: mujoco.MjModel, geom: int) -> float:
 def _tile(
     model: mujoco.MjModel, geom: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[int, int]] | None:
-    """Colours (3,) of the middle and of the edge of a box's texture, and how often it repeats."""
+    """Colors (3,) of the middle and of the edge of a box's texture, and how often it repeats."""
     material = model.geom_matid[geom]
     texture = -1 if material < 0 else int(model.mat_texid[material, mujoco.mjtTextureRole.mjTEXROLE_RGB])
     if texture < 0 or model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_BOX:

@@ -1,4 +1,4 @@
-"""The folder that an evaluation leaves: records, episodes, summary, tables, plots and one page for people."""
+"""Write the result folder of an evaluation: records, episodes, summary, tables, plots and the report page."""
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
@@ -144,7 +144,7 @@ def summary_json(
 
 
 def _remove_others(folder: Path, pattern: str, kept: Iterable[Path]) -> None:
-    """Remove what an evaluation that was here before left behind."""
+    """Remove files that an earlier evaluation left in the folder."""
     for path in set(folder.glob(pattern)) - set(kept):
         path.unlink()
 

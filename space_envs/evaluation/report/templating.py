@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 
 def make_environment() -> jinja2.Environment:
-    """An engine that escapes everything, with the filters `breakable` and `unit`."""
+    """Template engine that escapes everything, with the filters `breakable` and `unit`."""
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
@@ -35,5 +35,5 @@ def read_template(name: str, package: str = "space_envs.evaluation.report") -> s
 
 
 def script_hash(script: str) -> str:
-    """By which a content security policy knows a script."""
+    """Hash of a script for a content security policy."""
     return base64.b64encode(hashlib.sha256(script.encode("utf-8")).digest()).decode("ascii")

@@ -1,4 +1,4 @@
-"""Whether result folders are of the same tasks, and where they are not, what differs."""
+"""Check that result folders are of the same tasks; errors name the differences."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -59,7 +59,7 @@ def check_agreement(folders: Sequence[ResultFolder], separate: bool = False) -> 
 
 
 def _check_task_versions(folders: Sequence[ResultFolder]) -> None:
-    """Scores of different versions of a task are of different tasks, also in tables of their own."""
+    """Refuse records of different versions of a task, also for tables of their own."""
     found: dict[str, dict[int, str]] = {}
     for folder in folders:
         for record in folder.records:
@@ -88,7 +88,7 @@ def _check_metrics(folders: Sequence[ResultFolder]) -> None:
 
 
 def _check_shared(folders: Sequence[ResultFolder]) -> None:
-    """Whoever plays an id must share a version, a difficulty and a split of it with somebody else."""
+    """Every folder must share a version, a difficulty and a split of its ids with another folder."""
     # What is compared -> folder -> values that the folder has.
     levels: dict[tuple[str, str], dict[str, set[str]]] = {}
     for folder in folders:

@@ -20,7 +20,7 @@ _Key = tuple[LeaderboardEntry, int, int]  # with seed and episode
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """A result folder, and what is appended to the names of its policies, if anything."""
+    """A result folder, and a name appended to those of its policies; empty for none."""
 
     folder: ResultFolder
     name: str = ""
@@ -30,7 +30,7 @@ class Source:
         return f"{policy} ({self.name})" if self.name else policy
 
     def original(self, entry: LeaderboardEntry) -> LeaderboardEntry:
-        """The entry as the folder calls it, from what the merged result does."""
+        """The folder's own entry for an entry of the merged result."""
         return replace(entry, policy=entry.policy.removesuffix(f" ({self.name})" if self.name else ""))
 
     def __str__(self) -> str:
@@ -46,7 +46,7 @@ class _Kept:
 def merge(
     sources: Sequence[Source], provenance: Mapping[str, Any], separate: bool = False
 ) -> tuple[EvaluationResult, list[str]]:
-    """One result of several folders, and notes about what a reader should know of it.
+    """One result of several folders, and notes for its reader.
 
     An episode that stands in two folders alike is counted once. Recorded episodes and replays are those of
     the folders, where they have them.
@@ -92,7 +92,7 @@ def merge(
 
 
 def _gather(sources: Sequence[Source]) -> tuple[dict[_Key, _Kept], Counter[tuple[str, str]]]:
-    """Every episode once, and how many stand alike in each pair of folders."""
+    """Every episode once, and the number of equal ones in each pair of folders."""
     kept: dict[_Key, _Kept] = {}
     repeated: Counter[tuple[str, str]] = Counter()
     for source in sources:
@@ -131,7 +131,7 @@ def _conflict(one: _Kept, two: _Kept) -> str:
 
 
 def _episodes(entry: LeaderboardEntry, group: Sequence[_Kept]) -> EpisodeBatch | None:
-    """Recorded ones of the episodes that were kept."""
+    """Recorded episodes of an entry, as far as its folders have them."""
     parts = []
     for source in dict.fromkeys(one.source for one in group):
         found = source.folder.episodes(source.original(entry))
@@ -170,7 +170,7 @@ def _repetitions(repeated: Counter[tuple[str, str]]) -> list[str]:
 
 
 def _mixtures(entries: Mapping[LeaderboardEntry, Sequence[_Kept]]) -> list[str]:
-    """Rows whose episodes are from several folders, which may have meant different policies."""
+    """Notes on rows whose episodes are from several folders, which may be different policies."""
     notes = []
     for entry, group in entries.items():
         counts = Counter(str(one.source) for one in group)
@@ -184,7 +184,7 @@ def _mixtures(entries: Mapping[LeaderboardEntry, Sequence[_Kept]]) -> list[str]:
 
 
 def _coverage(entries: Mapping[LeaderboardEntry, Sequence[_Kept]]) -> list[str]:
-    """Tables whose policies were not all played on the same goals."""
+    """Notes on tables whose policies were evaluated on different goals."""
     goals: dict[EvaluatedTask, dict[str, frozenset[int]]] = {}
     for entry, group in entries.items():
         name = f"{entry.policy} ({entry.control_mode})"

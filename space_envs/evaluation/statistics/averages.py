@@ -30,10 +30,12 @@ def median(values: np.ndarray) -> np.ndarray:
 
 
 def mean(values: np.ndarray) -> np.ndarray:
+    """Mean along the last axis of values (..., n); returns (...)."""
     return values.mean(axis=-1)
 
 
 def sample(values: np.ndarray) -> np.ndarray:
+    """Values as floats. Raises ConfigurationError if there are none, or for NaN or -infinity."""
     values = np.asarray(values, dtype=np.float64)
     if values.ndim == 0 or values.shape[-1] == 0:
         raise ConfigurationError("statistics need at least one value")

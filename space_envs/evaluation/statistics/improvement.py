@@ -103,7 +103,7 @@ def unpaired_improvement(
 
 
 def even_odds(count: int) -> Estimates:
-    """Every one against itself."""
+    """Estimates (n, n) of 1/2: equal chances for every pair."""
     return Estimates(*(np.full((count, count), 0.5) for _ in range(3)))
 
 

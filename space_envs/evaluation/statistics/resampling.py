@@ -14,7 +14,7 @@ HELD_VALUES = 4_000_000  # resampled values held at a time, 32 MB
 
 
 def named_generator(entropy: int, *names: str) -> np.random.Generator:
-    """A generator for what has these names: the same whatever else draws from the same entropy (>= 0)."""
+    """Random generator of these names, the same whatever else draws from the same entropy (>= 0)."""
     text = "\0".join(names).encode("utf-8", "surrogatepass")
     return np.random.default_rng([entropy, zlib.crc32(text)])
 

@@ -64,7 +64,7 @@ def kept_attitude_score(
 
 
 def _together(first: float, second: float) -> float:
-    """The ratio in 0..1 whose logarithm is as long as those of two ratios at right angles."""
+    """Ratio in 0..1 whose logarithm is the root of the summed squares of those of two ratios."""
     if min(first, second) <= 0.0:
         return 0.0
     return math.exp(-math.hypot(math.log(first), math.log(second)))

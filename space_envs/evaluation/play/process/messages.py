@@ -1,5 +1,4 @@
-"""Messages between the harness and the process of a policy: plain JSON values, and numbers as they stand in
-memory."""
+"""Messages between the harness and the process of a policy: JSON values, and arrays as raw bytes."""
 
 import json
 import math

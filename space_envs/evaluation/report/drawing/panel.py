@@ -27,7 +27,7 @@ _EXCLUDED = {"backend", "backend_fallback", "interactive", "toolbar", "timezone"
 
 @dataclass(frozen=True)
 class Panel:
-    """One SVG with the sentence that stands for it where it cannot be seen."""
+    """An SVG with its alternative text."""
 
     svg: str
     alt: str
@@ -88,7 +88,7 @@ def draw_panel(
 
 @contextmanager
 def _settings(key: str) -> Iterator[None]:
-    """A user's matplotlibrc must not change the report, nor the report the user's settings."""
+    """Context of the report's own matplotlib settings, apart from the user's."""
     with matplotlib.rc_context(), warnings.catch_warnings():
         # The text stays text: the browser has the characters that matplotlib's own font lacks.
         warnings.filterwarnings("ignore", message="Glyph .* missing from font")

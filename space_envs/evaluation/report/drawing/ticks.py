@@ -61,13 +61,13 @@ def tick_label(value: float) -> str:
 
 
 def _positive(values: Iterable[float]) -> list[float]:
-    """Those that are worth a place of their own on an axis."""
+    """Positive values that are not negligible against the largest."""
     positive = [value for value in values if 0.0 < value < math.inf]
     return [value for value in positive if value >= _NEGLIGIBLE * max(positive)]
 
 
 def _multiples(low: float, high: float, factors: Sequence[int]) -> list[float]:
-    """Powers of ten times the factors."""
+    """Powers of ten times the factors, from low to high."""
     exponents = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     ticks = [factor * 10.0**exponent for exponent in exponents for factor in factors]
     return [tick for tick in ticks if low <= tick <= high]

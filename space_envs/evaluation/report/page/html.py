@@ -1,4 +1,4 @@
-"""The page: one HTML file that asks for nothing outside itself and stays below ten megabytes.
+"""The report page: one self-contained HTML file of less than ten megabytes.
 
 Names are escaped by the template engine, data by `packing.json_text`, and a content security policy lets only
 the page's own scripts run, known by their hashes.

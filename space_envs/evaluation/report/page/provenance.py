@@ -21,7 +21,7 @@ def provenance_lists(result: EvaluationResult) -> dict[str, list[tuple[str, str]
 
 
 def _timing(records: Sequence[EpisodeRecord]) -> list[tuple[str, str]]:
-    """On what planning time and time per action were measured."""
+    """Processors on which planning time and time per action were measured."""
     timed = {(record.timing["processor"], record.timing["threads"]) for record in records}
     machines = [
         f"{processor}, {counted(threads, 'thread')}"

@@ -24,7 +24,7 @@ from space_envs.evaluation.report.tables.wording import (
 
 
 def highlights(rows: Sequence[Row]) -> list[dict[str, str]]:
-    """The first things to know: who leads, who captures most, and of the able the gentlest and fastest."""
+    """Highlights: the best score and success, and the least error, disturbance and time of able policies."""
     tiles = [
         _tile("Highest kept-attitude score", HEADLINE, rows),
         _tile("Most captures", "success", rows),
@@ -32,7 +32,7 @@ def highlights(rows: Sequence[Row]) -> list[dict[str, str]]:
         _tile("Least base disturbance", "attitude_cost", rows),
         _tile("Fastest capture", "time_to_capture", rows),
     ]
-    nothing = {"label": "Most captures", "value": "0", "unit": "%", "names": "nobody"}
+    nothing = {"label": "Most captures", "value": "0", "unit": "%", "names": "no policy"}
     return [tile for tile in tiles if tile] or [nothing]
 
 
@@ -83,7 +83,7 @@ def make_section(
 
 
 def _tile(label: str, key: str, rows: Sequence[Row]) -> dict[str, str] | None:
-    """The best figure and all who reach it; nothing where nobody competes for it."""
+    """Best figure and the policies that reach it; None where no policy competes for it."""
     column = column_named(key)
     best = leaders(column, rows)
     if not best:

@@ -1,4 +1,4 @@
-"""Plots that set the policies of one task against each other."""
+"""Plots that compare the policies of one task with each other."""
 
 from collections.abc import Mapping, Sequence
 
@@ -14,7 +14,10 @@ from space_envs.evaluation.report.plots.pareto import pareto_plot
 from space_envs.evaluation.report.plots.plot import Plot
 from space_envs.evaluation.report.plots.profiles import profiles_plot
 
-IMPROVED = (HEADLINE, "attitude_cost")  # of `comparison.COMPARED`, those with a plot of who improves on whom
+IMPROVED = (
+    HEADLINE,
+    "attitude_cost",
+)  # of COMPARED, those with a plot
 
 
 def comparison_plots(

@@ -23,7 +23,7 @@ def intervals_plot(rows: Sequence[Row], looks: Mapping[str, Look]) -> Plot:
     for key in (HEADLINE, "success", "final_attitude"):
         estimates = [row.figures[key] for row in rows]
 
-        def dress(axes: Axes, key: str = key, estimates: list[Estimate] = estimates) -> None:
+        def finish(axes: Axes, key: str = key, estimates: list[Estimate] = estimates) -> None:
             if column_named(key).unit == "%":
                 axes.set_xlim(-3, 103)
             else:
@@ -31,7 +31,7 @@ def intervals_plot(rows: Sequence[Row], looks: Mapping[str, Look]) -> Plot:
 
         scale = column_named(key).scale
         panels.append(
-            _interval_panel(f"intervals-{key}", heading_of(key), rows, estimates, scale, looks, dress)
+            _interval_panel(f"intervals-{key}", heading_of(key), rows, estimates, scale, looks, finish)
         )
     caption = (
         "Dots are the figures of the table, bars their 95 % intervals. Failures count in score and success; "
@@ -50,12 +50,12 @@ def scores_plot(rows: Sequence[Row], scores: Scores, looks: Mapping[str, Look]) 
         if not scored or len(found) < len(scored):
             continue
 
-        def dress(axes: Axes) -> None:
+        def finish(axes: Axes) -> None:
             for reference in (0.0, 1.0):
                 axes.axvline(reference, color=INK, lw=0.8, ls=(0, (4, 2)))
 
         title = f"score in {column_named(name).title}"
-        panels.append(_interval_panel(f"scores-{name}", title, scored, found, 1.0, looks, dress))
+        panels.append(_interval_panel(f"scores-{name}", title, scored, found, 1.0, looks, finish))
     caption = "Dashed lines: random has 0, the best expert 1. Bars are 95 % intervals. Failures count."
     return Plot("scores", "Normalised scores", caption, tuple(panels)) if panels else None
 
@@ -67,9 +67,9 @@ def _interval_panel(
     estimates: Sequence[Estimate],
     scale: float,
     looks: Mapping[str, Look],
-    dress: Callable[[Axes], None],
+    finish: Callable[[Axes], None],
 ) -> Panel:
-    """A dot and a bar for each row; `dress` finishes the axes."""
+    """A dot and a bar for each row; `finish` completes the axes."""
     names = [row_name(row, rows) for row in rows]
 
     def draw(axes: Axes) -> None:
@@ -87,7 +87,7 @@ def _interval_panel(
         axes.set_ylim(len(rows) - 0.4, -0.6)
         axes.set_xlabel(title)
         axes.grid(axis="x")
-        dress(axes)
+        finish(axes)
         axes.tick_params(axis="y", length=0)
 
     texts = (f"{display_name(n)} {scale * e.value:.3g}" for n, e in zip(names, estimates, strict=True))

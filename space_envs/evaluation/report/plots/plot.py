@@ -1,4 +1,4 @@
-"""A plot of the report, and what several have in common."""
+"""A plot of the report, and axes that several plots share."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from space_envs.evaluation.report.templating import display_unit
 
 @dataclass(frozen=True)
 class Plot:
-    """A figure of the report: panels next to each other where there is room, below each other where not."""
+    """A figure of the report: panels side by side, or below each other on a narrow page."""
 
     key: str
     title: str

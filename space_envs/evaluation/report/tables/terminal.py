@@ -82,7 +82,7 @@ def width_of(console: Console) -> int:
 
 
 def print_at(console: Console, renderable: Text | Table, width: int) -> None:
-    """Print at a width of our own, in characters that the output's encoding has."""
+    """Print at a given width, in characters that the output's encoding has."""
     rendered = io.StringIO()
     # A console prints no wider than itself, and one that writes to a pipe believes to have 80 columns.
     color_system = cast(Literal["standard", "256", "truecolor", "windows"] | None, console.color_system)

@@ -1,4 +1,4 @@
-"""Rows, their counts and their failures in words, the same wherever a table stands."""
+"""Rows, their counts and their failures in words, the same in every table."""
 
 from collections import Counter
 from collections.abc import Sequence
