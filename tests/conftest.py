@@ -9,6 +9,7 @@ from page_layout import CHROMIUM
 from playwright.sync_api import Browser, Playwright, sync_playwright
 
 from space_envs.evaluation.harness import policy_times
+from space_envs.evaluation.replay import videos
 from space_envs.evaluation.report import folder
 from space_envs.system.opengl import trial_failure
 
@@ -41,9 +42,11 @@ def browser(engine: Playwright) -> Iterator[Browser]:
 
 @pytest.fixture
 def brief_reports(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Evaluations in this process time each policy once and draw no plots."""
+    """Evaluations in this process time each policy once, draw no plots and small videos."""
     monkeypatch.setattr(policy_times, "ROUNDS", 1)
     monkeypatch.setattr(folder, "make_plots", lambda _, rows, *more: {row.task: [] for row in rows})
+    monkeypatch.setattr(videos, "WIDTH", 160)
+    monkeypatch.setattr(videos, "HEIGHT", 120)
 
 
 @pytest.fixture

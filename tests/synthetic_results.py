@@ -1,6 +1,6 @@
 """A made-up but plausible evaluation, and a real short one, for the tests of statistics and report."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -98,6 +98,11 @@ def changed(record: EpisodeRecord, **changes: object) -> EpisodeRecord:
     """The record with these keys of its JSON changed."""
     values = {name: value for name, value in record.to_dict().items() if name != "checksum"}
     return record_of(values | changes)
+
+
+def untimed(records: Iterable[EpisodeRecord]) -> list[dict[str, object]]:
+    """What two runs of one seed must have in common."""
+    return [{name: value for name, value in each.to_dict().items() if name != "timing"} for each in records]
 
 
 def record_of(values: Mapping[str, object]) -> EpisodeRecord:

@@ -273,6 +273,7 @@ def test_a_task_of_another_suite_is_compared_without_replays(tmp_path: Path) -> 
 # The command -----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("brief_reports")
 def test_the_command_writes_what_an_evaluation_writes(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -10,6 +10,7 @@ import harness_policies
 import numpy as np
 import pytest
 from rollouts import rollout_of
+from synthetic_results import untimed
 
 from agents.commands.evaluate import main
 from agents.planners.common.plans import Cause, Failure
@@ -24,7 +25,7 @@ from space_envs.evaluation.play.entry import EvaluatedTask
 from space_envs.evaluation.play.playing import split_indices
 from space_envs.evaluation.play.timing import time_policy
 from space_envs.evaluation.records.metrics import episode_metrics
-from space_envs.evaluation.records.storage import read_records, records_without_timing
+from space_envs.evaluation.records.storage import read_records
 from space_envs.evaluation.replay import videos
 from space_envs.registration import make_task
 
@@ -60,6 +61,7 @@ class Misshapen(Nan):
         return np.zeros(self.size), None
 
 
+@pytest.mark.usefixtures("brief_reports")
 def test_same_seed_same_bytes_apart_from_timing(tmp_path, capsys):
     for folder in ("a", "b"):
         assert main(["--policy", "random", "gjm", *QUICK, "--output", str(tmp_path / folder)]) == 0
@@ -67,7 +69,7 @@ def test_same_seed_same_bytes_apart_from_timing(tmp_path, capsys):
     assert "gjm" in out
     assert str(tmp_path / "b" / "report.html") in out.replace("\n", "")
     a, b = (read_records(tmp_path / folder / "records.jsonl") for folder in ("a", "b"))
-    assert records_without_timing(a) == records_without_timing(b)
+    assert untimed(a) == untimed(b)
     assert len(a) == 8
     names = [sorted(path.name for path in (tmp_path / name / "episodes").iterdir()) for name in ("a", "b")]
     assert names[0] == names[1]
@@ -295,6 +297,7 @@ def test_bad_input_is_one_line_and_status_2_before_work_starts(arguments, messag
     assert not output.exists()
 
 
+@pytest.mark.usefixtures("brief_reports")
 def test_a_complete_evaluation_is_not_played_again_by_resume(tmp_path, capsys):
     folder = tmp_path / "out"
     arguments = ["--policy", "hold", *QUICK, "--output", str(folder)]
@@ -348,6 +351,7 @@ def test_a_users_own_class_runs_by_its_name(tmp_path, capsys, monkeypatch):
     assert {record.outcome for record in read_records(tmp_path / "out" / "records.jsonl")} == {"timeout"}
 
 
+@pytest.mark.usefixtures("brief_reports")
 def test_videos_that_cannot_be_drawn_are_no_silence(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

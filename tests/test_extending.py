@@ -11,10 +11,11 @@ from pathlib import Path
 import gymnasium as gym
 import pytest
 from package_of_the_docs import commands, forget, installed
+from synthetic_results import untimed
 
 from agents.commands.evaluate import main as evaluate
 from space_envs.evaluation.harness import policy_times
-from space_envs.evaluation.records.storage import read_records, records_without_timing
+from space_envs.evaluation.records.storage import read_records
 from space_envs.evaluation.replay import videos
 
 ENV_ID = "MyCapture/Sprint-v0"
@@ -99,7 +100,7 @@ def test_a_ray_cluster_imports_the_package_too(ran: Path, monkeypatch: pytest.Mo
     words = next(words for words in commands() if words[0] == "evaluate.py" and "results/sprint" in words)
     assert run(words, "--backend", "ray", "--output", "results/ray") == 0
     usual, on_ray = (read_records(ran / f"results/{name}/records.jsonl") for name in ("sprint", "ray"))
-    assert records_without_timing(on_ray) == records_without_timing(usual)
+    assert untimed(on_ray) == untimed(usual)
 
 
 def test_tables_of_results_need_no_package(ran: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,7 +11,7 @@ from synthetic_results import entry, make_result
 
 from space_envs.errors import ConfigurationError
 from space_envs.evaluation.leaderboard.build import build_rows
-from space_envs.evaluation.leaderboard.normalised import MAIN_SCORE, SCORES, normalised_scores
+from space_envs.evaluation.leaderboard.normalised import SCORES, normalised_scores
 from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.report.folder import write_report
 from space_envs.evaluation.report.page.html import to_html
@@ -26,7 +26,7 @@ def test_normalised_success_by_hand() -> None:
         + played("mine", [1.0, 1.0, None, 3.0])
     )
     scores = normalised_scores(records, {"expert", "lesser", "absent"}, np.random.default_rng(0))
-    assert MAIN_SCORE == SCORES[0] == "kept_attitude_score" and list(scores[entry("mine")]) == list(SCORES)
+    assert SCORES[0] == "kept_attitude_score" and list(scores[entry("mine")]) == list(SCORES)
     mine = scores[entry("mine")]["success"]
     assert mine.estimate is not None and mine.expert == "expert"
     # (3/4 - 1/4) / (1 - 1/4)
@@ -39,7 +39,7 @@ def test_normalised_success_by_hand() -> None:
     within = scores[entry("mine")]["capture@1deg"].estimate
     assert within is not None and within.value == pytest.approx(1 / 3)
     # Scores of 1/2 and 1/4: mine has (1/2 + 1/2 + 1/4) / 4, random 1/8, the expert 1/2.
-    main = scores[entry("mine")][MAIN_SCORE].estimate
+    main = scores[entry("mine")][SCORES[0]].estimate
     assert main is not None and main.value == pytest.approx((5 / 16 - 1 / 8) / (1 / 2 - 1 / 8))
 
 
@@ -110,6 +110,7 @@ def test_scores_of_several_tasks_are_refused() -> None:
         normalised_scores(records, (), np.random.default_rng(0))
 
 
+@pytest.mark.usefixtures("brief_reports")
 def test_scores_stand_in_the_summary_and_on_the_page(tmp_path: Path) -> None:
     made = make_result(episodes=6, policies=("random", "mpc", "gjm"))
     paths = write_report(replace(made, experts=("mpc", "gjm")), tmp_path)

@@ -89,6 +89,7 @@ def test_a_folder_of_another_kind_is_refused(tmp_path: Path, capsys: pytest.Capt
     assert contents(tmp_path / "out") == before
 
 
+@pytest.mark.usefixtures("brief_reports")
 def test_results_are_replaced_only_where_that_was_asked_for(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -96,6 +97,7 @@ def test_results_are_replaced_only_where_that_was_asked_for(
     arguments = [*QUICK, "--output", str(folder)]
     assert main(arguments) == 0
     (folder / "notes.txt").write_text("mine")
+    (folder / "plots").mkdir(exist_ok=True)
     (folder / "plots" / "notes.txt").write_text("mine")
     before = contents(folder)
     capsys.readouterr()
@@ -112,6 +114,7 @@ def test_results_are_replaced_only_where_that_was_asked_for(
         main([*arguments, "--resume", "--overwrite"])
 
 
+@pytest.mark.usefixtures("brief_reports")
 def test_a_merged_folder_is_replaced_only_where_that_was_asked_for(tmp_path: Path) -> None:
     a, b = (write_folder(tmp_path / name, episodes(2, policy=name)) for name in ("a", "b"))
     output = ["--output", str(tmp_path / "out")]

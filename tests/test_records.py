@@ -12,7 +12,7 @@ from synthetic_results import make_record, make_result
 
 from space_envs.errors import ConfigurationError
 from space_envs.evaluation.records.episode import EpisodeRecord
-from space_envs.evaluation.records.storage import read_records, records_without_timing, write_records
+from space_envs.evaluation.records.storage import read_records, write_records
 from space_envs.evaluation.records.timing import UNTIMED
 
 FAILED = {"captured": False, "outcome": "timeout", "time_to_capture": None}
@@ -60,14 +60,6 @@ def test_numpy_scalars_and_integers_become_plain_numbers() -> None:
     plain = make_record(steps=7, position_error=2.0, captured=True)
     numpy = make_record(steps=np.int64(7), position_error=np.float64(2.0), captured=np.bool_(True))
     assert numpy.to_json() == plain.to_json() == make_record(steps=7, position_error=2).to_json()
-
-
-def test_timing_is_the_only_difference_between_two_clocks() -> None:
-    slow = make_record(timing=timing(planning_ms=900.0, action_ms=80.0))
-    assert slow != make_record()
-    assert records_without_timing([slow]) == records_without_timing([make_record()])
-    assert records_without_timing([make_record(steps=3)]) != records_without_timing([make_record()])
-    assert list(records_without_timing([slow])[0]) == [name for name in FIELDS if name != "timing"]
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from typing import Any
 import harness_policies
 import numpy as np
 import pytest
+from synthetic_results import untimed
 
 from agents.commands.evaluate import main
 from agents.policies.resolve import resolve_policy
@@ -27,7 +28,7 @@ from space_envs.evaluation.play.playing import roll_out
 from space_envs.evaluation.play.process.limits import TimeLimits
 from space_envs.evaluation.play.timing import PolicyTime
 from space_envs.evaluation.records.episode import EpisodeRecord
-from space_envs.evaluation.records.storage import read_records, records_without_timing
+from space_envs.evaluation.records.storage import read_records
 from space_envs.evaluation.records.timing import UNTIMED
 from space_envs.registration import make_task
 
@@ -80,15 +81,18 @@ def test_records_stand_by_policy_seed_and_episode(usual) -> None:
         assert [r.index for r in records[policy : policy + n]] == [r.index for r in records[:n]]
 
 
-@pytest.mark.parametrize(("name", "package"), [("loky", "joblib"), ("ray", "ray"), ("dask", "distributed")])
+@pytest.mark.parametrize(
+    ("name", "package"),
+    [("loky", "joblib"), pytest.param("ray", "ray", marks=pytest.mark.slow), ("dask", "distributed")],
+)
 def test_jobs_and_backends_leave_the_records_unchanged(
     name: str, package: str, usual, tmp_path: Path
 ) -> None:
-    """On a real local cluster of two workers each."""
+    """On a real local cluster of two workers each; Ray in the default suite by test_extending."""
     pytest.importorskip(package)
     evaluated, records = usual
     made = records_of(evaluated, tmp_path, jobs=2, name=name)
-    assert records_without_timing(made) == records_without_timing(records)
+    assert untimed(made) == untimed(records)
 
 
 def test_a_cluster_that_runs_already_is_used_and_goes_on(usual, tmp_path: Path) -> None:
@@ -100,7 +104,7 @@ def test_a_cluster_that_runs_already_is_used_and_goes_on(usual, tmp_path: Path) 
         play_missing(evaluated.chunks(), tmp_path, 2, "dask", address)
         with distributed.Client(address) as client:
             assert client.submit(sum, (1, 2)).result() == 3
-    assert records_without_timing(finished(evaluated, tmp_path)) == records_without_timing(records)
+    assert untimed(finished(evaluated, tmp_path)) == untimed(records)
 
 
 def command(folder: Path, *more: str) -> list[str]:
@@ -131,7 +135,7 @@ def test_killed_again_and_again_it_ends_with_the_same_records(tmp_path: Path) ->
     assert process.returncode == 0
     assert kills >= 1
     made, undisturbed = (read_records(tmp_path / name / "records.jsonl") for name in ("killed", "quiet"))
-    assert records_without_timing(made) == records_without_timing(undisturbed)
+    assert untimed(made) == untimed(undisturbed)
     assert not (folder / "chunks").exists()
 
 
@@ -140,23 +144,17 @@ def test_killed_while_it_plays_it_ends_with_the_same_records(usual, tmp_path: Pa
     evaluated, records = usual
     arguments = ["--policy", "gjm", "random", "--split", "validation", "--seeds", "0,3", "--jobs", "2"]
     arguments += ["--episodes", str(evaluated.episodes), "--no-pictures", "--output", str(tmp_path)]
-    kept = 0
-    for more in ([], ["--resume"]):
-        process = subprocess.Popen(
-            [sys.executable, "evaluate.py", *arguments, *more],
-            cwd=ROOT,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            process_group=0,
-        )
-        while process.poll() is None and len(list(tmp_path.glob("chunks/*.npz"))) <= kept:
-            time.sleep(0.01)
-        os.killpg(process.pid, signal.SIGKILL)
-        assert process.wait() == -signal.SIGKILL
-        kept = len(list(tmp_path.glob("chunks/*.npz")))
-        assert 0 < kept < len(evaluated.chunks())
+    quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    process = subprocess.Popen(
+        [sys.executable, "evaluate.py", *arguments], cwd=ROOT, process_group=0, **quiet
+    )
+    while process.poll() is None and not list(tmp_path.glob("chunks/*.npz")):
+        time.sleep(0.01)
+    os.killpg(process.pid, signal.SIGKILL)
+    assert process.wait() == -signal.SIGKILL
+    assert 0 < len(list(tmp_path.glob("chunks/*.npz"))) < len(evaluated.chunks())
     assert main([*arguments, "--resume"]) == 0
-    assert records_without_timing(read_records(tmp_path / "records.jsonl")) == records_without_timing(records)
+    assert untimed(read_records(tmp_path / "records.jsonl")) == untimed(records)
 
 
 def test_killed_between_two_chunks_it_goes_on_where_it_was(usual, tmp_path: Path) -> None:
@@ -171,7 +169,7 @@ def test_killed_between_two_chunks_it_goes_on_where_it_was(usual, tmp_path: Path
     prepare(evaluated, tmp_path, resume=True)
     play_missing(chunks, tmp_path, 1)
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
-    assert records_without_timing(finished(evaluated, tmp_path)) == records_without_timing(records)
+    assert untimed(finished(evaluated, tmp_path)) == untimed(records)
 
 
 def test_a_resumed_evaluation_is_the_same_one(tmp_path: Path) -> None:
@@ -277,7 +275,7 @@ def test_a_policy_that_ends_its_process_loses_only_its_own_episodes(
     pytest.importorskip(package)
     quiet = records_of(evaluation("random", f"{HARNESS}:Well", episodes=8), tmp_path / "quiet")
     made = records_of(evaluation("random", f"{HARNESS}:Dies", episodes=8), tmp_path / "dead", 2, name)
-    assert records_without_timing(made[:8]) == records_without_timing(quiet[:8])
+    assert untimed(made[:8]) == untimed(quiet[:8])
     goals = make_task(SINGLE.env_id, {}).goals(SINGLE.split, np.array([record.index for record in made[8:]]))
     spoilt = harness_policies.chosen(goals.position)
     assert 0 < spoilt.sum() < 8

@@ -33,7 +33,6 @@ RATES: Mapping[str, tuple[str, float]] = {
     **{kept_key(limit): ("peak_attitude", limit) for limit in ATTITUDE_LIMITS},
 }
 SCORES = (HEADLINE, *RATES, *COSTS)
-MAIN_SCORE = HEADLINE  # what the leaderboard is ranked by
 REFERENCE = "random"
 
 
@@ -67,7 +66,7 @@ def normalised_scores(
     generator: np.random.Generator,
     resamples: int = 5000,
 ) -> dict[LeaderboardEntry, dict[str, NormalisedScore]]:
-    """Each of SCORES of each policy of one task; MAIN_SCORE is the one for a single number.
+    """Each of SCORES of each policy of one task; the first is the one for a single number.
 
     `experts` are names of policies; those without records do not count. Where several entries are called
     `random` (in several control modes), the best of them has 0. Raises ConfigurationError for records of

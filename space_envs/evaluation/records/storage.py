@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 from space_envs.errors import ConfigurationError
 from space_envs.evaluation.records.episode import EpisodeRecord
@@ -32,11 +31,3 @@ def read_records(path: str | Path) -> list[EpisodeRecord]:
         except (ConfigurationError, UnicodeDecodeError) as error:
             raise ConfigurationError(f"{path}:{number}: {error}") from error
     return records
-
-
-def records_without_timing(records: Iterable[EpisodeRecord]) -> list[dict[str, Any]]:
-    """The records as plain dictionaries without `timing`: equal for two runs of one seed."""
-    plain = [record.to_dict() for record in records]
-    for values in plain:
-        del values["timing"]
-    return plain
