@@ -1,10 +1,13 @@
-"""No built-in policy captures through a body: states of captures, seen by MuJoCo's own distances."""
+"""No built-in policy captures through a body, seen by MuJoCo's own distances; reactionless ones turn none."""
+
+from functools import cache
 
 import numpy as np
 import pytest
 from distance_oracle import Oracle
 from rollouts import rollout_of
 
+from agents.planners.common.plans import Cause
 from agents.policies.registry import policies_for
 from space_envs.evaluation.play.rollout import Rollout
 from space_envs.registration import ENTRIES
@@ -13,9 +16,12 @@ INSIDE = 1e-6  # m
 COSTLY = ("ocp", "promp_avoiding", "promp_optimal_kept")  # are left to the slow test
 DULL = ("random", "hold")  # capture nothing
 ALL = [(env_id, name) for env_id in sorted(ENTRIES) for name in policies_for(env_id) if name not in DULL]
+REACTIONLESS = {"reactionless", "reactionless_local", "reactionless_free", "reactionless_ocp"}
+DUAL = [env_id for env_id in sorted(ENTRIES) if "DualArm" in env_id]
 CLUTTERED = "SpaceCapture/SingleArmCluttered-v0"
 
 
+@cache
 def played(env_id: str, name: str, difficulty: str, goals: int) -> Rollout:
     """Validation episodes of a built-in policy."""
     return rollout_of(name, goals, env_id, "validation", difficulty=difficulty)[0]
@@ -39,9 +45,30 @@ def test_captures_never_lead_through_a_body(env_id: str) -> None:
     oracle, gaps = Oracle(env_id), {}
     for name in policies_for(env_id):
         if name not in (*DULL, *COSTLY):
-            gaps[name] = least_gap(oracle, played(env_id, name, "hard", 2))
+            gaps[name] = least_gap(oracle, played(env_id, name, "hard", 3 if name in REACTIONLESS else 2))
     assert min(gaps.values()) > -INSIDE, gaps
     assert sum(np.isfinite(gap) for gap in gaps.values()) >= 2
+
+
+@pytest.mark.parametrize("env_id", DUAL)
+def test_reactionless_planners_keep_the_attitude_or_say_why_they_rest(env_id: str) -> None:
+    late: list[str] = []
+    for name in REACTIONLESS & set(policies_for(env_id)):
+        rollout = played(env_id, name, "hard", 3)
+        assert "captured" in rollout.outcome, name
+        for row, cause in enumerate(rollout.cause):
+            if cause is None:
+                assert rollout.outcome[row] == "captured" and rollout.reason[row] is None
+                assert rollout.attitude[row].max() < 0.2 and rollout.attitude[row, -1] < 0.1
+            elif cause == "timeout":  # hard goals may take longer than there is time
+                late.append(name)
+            else:
+                assert cause in {str(each) for each in Cause} and rollout.reason[row]
+                np.testing.assert_allclose(rollout.attitude[row], 0.0, atol=1e-6)  # the arms rest
+        if name == "reactionless_free":
+            assert set(rollout.outcome) == {"captured"}
+            assert rollout.attitude[:, -1].max() < 0.01
+    assert len(late) <= 1
 
 
 @pytest.mark.slow

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from dataset_folders import CHEAP, CLUTTERED, contents, folder, run
+from offenders import assert_refused
 
 from agents.commands.choice import choose_policies, experts_for
 from agents.commands.dataset import main
@@ -173,9 +174,8 @@ def test_experts_are_all_that_plan():
         assert [policy.name for policy in choose_policies(["experts"], env_id, list(ENTRIES))] == experts
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
+def test_mistakes_are_named_before_anything_is_played(tmp_path, capsys) -> None:
+    cases = [
         (["--split", "test"], "never those of split 'test'"),
         (["--split", "ood"], "never those of split 'ood'"),
         (["--split", "trian"], "Did you mean 'train'"),
@@ -188,9 +188,6 @@ def test_experts_are_all_that_plan():
         (["--policy", "gjm", "--jobs", "0"], "jobs must be at least 1"),
         (["--policy", "gjm", "--seed", "-1"], "seed must be"),
         (["--policy", "gjm", "--minari-root", "m"], "goes with --format minari"),
-    ],
-)
-def test_mistakes_are_named_before_anything_is_played(tmp_path, capsys, words, message):
-    assert main([*words, "--output", str(tmp_path / "out")]) == 2
-    assert message in capsys.readouterr().err
+    ]
+    assert_refused(lambda words: main([*words, "--output", str(tmp_path / "out")]), cases, capsys)
     assert not (tmp_path / "out").exists()

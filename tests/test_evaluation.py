@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import harness_policies
 import numpy as np
 import pytest
+from offenders import assert_refused
 from rollouts import rollout_of
 from synthetic_results import untimed
 
@@ -260,9 +261,10 @@ def test_timing_tells_planning_from_acting(monkeypatch, first, planning):
     assert timing.planning == (None if planning is None else pytest.approx(planning))
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
+def test_bad_input_is_one_line_and_status_2_before_work_starts(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    cases = [
         (["--policy", "gmj"], "Did you mean 'gjm'"),
         (["--policy", "gjm", "gjm"], "policy given twice: gjm"),
         (["--policy", "no_such_module:Policy"], "no_such_module"),
@@ -286,15 +288,9 @@ def test_timing_tells_planning_from_acting(monkeypatch, first, planning):
         (["--planning-limit", "1"], "goes with --time-limit"),
         (["--control-mode", "torque"], "Did you mean 'joint_torque'"),
         (["--policy", "hold", "gjm", "--control-mode", "joint_torque"], "control mode 'joint_velocity'"),
-    ],
-)
-def test_bad_input_is_one_line_and_status_2_before_work_starts(arguments, message, capsys, tmp_path):
-    output = tmp_path / "out"
-    assert main([*arguments, "--output", str(output)]) == 2
-    error = capsys.readouterr().err
-    assert message in error
-    assert error.count("\n") == 1
-    assert not output.exists()
+    ]
+    assert_refused(lambda words: main([*words, "--output", str(tmp_path / "out")]), cases, capsys)
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.usefixtures("brief_reports")

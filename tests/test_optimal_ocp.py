@@ -117,7 +117,7 @@ def test_a_limit_violated_by_more_than_itself_stays_positive() -> None:
 
 
 def test_coriolis_forces_are_limited_on_their_own() -> None:
-    reach = reach_of(4, True)
+    reach = reach_of(5, True)
     without = check_motion(reach, replace(drives(), coriolis=100.0), planned(reach, drives(), starts=1))
     limits = replace(drives(), coriolis=0.6 * (100.0 + without["coriolis"]))
     check_motion(reach, limits, planned(reach, limits, starts=1))

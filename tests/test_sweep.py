@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from offenders import assert_refused
 from package_of_the_docs import installed
 from training_runs import ENV_ID, QUICK, defaults
 
@@ -314,9 +315,12 @@ def test_bad_files_are_refused_before_anything_begins(
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
+def test_bad_arguments(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("fixed.toml").write_text('[fixed]\ndifficulty = "hard"\n')
+    cases = [
         (["--seeds", "0-1", "--seed", "3"], "either --seed or"),
         (["--seeds", "x"], "ranges like"),
         (["--jobs", "2"], "--jobs is for several runs"),
@@ -333,20 +337,8 @@ def test_bad_files_are_refused_before_anything_begins(
         ),
         (["--resume", "nowhere", "--seeds", "0-1"], "omit --seeds"),
         (["--resume", "nowhere", "--jobs", "2"], "omit --jobs"),
-    ],
-)
-def test_bad_arguments(
-    arguments: list[str],
-    message: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("fixed.toml").write_text('[fixed]\ndifficulty = "hard"\n')
-    assert main(arguments) == 2
-    error = capsys.readouterr().err
-    assert message in error and error.count("\n") == 1
+    ]
+    assert_refused(main, cases, capsys)
     assert [path.name for path in tmp_path.iterdir()] == ["fixed.toml"]
 
 

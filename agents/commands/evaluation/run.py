@@ -76,9 +76,9 @@ def _run_alone(evaluation: Evaluation, options: RunOptions) -> int:
     started = perf_counter()
     folder = options.output
     if not prepare(evaluation, folder, options.resume, options.overwrite):
-        records = read_folder(folder).records
-        show(records, folder, notes=(f"{folder} is complete; nothing was evaluated",))
-        return _status(evaluation, records)
+        done = read_folder(folder)
+        show(done.records, folder, done.described, notes=(f"{folder} is complete; nothing was evaluated",))
+        return _status(evaluation, done.records)
     chunks = evaluation.chunks()
     with warned_once():
         play_missing(chunks, folder, options.jobs, options.backend, options.address)
