@@ -1,0 +1,1 @@
+"""URDF and MJCF files, read into one form."""

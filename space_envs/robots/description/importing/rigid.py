@@ -1,0 +1,120 @@
+"""Rigid parts of a robot file: bodies that are fixed to the root or to a link, with locked joints."""
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from space_envs.robots.description.importing.files.tree import HINGE, SLIDE, FileJoint, FileTree, Shape
+from space_envs.robots.inertia import lumped, moved
+from space_envs.robots.pose import Pose
+from space_envs.robots.robot import Inertial
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A body of a file in the frame of what carries it.
+
+    Attributes:
+        carrier: place of the root, or of the body whose joint moves it. pose: in the carrier's link frame,
+            whose origin lies on the joint's axis.
+    """
+
+    carrier: int
+    pose: Pose
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """Bodies of a file below a root, as rigid parts.
+
+    Attributes:
+        tree: the file. root: place of the body that is fixed to the satellite. values: of locked joints.
+        placed: bodies by place. frames: pose of a link's frame in the part that carries it, at joint angle
+            zero, by the place of the body with the joint.
+    """
+
+    tree: FileTree
+    root: int
+    placed: Mapping[int, Placed]
+    frames: Mapping[int, Placed]
+    values: Mapping[str, float]
+
+    def value(self, joint: FileJoint) -> float:
+        """Value that a joint which does not move is fixed at."""
+        return value_of(self.tree, joint, self.values)
+
+    def members(self, carrier: int) -> Iterator[tuple[int, Pose]]:
+        """Bodies of a rigid part, with their poses in it."""
+        for body, placed in self.placed.items():
+            if placed.carrier == carrier:
+                yield body, placed.pose
+
+    def inertial(self, carrier: int) -> Inertial:
+        """Mass properties of a rigid part."""
+        bodies = self.tree.bodies
+        return lumped(
+            moved(inertial, pose)
+            for body, pose in self.members(carrier)
+            if (inertial := bodies[body].inertial) is not None
+        )
+
+    def shapes(self, carrier: int) -> list[Shape]:
+        """Geometry of a rigid part, in its frame."""
+        return [
+            _moved_shape(shape, pose)
+            for body, pose in self.members(carrier)
+            for shape in self.tree.bodies[body].shapes
+        ]
+
+
+def assemble(tree: FileTree, root: int, moving: Collection[str], values: Mapping[str, float]) -> Assembly:
+    """The rigid parts below a root, whose own joint is left out.
+
+    Args:
+        moving: names of the joints that move. values: of the others, rad or m; zero or the nearest value in
+            the range where there is none.
+    """
+    placed, frames = {root: Placed(root, Pose.of())}, {}
+    for place, body in enumerate(tree.bodies):
+        if body.parent not in placed or place == root:
+            continue
+        above = placed[body.parent]
+        carrier, pose = above.carrier, above.pose @ body.pose
+        for joint in body.joints:
+            anchor = Pose.of(tuple(joint.at))
+            if joint.name in moving:
+                frames[place] = Placed(carrier, pose @ anchor @ Pose.about(joint.axis, -joint.zero))
+                carrier, pose = place, anchor.inverse
+            else:
+                pose = pose @ _displacement(joint, value_of(tree, joint, values))
+        placed[place] = Placed(carrier, pose)
+    return Assembly(tree, root, placed, frames, values)
+
+
+def value_of(tree: FileTree, joint: FileJoint, values: Mapping[str, float]) -> float:
+    """Value that a joint which does not move is fixed at."""
+    if joint.name in values:
+        return values[joint.name]
+    joints = tree.joints
+    if joint.mimic is not None and joint.mimic.leader in joints:
+        leader = joints[joint.mimic.leader]
+        if leader.mimic is None:
+            return joint.mimic.multiplier * value_of(tree, leader, values) + joint.mimic.offset
+    low, high = joint.range or (0.0, 0.0)
+    return float(np.clip(0.0, low, high))
+
+
+def _displacement(joint: FileJoint, value: float) -> Pose:
+    """Motion of a body by a joint from its pose in the file; none for joints of other kinds."""
+    if joint.kind == SLIDE:
+        return Pose.of(tuple(joint.axis * (value - joint.zero)))
+    if joint.kind == HINGE:
+        anchor = Pose.of(tuple(joint.at))
+        return anchor @ Pose.about(joint.axis, value - joint.zero) @ anchor.inverse
+    return Pose.of()
+
+
+def _moved_shape(shape: Shape, pose: Pose) -> Shape:
+    place = pose @ Pose.of(shape.visual.position, shape.visual.orientation)
+    return shape._replace(visual=replace(shape.visual, position=place.vector, orientation=place.quaternion))

@@ -1,0 +1,153 @@
+"""The contact shape of an arm: capsules around its links, and what they are checked against."""
+
+from collections.abc import Sequence
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from space_envs.dynamics.capsules import box_distance
+from space_envs.dynamics.rotations import Array, exponential, to_matrix
+from space_envs.robots.description.shape.clouds import Cloud, joined
+from space_envs.robots.description.shape.enclosing import Segment, enclosing_capsule
+from space_envs.robots.pose import Pose, vector
+from space_envs.robots.robot import ORIGIN, UNCHECKED, Anchor, Capsule, Link, Vector3
+
+END_EFFECTOR = "end_effector"
+_MOST = 3  # capsules of a link
+_WORTH = 1.3  # joined volume over the sum of volumes, up to which two capsules become one
+_SHARE, _THINNEST = 0.08, 0.02  # radius of links without geometry: of their length, and m at least
+_SHORT = 1e-6  # m
+_SAMPLES, _SEED = 256, 20  # configurations in which capsules and satellite are tested
+
+
+class ContactShape(NamedTuple):
+    """Anchors and capsules as of an `Arm`, and sentences about them."""
+
+    anchors: tuple[Anchor, ...]
+    capsules: tuple[Capsule, ...]
+    notes: tuple[str, ...]
+
+
+def contact_shape(
+    links: Sequence[Link], tool: Vector3, solids: Sequence[Sequence[Cloud]], box: Vector3
+) -> ContactShape:
+    """Capsules around the links of an arm.
+
+    Args:
+        links: of the arm, the first in the satellite's frame. tool: in the last link's frame, m.
+        solids: geometry of each link in its frame; empty where there is none, for a capsule along the link.
+        box: half sides of the satellite around the origin of its frame, m.
+    """
+    ends = [vector(link.position) for link in links[1:]] + [tool]
+    segments, bare = [], []
+    for number, (link, clouds, end) in enumerate(zip(links, solids, ends, strict=True), start=1):
+        if clouds:
+            segments += [(number, segment) for segment in link_capsules(clouds)]
+        elif np.linalg.norm(end) > _SHORT:
+            segments.append((number, _along(end)))
+            bare.append(link.name)
+    notes = [f"links without collision geometry have capsules along their axes: {', '.join(bare)}."]
+    radii, more = _satellite_radii(links, segments, box)
+    return ContactShape(*_capsules(links, tool, segments, radii), (*(notes if bare else []), *more))
+
+
+def link_capsules(clouds: Sequence[Cloud]) -> list[Segment]:
+    """Capsules that enclose all geometry of a link, fewer where that costs little volume."""
+    groups = [[cloud] for cloud in clouds]
+    fits = [enclosing_capsule(cloud) for cloud in clouds]
+    while len(groups) > 1:
+        trials = {
+            (i, j): enclosing_capsule(joined(groups[i] + groups[j]))
+            for i, j in combinations(range(len(groups)), 2)
+        }
+        growth = {(i, j): fit.volume / (fits[i].volume + fits[j].volume) for (i, j), fit in trials.items()}
+        i, j = min(growth, key=lambda pair: growth[pair])
+        if growth[i, j] > _WORTH and len(groups) <= _MOST:
+            break
+        groups = [*(g for k, g in enumerate(groups) if k not in (i, j)), groups[i] + groups[j]]
+        fits = [*(f for k, f in enumerate(fits) if k not in (i, j)), trials[i, j]]
+    return fits
+
+
+def _along(end: Vector3) -> Segment:
+    radius = max(_SHARE * float(np.linalg.norm(end)), _THINNEST)
+    return Segment(np.array(ORIGIN), np.array(end), round(radius, 4))
+
+
+def _capsules(
+    links: Sequence[Link], tool: Vector3, segments: Sequence[tuple[int, Segment]], radii: Sequence[float]
+) -> tuple[tuple[Anchor, ...], tuple[Capsule, ...]]:
+    anchors: list[Anchor] = []
+    capsules = []
+    for place, ((number, segment), satellite) in enumerate(zip(segments, radii, strict=True), start=1):
+        pair = []
+        for word, point in (("start", segment.start), ("end", segment.end)):
+            anchor = Anchor(number, vector(point), f"capsule{place}_{word}")
+            if number == len(links) and anchor.at == tool:
+                anchor = Anchor(number, tool, END_EFFECTOR)
+            pair.append(len(anchors))
+            anchors.append(anchor)
+        last = number == len(links)
+        target = _target_radius(segment, tool) if last else segment.radius
+        capsules.append(Capsule(number, *pair, segment.radius, satellite, target))
+    return tuple(anchors), tuple(capsules)
+
+
+def _target_radius(segment: Segment, tool: Vector3) -> float:
+    """Radius of a capsule of the last link in checks against the target, which its gripper touches.
+
+    The centre line alone; nothing if it runs past the tool, into what is grasped.
+    """
+    along = segment.end - segment.start
+    share = (np.array(tool) - segment.start) @ along / (along @ along)
+    return UNCHECKED if 0.0 < share < 1.0 else 0.0
+
+
+def _satellite_radii(
+    links: Sequence[Link], segments: Sequence[tuple[int, Segment]], box: Vector3
+) -> tuple[list[float], list[str]]:
+    """Radius of each capsule in checks against the satellite, and notes."""
+    poses = _link_poses(links)
+    radii, mounted, thin = [], [], []
+    for number, segment in segments:
+        rotation, position = poses[number - 1]
+        start, end = (position + rotation @ point for point in (segment.start, segment.end))
+        distance = box_distance(start, end, np.array(box))
+        name = links[number - 1].name
+        if (distance[1:] < segment.radius).all():
+            radii.append(UNCHECKED)
+            mounted.append(name)
+        elif distance[0] < segment.radius:
+            radii.append(0.0 if distance[0] > 0.0 else UNCHECKED)
+            thin.append(name)
+        else:
+            radii.append(segment.radius)
+    notes = []
+    if mounted:
+        names = ", ".join(dict.fromkeys(mounted))
+        notes.append(f"links that touch the satellite at all angles are not checked against it: {names}.")
+    if thin:
+        names = ", ".join(dict.fromkeys(thin))
+        notes.append(
+            f"links whose capsules touch the satellite at home are checked against it by their centre line, "
+            f"or not at all if that enters it: {names}."
+        )
+    return radii, notes
+
+
+def _link_poses(links: Sequence[Link]) -> list[tuple[Array, Array]]:
+    """Rotations (s, 3, 3) and positions (s, 3) of the links at home and at random angles in the ranges."""
+    rng = np.random.default_rng(_SEED)
+    low, high = np.array([link.joint.range for link in links]).T
+    home = np.array([link.joint.home for link in links])
+    angles = np.concatenate([home[None], rng.uniform(low, high, (_SAMPLES, len(links)))])
+    rotation, position = np.tile(np.eye(3), (len(angles), 1, 1)), np.zeros((len(angles), 3))
+    poses = []
+    for link, angle in zip(links, angles.T, strict=True):
+        mount = Pose.of(link.position, link.orientation)
+        position = position + rotation @ mount.position
+        hinge = to_matrix(exponential(angle[:, None] * np.array(link.joint.axis)))
+        rotation = rotation @ mount.rotation @ hinge
+        poses.append((rotation, position))
+    return poses
