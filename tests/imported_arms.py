@@ -1,20 +1,30 @@
-"""Imported arms as momentum-level mathematics, and where the robots of example-robot-data lie."""
+"""Arms imported from files, as momentum-level mathematics, and where the robots of example-robot-data lie."""
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from space_envs.dynamics.floating import FloatingRobot
+from space_envs.dynamics.rotations import to_matrix
 from space_envs.errors import ConfigurationError
+from space_envs.robots.description.arms import DescribedArm
+from space_envs.robots.description.importing.arms import imported_arms
 from space_envs.robots.description.importing.files.packages import resolve
-from space_envs.robots.inertia import matrix
-from space_envs.robots.pose import Pose
-from space_envs.robots.robot import Arm, Inertial
+from space_envs.robots.description.reading import ARM_KEYS
+from space_envs.robots.description.tables import DescriptionTable
+from space_envs.robots.inertias import combined, matrix
 
-BOX = (0.5, 0.5, 0.5)
-FACE = (0.0, 0.0, 0.5)  # centre of a face of the box
+
+def imported(*arms: dict[str, Any], folder: Path = Path(), **packages: Path) -> list[DescribedArm]:
+    """Arms of tables as in a description file in a folder."""
+    tables = [
+        DescriptionTable(arm, folder / "robot.toml", f"arm {number}", ARM_KEYS)
+        for number, arm in enumerate(arms, start=1)
+    ]
+    return imported_arms(tables, packages)
 
 
 def example_robot(name: str) -> Path:
@@ -25,9 +35,10 @@ def example_robot(name: str) -> Path:
         pytest.skip("example-robot-data is not installed")
 
 
-def mechanics(base: Inertial, arms: Sequence[Arm]) -> FloatingRobot:
-    """Mathematics of arms on a base."""
+def mechanics(arms: Sequence[DescribedArm]) -> FloatingRobot:
+    """Mathematics of arms on their root."""
     links = [link for arm in arms for link in arm.links]
+    base = combined([arm.root for arm in arms if arm.root])
     bodies = [base, *(link.inertial for link in links)]
     parents, first = [], 0
     for arm in arms:
@@ -37,7 +48,7 @@ def mechanics(base: Inertial, arms: Sequence[Arm]) -> FloatingRobot:
     return FloatingRobot(
         parent=np.array(parents),
         offset=np.array([link.position for link in links]),
-        mounting=np.array([Pose.of(link.position, link.orientation).rotation for link in links]),
+        mounting=to_matrix(np.array([link.orientation for link in links])),
         hinge=np.array([link.joint.axis for link in links]),
         rotor_inertia=np.array([link.joint.rotor_inertia for link in links]),
         mass=np.array([body.mass for body in bodies]),
@@ -45,9 +56,7 @@ def mechanics(base: Inertial, arms: Sequence[Arm]) -> FloatingRobot:
         inertia=np.array([matrix(body) for body in bodies]),
         end_effector_link=ends,
         end_effector_offset=np.array([arm.tool_position for arm in arms]),
-        end_effector_mounting=np.array(
-            [Pose.of(arm.tool_position, arm.tool_orientation).rotation for arm in arms]
-        ),
+        end_effector_mounting=to_matrix(np.array([arm.tool_orientation for arm in arms])),
         range=np.array([link.joint.range for link in links]),
         home=np.array([link.joint.home for link in links]),
     )

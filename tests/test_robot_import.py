@@ -1,13 +1,10 @@
 """Arms imported from URDF, against Pinocchio reading the same files."""
 
-from typing import Any
-
 import numpy as np
 import pytest
-from imported_arms import BOX, FACE, example_robot, mechanics
+from imported_arms import example_robot, imported, mechanics
 
-from space_envs.robots.description.importing.arms import import_arms
-from space_envs.robots.description.importing.source import ArmSource, ImportedArms
+from space_envs.robots.description.arms import DescribedArm
 
 PANDA, UR5 = "panda_description/urdf/panda.urdf", "ur_description/urdf/ur5_robot.urdf"
 UR10, XARM7 = "ur_description/urdf/ur10_robot.urdf", "xarm_description/urdf/xarm7.urdf"
@@ -29,19 +26,21 @@ ROBOTS = {
 }
 
 
-def imported(name: str, **options: Any) -> ImportedArms:
-    """Arms of an example robot, without a contact shape."""
+LIMITS = {"rate": 0.5, "acceleration": 0.5, "torque": 50.0}
+
+
+def example_arms(name: str) -> list[DescribedArm]:
+    """Arms of an example robot."""
     tools, home, lock = ROBOTS[name]
-    file = example_robot(name)
-    options = {"contacts": False, "home": home, "lock": lock, **options}
-    return import_arms([ArmSource(file, tool=tool, **options) for tool in tools], BOX)
+    arm = {"file": str(example_robot(name)), "home": home, "lock": lock, "limits": LIMITS, "capsules": []}
+    return imported(*(arm if tool is None else {**arm, "tool": tool} for tool in tools))
 
 
-def locked_values(arms: ImportedArms, lock: dict[str, float]) -> dict[str, float]:
+def locked_values(arms: list[DescribedArm], lock: dict[str, float]) -> dict[str, float]:
     """Values of the joints that are fixed, as the notes state them."""
     values = dict(lock)
-    for note in arms.notes:
-        if " joints that are not between" in note:
+    for note in arms[0].notes:
+        if note.startswith("joints that are not between"):
             parts = note.split("fixed: ")[1].rstrip(".").split(", ")
             values |= {part.split(" at ")[0]: float(part.split(" at ")[1]) for part in parts}
     return values
@@ -51,10 +50,10 @@ def locked_values(arms: ImportedArms, lock: dict[str, float]) -> dict[str, float
 def test_momentum_is_that_of_pinocchio(name):
     """The mass matrix of the floating robot, with grippers locked, to ten digits."""
     pin = pytest.importorskip("pinocchio")
-    arms = imported(name)
-    robot = mechanics(arms.fixed, arms.arms)
+    arms = example_arms(name)
+    robot = mechanics(arms)
     whole = pin.buildModelFromUrdf(str(example_robot(name)), pin.JointModelFreeFlyer())
-    joints = [link.joint.name for arm in arms.arms for link in arm.links]
+    joints = [link.joint.name for arm in arms for link in arm.links]
     still = pin.neutral(whole)
     for joint, value in locked_values(arms, ROBOTS[name][2]).items():
         index = whole.joints[whole.getJointId(joint)]
@@ -75,11 +74,3 @@ def test_momentum_is_that_of_pinocchio(name):
         base, coupling = robot.momentum_matrices(angles)
         np.testing.assert_allclose(np.triu(base), mass[:, :6], rtol=1e-10, atol=1e-10 * base.max())
         np.testing.assert_allclose(coupling, mass[:, columns], rtol=1e-10, atol=1e-10 * base.max())
-
-
-def test_mount_moves_what_is_fixed_and_the_first_link_alone():
-    free, mounted = imported(XARM7), imported(XARM7, position=FACE, orientation=(0.0, 1.0, 0.0, 0.0))
-    assert free.arms[0].links[1:] == mounted.arms[0].links[1:]
-    np.testing.assert_allclose(
-        mounted.fixed.centre, np.array([1, -1, -1]) * free.fixed.centre + np.array(FACE), atol=1e-12
-    )

@@ -2,10 +2,14 @@
 
 from collections.abc import Sequence
 
+import mujoco
 import numpy as np
 
 from space_envs.dynamics.rotations import Array, from_matrix, to_matrix
+from space_envs.robots.pose import Pose
 from space_envs.robots.robot import Inertial, Quaternion, Vector3
+
+_DIGITS = 12  # significant, of masses and moments
 
 
 def rod_moments(mass: float, radius: float, along: Vector3) -> Vector3:
@@ -33,10 +37,25 @@ def box_moments(mass: float, sides: Vector3) -> Vector3:
 
 def principal(mass: float, centre: Array, inertia: Array) -> Inertial:
     """Mass properties from an inertia matrix (3, 3) about the centre of mass, in the body's axes, kg m^2."""
-    moments, axes = np.linalg.eigh(inertia)
-    if np.linalg.det(axes) < 0.0:
-        axes[:, 0] = -axes[:, 0]
-    return Inertial(mass, vector(moments), vector(centre), quaternion(from_matrix(axes)))
+    scale = float(np.abs(inertia).max()) or 1.0
+    # Rounded, so that the axes of two equal moments are the same on every machine.
+    symmetric = np.round((inertia + inertia.T) / (2.0 * scale), _DIGITS)
+    moments, axes = np.diag(symmetric), np.array([1.0, 0.0, 0.0, 0.0])
+    if not np.array_equal(symmetric, np.diag(moments)):
+        moments, vectors, axes = np.empty(3), np.empty(9), np.empty(4)
+        mujoco.mju_eig3(moments, vectors, axes, symmetric.ravel())
+    return rounded(Inertial(mass, vector(scale * moments), vector(centre), quaternion(axes)))
+
+
+def rounded(body: Inertial) -> Inertial:
+    """The same mass properties without the rounding errors of one machine, which change a robot's digest."""
+    pose = Pose.of(body.centre, body.axes)
+    first, second, third = map(_significant, body.moments)
+    return Inertial(_significant(body.mass), (first, second, third), pose.vector, pose.quaternion)
+
+
+def _significant(value: float) -> float:
+    return float(f"{value:.{_DIGITS}g}")
 
 
 def matrix(body: Inertial) -> Array:

@@ -1,25 +1,10 @@
 """Poses of a robot's end-effectors in its satellite's frame, from its numbers alone."""
 
-from typing import NamedTuple
-
 import numpy as np
 
-from space_envs.dynamics.rotations import Array, exponential, multiply, rotate
+from space_envs.dynamics.rotations import Array, exponential
+from space_envs.robots.pose import Pose
 from space_envs.robots.robot import Arm, Robot
-
-
-class Pose(NamedTuple):
-    """Position (3,) m and orientation (4,), w x y z, of a frame in another one."""
-
-    position: Array
-    orientation: Array
-
-    def __matmul__(self, other: "Pose") -> "Pose":
-        """Pose of a third frame, given in the second."""
-        return Pose(
-            self.position + rotate(self.orientation, other.position),
-            multiply(self.orientation, other.orientation),
-        )
 
 
 def tool_poses(robot: Robot, q: Array) -> list[Pose]:

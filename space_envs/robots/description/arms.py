@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from space_envs.robots.description.shape.clouds import Cloud
 from space_envs.robots.robot import (
     IDENTITY,
     ORIGIN,
@@ -23,6 +24,7 @@ class DescribedArm:
         links: from the satellite outwards; the first one's pose is in the chain's root frame.
         tool_position, tool_orientation: of the end-effector's frame, in the last link's frame.
         anchors, capsules: shape for contacts.
+        solids: contact geometry of each link in its frame, for an arm without capsules.
         root: mass properties of what is fixed to the satellite, in the root frame; None if there is nothing.
         root_visuals: what is drawn of it.
         notes: sentences for the robot's user about what was assumed or left out.
@@ -33,6 +35,7 @@ class DescribedArm:
     tool_orientation: Quaternion = IDENTITY
     anchors: tuple[Anchor, ...] = ()
     capsules: tuple[Capsule, ...] = ()
+    solids: tuple[tuple[Cloud, ...], ...] = ()
     root: Inertial | None = None
     root_visuals: tuple[Visual, ...] = ()
     notes: tuple[str, ...] = ()

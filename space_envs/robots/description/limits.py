@@ -39,14 +39,17 @@ class JointValues:
 
 
 def joint_values(
-    arm: DescriptionTable, names: list[str], defaults: Mapping[str, Sequence[Any] | None] | None = None
+    arm: DescriptionTable,
+    names: list[str],
+    defaults: Mapping[str, Sequence[Any] | None] | None = None,
+    prefix: str = "",
 ) -> JointValues:
     """Values of an arm's joints from its table, with the defaults of its own file.
 
     Args:
         arm: table of the arm. names: of its joints.
         defaults: values of each joint by key (`home` and those of `limits`); None, and NaN in a list, where
-            there is none.
+            there is none. prefix: of names that tables by joint may leave out.
 
     Raises:
         ConfigurationError: for a value that is missing, malformed or contradictory.
@@ -55,10 +58,10 @@ def joint_values(
     limits = arm.table("limits", LIMIT_KEYS, {})
 
     def read(table: DescriptionTable, key: str, default: Any = None) -> list[float]:
-        return _one_each(table, key, names, known.get(key, default))
+        return _one_each(table, key, names, known.get(key, default), prefix)
 
     n = len(names)
-    ranges = _ranges(limits, names, known.get("range"))
+    ranges = _ranges(limits, names, known.get("range"), prefix)
     values = JointValues(
         names=names,
         home=read(arm, "home"),
@@ -84,14 +87,12 @@ def joint_values(
 
 
 def _one_each(
-    table: DescriptionTable, key: str, names: list[str], default: Sequence[float] | None
+    table: DescriptionTable, key: str, names: list[str], default: Sequence[float] | None, prefix: str
 ) -> list[float]:
     """A number for each joint, in the order of `names`."""
     value = table.get(key, None)
     if isinstance(value, Mapping):
-        for name in value:
-            if name not in names:
-                raise table.error(f"{key}: {unknown_name('joint', name, names)}")
+        value = _by_joint(table, key, value, names, prefix)
         found = [value.get(name, None if default is None else default[n]) for n, name in enumerate(names)]
     elif isinstance(value, list):
         found = value
@@ -113,6 +114,19 @@ def _one_each(
     return array.tolist()
 
 
+def _by_joint(
+    table: DescriptionTable, key: str, values: Mapping[str, Any], names: list[str], prefix: str
+) -> dict[str, Any]:
+    """Values by the whole names of joints."""
+    found = {}
+    for name, value in values.items():
+        whole = name if name in names else f"{prefix}{name}"
+        if whole not in names:
+            raise table.error(f"{key}: {unknown_name('joint', name, names)}")
+        found[whole] = value
+    return found
+
+
 def _lack(key: str, missing: list[str]) -> str:
     example = f"{key} = {{ {missing[0]!r} = ... }}".replace("'", '"')
     where = "" if key in ("home", "rotor_inertia") else "limits."
@@ -123,14 +137,12 @@ def _lack(key: str, missing: list[str]) -> str:
 
 
 def _ranges(
-    limits: DescriptionTable, names: list[str], default: Sequence[Any] | None
+    limits: DescriptionTable, names: list[str], default: Sequence[Any] | None, prefix: str
 ) -> list[tuple[float, float]]:
     """Least and largest angle of each joint."""
     value = limits.get("range", None)
     if isinstance(value, Mapping):
-        for name in value:
-            if name not in names:
-                raise limits.error(f"range: {unknown_name('joint', name, names)}")
+        value = _by_joint(limits, "range", value, names, prefix)
         found = [value.get(name, None if default is None else default[n]) for n, name in enumerate(names)]
     else:
         found = value if value is not None else list(default) if default is not None else [None] * len(names)

@@ -1,18 +1,21 @@
 """Arms of a description, mounted on their satellite."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from space_envs.errors import shown
 from space_envs.robots.description.arms import DescribedArm
 from space_envs.robots.description.contact_shape import explicit_shape
+from space_envs.robots.description.importing.arms import imported_arms
 from space_envs.robots.description.inline import inline_arm
 from space_envs.robots.description.satellites import read_satellite
+from space_envs.robots.description.shape.contact import contact_shape
 from space_envs.robots.description.tables import DescriptionTable
 from space_envs.robots.inertias import moved, quaternion, vector
-from space_envs.robots.kinematics import Pose
+from space_envs.robots.pose import Pose
 from space_envs.robots.robot import IDENTITY, ORIGIN, Arm, Satellite, Visual
 
 MOUNT_KEYS = ("position", "quaternion")
@@ -30,28 +33,47 @@ def assembled(
     Raises:
         ConfigurationError: for anything that is missing or not valid.
     """
-    arms = [_described(table) for table in tables]
+    arms = _described(robot, tables)
     mounts = [_mount(table) for table in tables]
     pairs = list(zip(arms, mounts, strict=True))
     fixed = [moved(arm.root, *mount) for arm, mount in pairs if arm.root is not None]
     drawn = tuple(_moved(visual, mount) for arm, mount in pairs for visual in arm.root_visuals)
     body = read_satellite(satellite, fixed, drawn)
     origin = Pose(np.array(body.box_centre), np.array(IDENTITY))
-    built = tuple(_mounted(arm, origin @ mount) for arm, mount in pairs)
+    built, notes = [], []
+    for arm, mount in pairs:
+        mounted, more = _mounted(arm, origin @ mount, body)
+        built.append(mounted)
+        notes += [*arm.notes, *more]
     counts = [len(arm.links) for arm in built]
     if len(set(counts)) > 1:
         raise robot.error(f"two arms need as many joints each, got {counts[0]} and {counts[1]}")
-    return body, built, tuple(note for arm in arms for note in arm.notes)
+    return body, tuple(built), tuple(dict.fromkeys(notes))
 
 
-def _described(table: DescriptionTable) -> DescribedArm:
-    if ("links" in table) == ("file" in table):
-        raise table.error("needs either 'file', a URDF or MJCF file, or 'links', a list of tables")
-    arm = inline_arm(table)
-    if "capsules" in table:
-        anchors, capsules = explicit_shape(table, len(arm.links), arm.tool_position)
-        arm = replace(arm, anchors=anchors, capsules=capsules)
-    return arm
+def _described(robot: DescriptionTable, tables: Sequence[DescriptionTable]) -> list[DescribedArm]:
+    """Arms as their tables and files describe them."""
+    for table in tables:
+        if ("links" in table) == ("file" in table):
+            raise table.error("needs either 'file', a URDF or MJCF file, or 'links', a list of tables")
+    imported = iter(imported_arms([table for table in tables if "file" in table], _packages(robot)))
+    arms = [next(imported) if "file" in table else inline_arm(table) for table in tables]
+    return [_with_capsules(arm, table) for arm, table in zip(arms, tables, strict=True)]
+
+
+def _packages(robot: DescriptionTable) -> dict[str, Path]:
+    """Folders of packages by name, from `[packages]`."""
+    given = robot.get("packages", {})
+    if not isinstance(given, Mapping) or not all(isinstance(folder, str) for folder in given.values()):
+        raise robot.error(f"[packages] must be a table of folders by name, got {shown(given)}")
+    return {name: robot.file.parent / folder for name, folder in given.items()}
+
+
+def _with_capsules(arm: DescribedArm, table: DescriptionTable) -> DescribedArm:
+    if "capsules" not in table:
+        return arm
+    anchors, capsules = explicit_shape(table, len(arm.links), arm.tool_position)
+    return replace(arm, anchors=anchors, capsules=capsules)
 
 
 def _mount(table: DescriptionTable) -> Pose:
@@ -64,11 +86,15 @@ def _mount(table: DescriptionTable) -> Pose:
     return Pose(np.array(position), np.array(orientation) / scale)
 
 
-def _mounted(arm: DescribedArm, mount: Pose) -> Arm:
+def _mounted(arm: DescribedArm, mount: Pose, satellite: Satellite) -> tuple[Arm, tuple[str, ...]]:
+    """An arm in the satellite's frame, and notes about its contact shape."""
     first = arm.links[0]
     pose = mount @ Pose(np.array(first.position), np.array(first.orientation))
     root = replace(first, position=vector(pose.position), orientation=quaternion(pose.orientation))
-    return Arm((root, *arm.links[1:]), arm.tool_position, arm.tool_orientation, arm.anchors, arm.capsules)
+    links, notes, shape = (root, *arm.links[1:]), (), (arm.anchors, arm.capsules)
+    if not arm.capsules:
+        *shape, notes = contact_shape(links, arm.tool_position, arm.solids, satellite)
+    return Arm(links, arm.tool_position, arm.tool_orientation, *shape), notes
 
 
 def _moved(visual: Visual, by: Pose) -> Visual:

@@ -5,7 +5,8 @@ import numpy as np
 from space_envs.dynamics.rotations import Array, exponential, from_matrix
 from space_envs.robots.description.tables import DescriptionTable
 from space_envs.robots.inertias import box_moments, quaternion, vector
-from space_envs.robots.kinematics import Pose, tool_poses
+from space_envs.robots.kinematics import tool_poses
+from space_envs.robots.pose import Pose
 from space_envs.robots.robot import Quaternion, Robot, Target
 
 TARGET_KEYS = ("mass", "inertia", "half_width", "body", "gripper", "position", "orientation")

@@ -1,17 +1,16 @@
 """The chain of joints from the root to the tool of an arm, and what the other joints are fixed at."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable
 from typing import NamedTuple
 
 from space_envs.checks import number
-from space_envs.errors import ConfigurationError
+from space_envs.errors import ConfigurationError, unknown_name
 from space_envs.robots.description.importing.files.tree import HINGE, SLIDE, FileJoint, FileTree, Frame
 from space_envs.robots.description.importing.source import ArmSource
-from space_envs.robots.description.joint_values import found_name
 from space_envs.robots.pose import Pose
 
 
-class Chain(NamedTuple):
+class JointChain(NamedTuple):
     """An arm in a file.
 
     Attributes:
@@ -25,7 +24,7 @@ class Chain(NamedTuple):
     joints: tuple[FileJoint, ...]
 
 
-def find_chain(tree: FileTree, source: ArmSource) -> Chain:
+def find_chain(tree: FileTree, source: ArmSource) -> JointChain:
     """The arm that a source asks for.
 
     Raises:
@@ -64,7 +63,7 @@ def find_chain(tree: FileTree, source: ArmSource) -> Chain:
             "they are fixed to each other, or every joint between them is locked"
         )
     _check_couplings(tree, path[path.index(root) + 1 :])
-    return Chain(root, tool, tuple(moving), tuple(joints))
+    return JointChain(root, tool, tuple(moving), tuple(joints))
 
 
 def lock_values(tree: FileTree, source: ArmSource) -> dict[str, float]:
@@ -74,9 +73,8 @@ def lock_values(tree: FileTree, source: ArmSource) -> dict[str, float]:
         ConfigurationError: for unknown joints and values outside of a joint's range.
     """
     joints = tree.joints
-    given = source.lock if isinstance(source.lock, Mapping) else dict.fromkeys(source.lock, 0.0)
     values = {}
-    for name, value in given.items():
+    for name, value in source.lock.items():
         joint = joints[found_name("joint in lock", name, joints, source.prefix)]
         values[joint.name] = number(f"lock of joint {joint.name!r}", value)
         low, high = joint.range or (-float("inf"), float("inf"))
@@ -90,6 +88,19 @@ def lock_values(tree: FileTree, source: ArmSource) -> dict[str, float]:
                 f"joint {joint.name!r} is {joint.kind}; it can be locked at 0 only, got {value}"
             )
     return values
+
+
+def found_name(kind: str, name: str, valid: Iterable[str], prefix: str) -> str:
+    """The name in a file that is meant: itself, or with the prefix.
+
+    Raises:
+        ConfigurationError: with the nearest name.
+    """
+    known = list(valid)
+    for candidate in (name, f"{prefix}{name}"):
+        if candidate in known:
+            return candidate
+    raise unknown_name(kind, name, known)
 
 
 def _default_root(tree: FileTree) -> int:

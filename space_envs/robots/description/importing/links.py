@@ -4,49 +4,40 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from space_envs.robots.description.importing.chain import Chain
+from space_envs.robots.description.arms import DescribedArm
+from space_envs.robots.description.importing.chain import JointChain
 from space_envs.robots.description.importing.geometry import drawings, solid_clouds
-from space_envs.robots.description.importing.plausible import check_link, check_offset
-from space_envs.robots.description.importing.rigid import Assembly
-from space_envs.robots.description.importing.source import ArmSource
-from space_envs.robots.description.shape.contact import ContactShape, contact_shape
-from space_envs.robots.pose import Pose
-from space_envs.robots.robot import Arm, Joint, Link, Vector3
+from space_envs.robots.description.importing.plausible import check_offset, checked_link
+from space_envs.robots.description.importing.rigid import RigidParts
+from space_envs.robots.robot import Joint, Link, Visual
 
 
-def arm_of(
-    assembly: Assembly, chain: Chain, joints: Sequence[Joint], source: ArmSource, box: Vector3
-) -> tuple[Arm, list[str]]:
-    """An arm with its first link in the satellite's own frame, and notes.
+def described_arm(
+    parts: RigidParts, chain: JointChain, joints: Sequence[Joint], contacts: bool
+) -> DescribedArm:
+    """An arm with its first link in the root's frame, without the root.
+
+    Args:
+        contacts: whether its contact geometry is used.
 
     Raises:
         ConfigurationError: for links without mass, offsets that no arm has, and meshes that cannot be read.
     """
-    links, notes = [], []
+    links, solids, notes = [], [], []
     for body, joint in zip(chain.moving, joints, strict=True):
-        link, problems = _link(assembly, body, joint, source)
-        links.append(link)
+        shapes = parts.shapes(body)
+        visuals, problems = drawings(shapes)
+        links.append(_link(parts, body, joint, visuals))
+        solids.append(tuple(solid_clouds(links[-1].name, shapes)) if contacts else ())
         notes += problems
-    tool = assembly.placed[chain.tool.body].pose @ chain.tool.pose
-    shape = ContactShape((), (), ())
-    if source.contacts:
-        solids = [
-            solid_clouds(link.name, assembly.shapes(body))
-            for link, body in zip(links, chain.moving, strict=True)
-        ]
-        shape = contact_shape(links, tool.vector, solids, box)
-    arm = Arm(tuple(links), tool.vector, tool.quaternion, shape.anchors, shape.capsules)
-    return arm, [*notes, *shape.notes]
+    tool = parts.placed[chain.tool.body].pose @ chain.tool.pose
+    return DescribedArm(tuple(links), tool.vector, tool.quaternion, solids=tuple(solids), notes=tuple(notes))
 
 
-def _link(assembly: Assembly, body: int, joint: Joint, source: ArmSource) -> tuple[Link, list[str]]:
-    name = assembly.tree.bodies[body].name
-    inertial = assembly.inertial(body)
-    check_link(name, joint.name, inertial, assembly.tree.inertial_example)
-    frame = assembly.frames[body]
-    check_offset(joint.name, float(np.linalg.norm(frame.pose.position)))
-    pose = frame.pose
-    if frame.carrier == assembly.root:
-        pose = Pose.of(source.position, source.orientation) @ pose
-    visuals, problems = drawings(assembly.shapes(body))
-    return Link(name, pose.vector, pose.quaternion, joint, inertial, visuals), problems
+def _link(parts: RigidParts, body: int, joint: Joint, visuals: tuple[Visual, ...]) -> Link:
+    name = parts.tree.bodies[body].name
+    inertial = parts.inertial(body)
+    inertial = checked_link(name, joint.name, inertial, parts.tree.inertial_example)
+    pose = parts.frames[body].pose
+    check_offset(joint.name, float(np.linalg.norm(pose.position)))
+    return Link(name, pose.vector, pose.quaternion, joint, inertial, visuals)

@@ -56,14 +56,17 @@ def _listed(inertial: Inertial) -> str:
     return ", ".join(f"{value:.6g}" for value in inertial.moments)
 
 
-def check_link(name: str, joint: str, inertial: Inertial, files: str) -> None:
-    """Reject a link that moves and has no mass or no inertia.
+def checked_link(name: str, joint: str, inertial: Inertial | None, files: str) -> Inertial:
+    """Mass properties of a link that moves, if it has mass and inertia.
 
     Args:
         name: of the link. joint: that moves it. inertial: with what is fixed to it. files: how a mass is
             written in its format.
+
+    Raises:
+        ConfigurationError: if it has not.
     """
-    if inertial.mass == 0.0:
+    if inertial is None:
         raise ConfigurationError(
             f"link {name!r}, which joint {joint!r} moves, has no mass, nor has anything that is fixed to it: "
             f"write its {files}"
@@ -73,6 +76,7 @@ def check_link(name: str, joint: str, inertial: Inertial, files: str) -> None:
             f"link {name!r}, which joint {joint!r} moves, has a mass of {inertial.mass:g} kg but principal "
             f"moments of inertia of {_listed(inertial)} kg m^2: all three must be positive; write its {files}"
         )
+    return inertial
 
 
 def check_offset(name: str, distance: float) -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from space_envs.robots.description.importing.files.tree import HINGE, SLIDE, FileJoint, FileTree, Shape
-from space_envs.robots.inertia import lumped, moved
+from space_envs.robots.inertias import combined, moved, rounded
 from space_envs.robots.pose import Pose
 from space_envs.robots.robot import Inertial
 
@@ -25,11 +25,12 @@ class Placed:
 
 
 @dataclass(frozen=True)
-class Assembly:
+class RigidParts:
     """Bodies of a file below a root, as rigid parts.
 
     Attributes:
         tree: the file. root: place of the body that is fixed to the satellite. values: of locked joints.
+        moving: names of the joints that move.
         placed: bodies by place. frames: pose of a link's frame in the part that carries it, at joint angle
             zero, by the place of the body with the joint.
     """
@@ -39,6 +40,7 @@ class Assembly:
     placed: Mapping[int, Placed]
     frames: Mapping[int, Placed]
     values: Mapping[str, float]
+    moving: Collection[str]
 
     def value(self, joint: FileJoint) -> float:
         """Value that a joint which does not move is fixed at."""
@@ -50,14 +52,14 @@ class Assembly:
             if placed.carrier == carrier:
                 yield body, placed.pose
 
-    def inertial(self, carrier: int) -> Inertial:
-        """Mass properties of a rigid part."""
-        bodies = self.tree.bodies
-        return lumped(
-            moved(inertial, pose)
+    def inertial(self, carrier: int) -> Inertial | None:
+        """Mass properties of a rigid part; None if nothing in it has mass."""
+        found = [
+            moved(inertial, *pose)
             for body, pose in self.members(carrier)
-            if (inertial := bodies[body].inertial) is not None
-        )
+            if (inertial := self.tree.bodies[body].inertial) is not None
+        ]
+        return rounded(combined(found)) if any(body.mass for body in found) else None
 
     def shapes(self, carrier: int) -> list[Shape]:
         """Geometry of a rigid part, in its frame."""
@@ -68,7 +70,7 @@ class Assembly:
         ]
 
 
-def assemble(tree: FileTree, root: int, moving: Collection[str], values: Mapping[str, float]) -> Assembly:
+def assemble(tree: FileTree, root: int, moving: Collection[str], values: Mapping[str, float]) -> RigidParts:
     """The rigid parts below a root, whose own joint is left out.
 
     Args:
@@ -82,14 +84,14 @@ def assemble(tree: FileTree, root: int, moving: Collection[str], values: Mapping
         above = placed[body.parent]
         carrier, pose = above.carrier, above.pose @ body.pose
         for joint in body.joints:
-            anchor = Pose.of(tuple(joint.at))
+            anchor = Pose.of(joint.at)
             if joint.name in moving:
                 frames[place] = Placed(carrier, pose @ anchor @ Pose.about(joint.axis, -joint.zero))
                 carrier, pose = place, anchor.inverse
             else:
                 pose = pose @ _displacement(joint, value_of(tree, joint, values))
         placed[place] = Placed(carrier, pose)
-    return Assembly(tree, root, placed, frames, values)
+    return RigidParts(tree, root, placed, frames, values, moving)
 
 
 def value_of(tree: FileTree, joint: FileJoint, values: Mapping[str, float]) -> float:
@@ -108,9 +110,9 @@ def value_of(tree: FileTree, joint: FileJoint, values: Mapping[str, float]) -> f
 def _displacement(joint: FileJoint, value: float) -> Pose:
     """Motion of a body by a joint from its pose in the file; none for joints of other kinds."""
     if joint.kind == SLIDE:
-        return Pose.of(tuple(joint.axis * (value - joint.zero)))
+        return Pose.of(joint.axis * (value - joint.zero))
     if joint.kind == HINGE:
-        anchor = Pose.of(tuple(joint.at))
+        anchor = Pose.of(joint.at)
         return anchor @ Pose.about(joint.axis, value - joint.zero) @ anchor.inverse
     return Pose.of()
 

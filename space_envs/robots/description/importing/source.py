@@ -1,11 +1,13 @@
-"""Arms that a description asks for from robot files, and the arms as they are read."""
+"""Arms that a description asks for from robot files."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from space_envs.robots.robot import IDENTITY, ORIGIN, Arm, Inertial, Quaternion, Vector3, Visual
+from space_envs.errors import shown
+from space_envs.robots.description.importing.files.packages import Packages, resolve
+from space_envs.robots.description.tables import DescriptionTable
 
 
 @dataclass(frozen=True)
@@ -13,45 +15,46 @@ class ArmSource:
     """An arm in a URDF or MJCF file.
 
     Attributes:
-        file: the file. packages: where `package://NAME` lies, by name; other places are looked at too.
+        table: of the arm, with its home and limits. file: the robot file. packages: where `package://NAME`
+            lies, by name; other places are looked at too.
         root: link that is fixed to the satellite; None for the file's root. tool: link or site of the
             end-effector; None for the last link, if there is only one. prefix: added to names that the file
             does not have.
-        position, orientation: of the root in the satellite's own frame, m and unit quaternion w x y z.
-        lock: joints that are fixed, with their angles or displacements, or a list of names, at zero. Joints
-            that are not between root and tool are fixed in any case.
-        home: angles of the joints at the start, in their order or by name; None for the file's.
-        limits: `range`, `rate`, `acceleration` and `torque` that replace those of the file: one for all
-            joints, a list, or a table by name.
-        contacts: whether a contact shape is fitted; not where a description has its own.
+        lock: joints that are fixed, with their angles or displacements. Joints that are not between root and
+            tool are fixed in any case.
     """
 
+    table: DescriptionTable
     file: Path
-    packages: Mapping[str, Path] = field(default_factory=dict)
-    root: str | None = None
-    tool: str | None = None
-    prefix: str = ""
-    position: Vector3 = ORIGIN
-    orientation: Quaternion = IDENTITY
-    lock: Mapping[str, Any] | Sequence[str] = ()
-    home: Any = None
-    limits: Mapping[str, Any] = field(default_factory=dict)
-    contacts: bool = True
+    packages: Packages
+    root: str | None
+    tool: str | None
+    prefix: str
+    lock: Mapping[str, Any]
+
+    @property
+    def robot(self) -> tuple[Any, ...]:
+        """The same for two arms that are branches of one robot, and not two copies of it."""
+        return self.file.resolve(), self.root, repr(self.table.get("mount", None))
 
 
-@dataclass(frozen=True)
-class ImportedArms:
-    """Arms from robot files.
+def arm_source(table: DescriptionTable, packages: Packages) -> ArmSource:
+    """The source that the table of an arm with `file` describes.
 
-    Attributes:
-        arms: in the order of their sources; the first link is in the satellite's own frame. The acceleration
-            limit of a joint is NaN where no limit was given: files have none.
-        fixed: what is fixed to the satellite, in its own frame; mass 0 if there is nothing.
-        visuals: how that is drawn, in the satellite's own frame.
-        notes: sentences about what was found and assumed or ignored.
+    Raises:
+        ConfigurationError: for a package that is nowhere, and values that are no names.
     """
-
-    arms: tuple[Arm, ...]
-    fixed: Inertial
-    visuals: tuple[Visual, ...]
-    notes: tuple[str, ...]
+    lock = table.get("lock", {})
+    if isinstance(lock, list):
+        lock = dict.fromkeys(map(str, lock), 0.0)
+    if not isinstance(lock, Mapping):
+        raise table.error(f"lock must be a table of joints and their values, or a list, got {shown(lock)}")
+    return ArmSource(
+        table=table,
+        file=resolve(table.text("file"), table.file, packages),
+        packages=packages,
+        root=table.text("root", None),
+        tool=table.text("tool", None),
+        prefix=table.text("prefix", ""),
+        lock=lock,
+    )

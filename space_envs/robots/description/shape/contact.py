@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from space_envs.dynamics.capsules import box_distance
-from space_envs.dynamics.rotations import Array, exponential, to_matrix
+from space_envs.dynamics.rotations import exponential
 from space_envs.robots.description.shape.clouds import Cloud, joined
 from space_envs.robots.description.shape.enclosing import Segment, enclosing_capsule
-from space_envs.robots.pose import Pose, vector
-from space_envs.robots.robot import ORIGIN, UNCHECKED, Anchor, Capsule, Link, Vector3
+from space_envs.robots.pose import Pose
+from space_envs.robots.robot import ORIGIN, UNCHECKED, Anchor, Capsule, Link, Satellite, Vector3
 
 END_EFFECTOR = "end_effector"
 _MOST = 3  # capsules of a link
@@ -30,25 +30,26 @@ class ContactShape(NamedTuple):
 
 
 def contact_shape(
-    links: Sequence[Link], tool: Vector3, solids: Sequence[Sequence[Cloud]], box: Vector3
+    links: Sequence[Link], tool: Vector3, solids: Sequence[Sequence[Cloud]], satellite: Satellite
 ) -> ContactShape:
     """Capsules around the links of an arm.
 
     Args:
         links: of the arm, the first in the satellite's frame. tool: in the last link's frame, m.
-        solids: geometry of each link in its frame; empty where there is none, for a capsule along the link.
-        box: half sides of the satellite around the origin of its frame, m.
+        solids: geometry of each link in its frame, or empty; a link without any has a capsule along its axis.
+        satellite: that carries the arm.
     """
-    ends = [vector(link.position) for link in links[1:]] + [tool]
+    ends = [link.position for link in links[1:]] + [tool]
     segments, bare = [], []
-    for number, (link, clouds, end) in enumerate(zip(links, solids, ends, strict=True), start=1):
+    rows = zip(links, solids or ((),) * len(links), ends, strict=True)
+    for number, (link, clouds, end) in enumerate(rows, start=1):
         if clouds:
             segments += [(number, segment) for segment in link_capsules(clouds)]
         elif np.linalg.norm(end) > _SHORT:
             segments.append((number, _along(end)))
             bare.append(link.name)
     notes = [f"links without collision geometry have capsules along their axes: {', '.join(bare)}."]
-    radii, more = _satellite_radii(links, segments, box)
+    radii, more = _satellite_radii(links, segments, satellite)
     return ContactShape(*_capsules(links, tool, segments, radii), (*(notes if bare else []), *more))
 
 
@@ -83,7 +84,7 @@ def _capsules(
     for place, ((number, segment), satellite) in enumerate(zip(segments, radii, strict=True), start=1):
         pair = []
         for word, point in (("start", segment.start), ("end", segment.end)):
-            anchor = Anchor(number, vector(point), f"capsule{place}_{word}")
+            anchor = Anchor(number, Pose.of(point).vector, f"capsule{place}_{word}")
             if number == len(links) and anchor.at == tool:
                 anchor = Anchor(number, tool, END_EFFECTOR)
             pair.append(len(anchors))
@@ -105,15 +106,14 @@ def _target_radius(segment: Segment, tool: Vector3) -> float:
 
 
 def _satellite_radii(
-    links: Sequence[Link], segments: Sequence[tuple[int, Segment]], box: Vector3
+    links: Sequence[Link], segments: Sequence[tuple[int, Segment]], satellite: Satellite
 ) -> tuple[list[float], list[str]]:
     """Radius of each capsule in checks against the satellite, and notes."""
-    poses = _link_poses(links)
+    poses, centre = _link_poses(links), np.array(satellite.box_centre)
     radii, mounted, thin = [], [], []
     for number, segment in segments:
-        rotation, position = poses[number - 1]
-        start, end = (position + rotation @ point for point in (segment.start, segment.end))
-        distance = box_distance(start, end, np.array(box))
+        start, end = (poses[number - 1].point(point) - centre for point in (segment.start, segment.end))
+        distance = box_distance(start, end, np.array(satellite.box))
         name = links[number - 1].name
         if (distance[1:] < segment.radius).all():
             radii.append(UNCHECKED)
@@ -136,18 +136,15 @@ def _satellite_radii(
     return radii, notes
 
 
-def _link_poses(links: Sequence[Link]) -> list[tuple[Array, Array]]:
-    """Rotations (s, 3, 3) and positions (s, 3) of the links at home and at random angles in the ranges."""
+def _link_poses(links: Sequence[Link]) -> list[Pose]:
+    """Poses of the links at home and at random angles in the ranges, with a leading axis of samples."""
     rng = np.random.default_rng(_SEED)
     low, high = np.array([link.joint.range for link in links]).T
     home = np.array([link.joint.home for link in links])
     angles = np.concatenate([home[None], rng.uniform(low, high, (_SAMPLES, len(links)))])
-    rotation, position = np.tile(np.eye(3), (len(angles), 1, 1)), np.zeros((len(angles), 3))
-    poses = []
+    pose, poses = Pose.of(), []
     for link, angle in zip(links, angles.T, strict=True):
-        mount = Pose.of(link.position, link.orientation)
-        position = position + rotation @ mount.position
-        hinge = to_matrix(exponential(angle[:, None] * np.array(link.joint.axis)))
-        rotation = rotation @ mount.rotation @ hinge
-        poses.append((rotation, position))
+        hinge = Pose(np.zeros(3), exponential(angle[:, None] * np.array(link.joint.axis)))
+        pose = pose @ Pose.of(link.position, link.orientation) @ hinge
+        poses.append(pose)
     return poses

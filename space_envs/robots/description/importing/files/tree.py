@@ -114,7 +114,7 @@ class FileTree:
 
     @property
     def inertial_example(self) -> str:
-        """How mass and inertia are written in this format."""
+        """Mass and inertia as they are written in this format."""
         return _EXAMPLES[self.format]
 
     @property

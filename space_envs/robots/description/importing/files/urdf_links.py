@@ -8,7 +8,7 @@ import numpy as np
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError, shown
 from space_envs.robots.description.importing.files.tree import HINGE, SLIDE, FileJoint, Mimic
-from space_envs.robots.inertia import principal
+from space_envs.robots.inertias import principal
 from space_envs.robots.robot import Inertial
 
 _KINDS = {"revolute": HINGE, "continuous": HINGE, "prismatic": SLIDE}
