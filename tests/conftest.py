@@ -42,8 +42,9 @@ def browser(engine: Playwright) -> Iterator[Browser]:
 
 @pytest.fixture
 def brief_reports(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Evaluations in this process time each policy once, draw no plots and small videos."""
+    """Evaluations in this process time each policy once and here, draw no plots, and small videos."""
     monkeypatch.setattr(policy_times, "ROUNDS", 1)
+    monkeypatch.setattr(policy_times, "elsewhere", lambda call: call[0](*call[1], **call[2]))
     monkeypatch.setattr(folder, "make_plots", lambda _, rows, *more: {row.task: [] for row in rows})
     monkeypatch.setattr(videos, "WIDTH", 160)
     monkeypatch.setattr(videos, "HEIGHT", 120)

@@ -1,13 +1,16 @@
 """A made-up but plausible evaluation, and a real short one, for the tests of statistics and report."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
 from agents.policies.resolve import resolve_policy
 from space_envs.dynamics.rotations import exponential
 from space_envs.evaluation.harness.chunk_result import evaluate_chunk
+from space_envs.evaluation.leaderboard.build import build_rows
+from space_envs.evaluation.leaderboard.row import Row
 from space_envs.evaluation.play.chunks import Chunk
 from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
 from space_envs.evaluation.play.episodes import EpisodeBatch
@@ -17,6 +20,7 @@ from space_envs.evaluation.replay.stills import Still
 from space_envs.evaluation.results.result import EvaluationResult
 from space_envs.tasks.base import CaptureTask
 
+FAILED: dict[str, Any] = {"captured": False, "outcome": "timeout", "time_to_capture": None}
 HOSTILE = "<img src=x onerror=alert(1)>"
 
 
@@ -98,6 +102,30 @@ def changed(record: EpisodeRecord, **changes: object) -> EpisodeRecord:
     """The record with these keys of its JSON changed."""
     values = {name: value for name, value in record.to_dict().items() if name != "checksum"}
     return record_of(values | changes)
+
+
+def failed(**changes: object) -> EpisodeRecord:
+    """An episode that ended with its horizon."""
+    return make_record(**(FAILED | changes))
+
+
+def played(
+    policy: str, attitudes: Sequence[float | None], seed: int = 0, start: int = 0, **changes: object
+) -> list[EpisodeRecord]:
+    """An episode for each attitude, at the end and at most; None is a failure that turned by 8 deg."""
+    records = []
+    for number, attitude in enumerate(attitudes):
+        turned = 8.0 if attitude is None else attitude
+        end = {"final_attitude": turned, "peak_attitude": turned} | (
+            FAILED | {"steps": 200} if attitude is None else {}
+        )
+        place = {"policy": policy, "seed": seed, "episode": number, "index": start + number}
+        records.append(make_record(**(place | end | changes)))
+    return records
+
+
+def rows_of(records: Sequence[EpisodeRecord], resamples: int = 200) -> list[Row]:
+    return build_rows(records, np.random.default_rng(0), resamples=resamples)
 
 
 def untimed(records: Iterable[EpisodeRecord]) -> list[dict[str, object]]:

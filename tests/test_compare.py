@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from result_folders import configuration, edit, episodes, made_episodes, write_folder
+from synthetic_results import FAILED
 
 from agents.commands import compare
 from agents.commands.show import main as show
@@ -19,8 +20,6 @@ from space_envs.evaluation.report.folder import write_report
 from space_envs.evaluation.results.folders import read_folder
 from space_envs.evaluation.results.merge import Source, merge
 from space_envs.evaluation.results.result import EvaluationResult, entry_stem
-
-FAILED = {"captured": False, "outcome": "timeout", "time_to_capture": None}
 
 
 def merged(*folders: Path | Source, separate: bool = False) -> tuple[EvaluationResult, list[str]]:

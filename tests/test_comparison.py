@@ -6,10 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from played_episodes import played, rows_of
 from scipy.special import ndtr
 from scipy.stats import mannwhitneyu
-from synthetic_results import changed, entry, make_record, make_result
+from synthetic_results import changed, entry, make_record, make_result, played, rows_of
 
 from space_envs.errors import ConfigurationError
 from space_envs.evaluation.leaderboard.comparison import COSTS, improvements, profiles

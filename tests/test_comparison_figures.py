@@ -6,8 +6,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from played_episodes import played, rows_of
-from synthetic_results import HOSTILE, Character, make_result
+from synthetic_results import HOSTILE, Character, make_result, played, rows_of
 
 from space_envs.evaluation.leaderboard.comparison import COSTS
 from space_envs.evaluation.leaderboard.pareto import FRONT

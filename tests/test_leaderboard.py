@@ -5,19 +5,16 @@ import io
 import math
 import re
 
-import numpy as np
 import pytest
 from rich.console import Console
-from synthetic_results import make_record, make_result, timed
+from synthetic_results import failed, make_record, make_result, rows_of, timed
 
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.leaderboard.build import build_rows
 from space_envs.evaluation.leaderboard.columns import COLUMNS, NOTE, RULES, column_named, leaders
 from space_envs.evaluation.leaderboard.figures import FIGURES, SHARES
 from space_envs.evaluation.leaderboard.rounding import interval, rounded
 from space_envs.evaluation.leaderboard.rounding import supported_decimals as decimals
 from space_envs.evaluation.leaderboard.row import Row
-from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.report.folder import write_report
 from space_envs.evaluation.report.tables.latex import to_latex
 from space_envs.evaluation.report.tables.markdown import to_markdown
@@ -25,14 +22,6 @@ from space_envs.evaluation.report.tables.terminal import to_terminal
 from space_envs.evaluation.report.tables.wording import failure_summaries
 from space_envs.evaluation.results.result import EvaluationResult
 from space_envs.evaluation.statistics.intervals import Estimate
-
-
-def failed(**changes: object) -> EpisodeRecord:
-    return make_record(**{"captured": False, "outcome": "timeout", "time_to_capture": None, **changes})
-
-
-def rows_of(records: list[EpisodeRecord]) -> list[Row]:
-    return build_rows(records, np.random.default_rng(0), resamples=200)
 
 
 def printed(rows: list[Row]) -> str:
@@ -180,6 +169,7 @@ def test_what_does_not_belong_together_is_refused() -> None:
 # What is told
 
 
+@pytest.mark.usefixtures("brief_reports")
 def test_every_failed_episode_is_counted_under_its_cause(tmp_path) -> None:
     causes = ["infeasible"] * 10 + ["singular"] * 4 + ["joint_limit"] * 2 + ["timeout"] * 2
     records = [

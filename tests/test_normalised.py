@@ -6,8 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from played_episodes import played
-from synthetic_results import entry, make_result
+from synthetic_results import entry, make_result, played
 
 from space_envs.errors import ConfigurationError
 from space_envs.evaluation.leaderboard.build import build_rows

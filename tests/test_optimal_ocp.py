@@ -1,12 +1,11 @@
 """Optimal control of the single arm: derivatives, known costs, limits, refusals; measured independently."""
 
-import json
 from dataclasses import replace
-from pathlib import Path
 
 import casadi as ca
 import numpy as np
 import pytest
+from known_reaches import KNOWN, drives, reach_of, robot
 
 from agents.planners.common.plans import Cause, Failure, Limits
 from agents.planners.common.solutions import Solution
@@ -21,31 +20,14 @@ from agents.planners.single_arm.library import shipped_library
 from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.promp.optimal import OptimalPlanner
 from agents.policies.single_arm.optimal import OptimalControl
-from space_envs.dynamics import FloatingRobot, roll_out_base
+from space_envs.dynamics import roll_out_base
 from space_envs.dynamics.rotations import rotate
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError
 from space_envs.policy import PolicyContext
 from space_envs.robots.single_arm import single_arm_model
-from space_envs.tasks.single_arm import SingleArmTask
 
-KNOWN = json.loads((Path(__file__).parent / "data" / "single_arm_goals.json").read_text())
 MODEL = single_arm_model()
-
-
-def robot() -> FloatingRobot:
-    return SingleArmTask().mechanics
-
-
-def drives() -> Limits:
-    return Limits(robot().range, 0.3, 0.25, 60.0)
-
-
-def reach_of(number: int, keep_attitude: bool = False) -> Reach:
-    goal = KNOWN[number]
-    return Reach(
-        robot().home, np.array(goal["position"]), np.array(goal["quaternion"]), keep_attitude=keep_attitude
-    )
 
 
 def planned(reach: Reach, limits: Limits = Limits(), starts: int = 3) -> ReachPlan:

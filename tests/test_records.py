@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from synthetic_results import make_record, make_result
+from synthetic_results import FAILED, make_record, make_result
 
 from space_envs.errors import ConfigurationError
 from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.records.storage import read_records, write_records
 from space_envs.evaluation.records.timing import UNTIMED
 
-FAILED = {"captured": False, "outcome": "timeout", "time_to_capture": None}
 FIELDS = (
     "schema env_id policy control_mode difficulty split index episode seed config_hash task_version captured "
     "outcome cause reason time_to_capture time_to_envelope steps episode_return position_error "

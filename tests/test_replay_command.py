@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from result_folders import configuration, episodes, write_folder
-from synthetic_results import changed
+from synthetic_results import FAILED, changed
 
 from agents.commands import replay as command
 from agents.commands.show import main as show
@@ -22,7 +22,6 @@ from space_envs.system.opengl import missing_gl
 
 SINGLE, DUAL = "SpaceCapture/SingleArm-v0", "SpaceCapture/DualArmPlanar-v0"
 PLANAR = configuration(env_id=DUAL)
-FAILED = {"captured": False, "outcome": "timeout", "time_to_capture": None}
 
 
 @pytest.fixture(scope="module")

@@ -11,8 +11,7 @@ import mujoco
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from played_episodes import rows_of
-from synthetic_results import HOSTILE, PlayedEpisodes, changed, make_played, make_record
+from synthetic_results import HOSTILE, PlayedEpisodes, changed, make_played, make_record, rows_of
 
 from space_envs.errors import ConfigurationError
 from space_envs.evaluation.replay.packing import (

@@ -19,7 +19,18 @@ import pytest
 from matplotlib.colors import to_rgb
 from PIL import Image
 from rich.console import Console
-from synthetic_results import CHARACTERS, HOSTILE, Character, entry, make_record, make_result, timed, untimed
+from synthetic_results import (
+    CHARACTERS,
+    HOSTILE,
+    Character,
+    entry,
+    failed,
+    make_record,
+    make_result,
+    rows_of,
+    timed,
+    untimed,
+)
 
 from space_envs.errors import ConfigurationError
 from space_envs.evaluation.leaderboard.build import build_rows
@@ -29,7 +40,6 @@ from space_envs.evaluation.leaderboard.row import Row
 from space_envs.evaluation.play.causes import CAUSES
 from space_envs.evaluation.play.episode_file import load_episodes
 from space_envs.evaluation.play.episodes import EpisodeBatch
-from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.records.names import csv_name, display_name, file_name, latex_name, markdown_name
 from space_envs.evaluation.records.storage import read_records
 from space_envs.evaluation.replay.stills import Still
@@ -56,16 +66,8 @@ from space_envs.evaluation.results.result import EvaluationResult, entry_stem
 WICKED = "$x_$ | `a` *b* [c](http://d) & é\x1b[31m\n<script>alert(1)</script>"
 
 
-def failed(**changes: object) -> EpisodeRecord:
-    return make_record(captured=False, outcome="timeout", time_to_capture=None, **changes)
-
-
 def named(result: EvaluationResult) -> dict[str, EpisodeBatch]:
     return {each.policy: own for each, own in result.episodes.items()}
-
-
-def rows_of(records: list[EpisodeRecord]) -> list[Row]:
-    return build_rows(records, np.random.default_rng(0), resamples=200)
 
 
 @pytest.fixture(scope="module")

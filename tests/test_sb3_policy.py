@@ -163,6 +163,7 @@ def test_noise_is_that_of_the_model(algorithm: str, tmp_path: Path, context: Pol
     np.testing.assert_allclose(ours.std(axis=0), theirs.std(axis=0), rtol=0.1)
 
 
+@pytest.mark.usefixtures("brief_reports")
 def test_one_command_plays_a_zip(ppo: Path, tmp_path: Path) -> None:
     from agents.commands.evaluate import main as evaluate
 

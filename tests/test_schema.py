@@ -8,7 +8,7 @@ import jsonschema
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from synthetic_results import make_record, make_result, record_of
+from synthetic_results import FAILED, make_record, make_result, record_of
 
 from docs.generate import DOCS
 from space_envs.errors import ConfigurationError
@@ -19,7 +19,6 @@ from space_envs.evaluation.records.schema import record_schema, schema_text
 from space_envs.evaluation.records.timing import UNTIMED
 
 VALIDATOR = jsonschema.Draft202012Validator(record_schema())
-FAILED = {"captured": False, "outcome": "timeout", "time_to_capture": None}
 RECORDS = {
     "captured": make_record(),
     "untimed": make_record(timing=UNTIMED),

@@ -1,6 +1,5 @@
 """The weight-space planner: its derivatives, its limits and its optima, by independent means."""
 
-import json
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -9,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from known_reaches import KNOWN, drives, reach_of, robot
 
 from agents.planners.common.plans import Cause, Failure, Limits
 from agents.planners.single_arm.check import check
@@ -24,29 +24,11 @@ from agents.planners.single_arm.weights.sqp import minimise
 from agents.planners.single_arm.weights.weight_space import WeightSpace
 from promp import GaussianBasis
 from promp.errors import StorageError
-from space_envs.dynamics import FloatingRobot, roll_out_base, trajectory_cost
+from space_envs.dynamics import roll_out_base, trajectory_cost
 from space_envs.dynamics.rotations import Array, exponential, to_matrix
 from space_envs.errors import ConfigurationError
 from space_envs.robots.single_arm import single_arm_model
 from space_envs.tasks.single_arm import SingleArmTask
-
-# Goals and the least costs known from elsewhere, m^2/s, with the attitude free and kept.
-KNOWN = json.loads((Path(__file__).parent / "data" / "single_arm_goals.json").read_text())
-
-
-def robot() -> FloatingRobot:
-    return SingleArmTask().mechanics
-
-
-def model_limits() -> Limits:
-    return Limits(robot().range, 0.3, 0.25, 60.0)
-
-
-def reach_of(number: int, keep_attitude: bool = False) -> Reach:
-    goal = KNOWN[number]
-    return Reach(
-        robot().home, np.array(goal["position"]), np.array(goal["quaternion"]), keep_attitude=keep_attitude
-    )
 
 
 def space_of(seed: int, rate: float = 0.1) -> tuple[WeightSpace, Array]:
@@ -208,7 +190,7 @@ def test_contradicting_bounds_have_no_step() -> None:
 
 @cache
 def planner(keep_attitude: bool, limited: bool) -> OptimalPlanner:
-    limits = model_limits() if limited else Limits()
+    limits = drives() if limited else Limits()
     return OptimalPlanner(robot(), limits, shipped_library(keep_attitude, limited), candidates=16, improved=4)
 
 
@@ -232,7 +214,7 @@ def test_limits_of_the_model_are_satisfied(keep_attitude: bool) -> None:
         reach = reach_of(number, keep_attitude)
         plan = planner(keep_attitude, True).plan(reach)
         assert isinstance(plan, ReachPlan)
-        violation = check(single_arm_model(), robot(), reach, model_limits(), plan).violation
+        violation = check(single_arm_model(), robot(), reach, drives(), plan).violation
         assert violation["position"] <= 0.0
         assert violation["rate"] <= 1e-4 * 0.3
         assert violation["acceleration"] <= 1e-2 * 0.25
@@ -246,8 +228,8 @@ def test_limits_of_the_model_are_satisfied(keep_attitude: bool) -> None:
 def test_torque_limit_is_active_and_satisfied() -> None:
     model, bare = single_arm_model(), planner(False, True).plan(reach_of(1))
     assert isinstance(bare, ReachPlan)
-    most = 60.0 + check(model, robot(), reach_of(1), model_limits(), bare).violation["torque"]
-    limits = replace(model_limits(), torque=0.8 * most)
+    most = 60.0 + check(model, robot(), reach_of(1), drives(), bare).violation["torque"]
+    limits = replace(drives(), torque=0.8 * most)
     plan = OptimalPlanner(robot(), limits, shipped_library(False)).plan(reach_of(1))
     assert isinstance(plan, ReachPlan)
     assert plan.cost > bare.cost
@@ -273,7 +255,7 @@ def plans_to_goals(keep_attitude: bool) -> list[tuple[Reach, ReachPlan]]:
     found = []
     for position, quaternion in zip(goals.position, goals.quaternion, strict=True):
         reach = Reach(robot().home, position, quaternion, keep_attitude=keep_attitude).checked(robot())
-        plan = OptimalPlanner(robot(), model_limits(), shipped_library(keep_attitude)).plan(reach)
+        plan = OptimalPlanner(robot(), drives(), shipped_library(keep_attitude)).plan(reach)
         assert isinstance(plan, ReachPlan)
         found.append((reach, plan))
     return found
@@ -290,7 +272,7 @@ def test_cost_is_that_of_a_dense_roll_out(keep_attitude: bool) -> None:
 
 @pytest.mark.parametrize("keep_attitude", [False, True])
 def test_more_iterations_gain_little(keep_attitude: bool) -> None:
-    planner = OptimalPlanner(robot(), model_limits())
+    planner = OptimalPlanner(robot(), drives())
     for reach, plan in plans_to_goals(keep_attitude):
         space, bounds, rows = planner.setting(reach)
         phase = plan.time / plan.time[-1]
@@ -304,7 +286,7 @@ def test_from_a_moving_start() -> None:
     reach = replace(reach_of(2), rate=np.full(7, 0.02), start=robot().home + 0.1, duration=8.0)
     plan = planner(False, True).plan(reach)
     assert isinstance(plan, ReachPlan)
-    violation = check(single_arm_model(), robot(), reach, model_limits(), plan).violation
+    violation = check(single_arm_model(), robot(), reach, drives(), plan).violation
     assert violation["start"] < 1e-9
     assert violation["position_error"] < 1e-3
 

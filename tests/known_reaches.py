@@ -1,0 +1,27 @@
+"""Reaching problems of the single arm whose least costs are known from elsewhere, for tests of planners."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from agents.planners.common.plans import Limits
+from agents.planners.single_arm.problem import Reach
+from space_envs.dynamics import FloatingRobot
+from space_envs.tasks.single_arm import SingleArmTask
+
+# Goals and the least costs, m^2/s, with the attitude free and kept.
+KNOWN = json.loads((Path(__file__).parent / "data" / "single_arm_goals.json").read_text())
+
+
+def robot() -> FloatingRobot:
+    return SingleArmTask().mechanics
+
+
+def drives() -> Limits:
+    return Limits(robot().range, 0.3, 0.25, 60.0)
+
+
+def reach_of(number: int, keep_attitude: bool = False) -> Reach:
+    position, quaternion = (np.array(KNOWN[number][name]) for name in ("position", "quaternion"))
+    return Reach(robot().home, position, quaternion, keep_attitude=keep_attitude)
