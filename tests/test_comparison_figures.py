@@ -53,7 +53,7 @@ def test_plots_hold_every_policy() -> None:
 
 
 def test_plots_repeat_and_ids_do_not() -> None:
-    records = make_result(episodes=10).records
+    records = make_result(episodes=10, policies=("hold", "gjm", "mpc")).records
     first = plots_of(records)
     assert plots_of(list(reversed(records))) == first
     assert plots_of(records, seed=1) != first
