@@ -195,7 +195,7 @@ def test_pages_are_links(page: Page) -> None:
     page.get_by_role("link", name="DualArmPlanar").click()
     until(page, "document.querySelector('#page-1 h2').offsetParent")
     assert page.locator("h2:visible").inner_text() == "SpaceCapture/DualArmPlanar-v0"
-    page.get_by_role("link", name="How it was made").focus()
+    page.get_by_role("link", name="Provenance").focus()
     page.keyboard.press("Enter")
     until(page, "document.querySelector('#about').offsetParent")
     assert "--policy random hold" in page.locator("pre:visible").inner_text()

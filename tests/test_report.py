@@ -579,7 +579,7 @@ def test_room_for_plots_is_shared_among_tasks() -> None:
     plots = {row.task: [plot(key, size) for key, size in sizes.items()] for row in rows}
     text = to_html(EvaluationResult(records), rows, plots)
     assert [text.count(f"<h4>{key.capitalize()}</h4>") for key in sizes] == [0, 3, 0]
-    assert text.count("stand only in the folder plots/: attitude, cost.") == 3
+    assert text.count("are in the folder plots/ only: attitude, cost.") == 3
 
 
 def test_eq_20_has_one_name_and_one_unit(paths: ReportPaths, drawn: dict[str, Plot]) -> None:

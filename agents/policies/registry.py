@@ -62,7 +62,7 @@ POLICIES: dict[str, RegisteredPolicy] = {
     ),
     "promp_optimal_kept": RegisteredPolicy(
         "agents.policies.single_arm.weights:PrompOptimalKept",
-        "the same with the first attitude again at the end",
+        "the same with the initial attitude again at the end",
     ),
     "promp_demonstrated": RegisteredPolicy(
         "agents.policies.single_arm.weights:PrompDemonstrated",

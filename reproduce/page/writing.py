@@ -83,7 +83,7 @@ def to_markdown(page: Page, images: str, prefix: str = "") -> str:
         parts.append(f"## {_md(section.title)}")
         for block in section.blocks:
             parts += _markdown(block, images, prefix)
-    parts += ["## Where this comes from", f"```sh\n{page.command}\n```"]
+    parts += ["## Provenance", f"```sh\n{page.command}\n```"]
     rows = [f"- {_md(name)}: {_md(value)}" for name, value in flat_rows(page.provenance)]
     parts += ["\n".join(rows)] if rows else []
     return "\n\n".join(parts) + "\n"
@@ -104,7 +104,7 @@ def _markdown(block: Block, images: str, prefix: str) -> list[str]:
 
 
 def _markdown_claims(block: ClaimTable) -> str:
-    heads = ("where", "the paper says", f"measured, {block.own}", "there", block.random, "counted as so")
+    heads = ("where", "the paper says", f"measured, {block.own}", "verdict", block.random, "criterion")
     rows = [
         (
             claim.rule.where,
