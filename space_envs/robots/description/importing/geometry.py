@@ -1,9 +1,11 @@
 """Drawings and contact geometry of imported links."""
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 from space_envs.errors import ConfigurationError
-from space_envs.robots.description.importing.files.meshes import MeshFile, mesh_vertices
+from space_envs.robots.description.importing.files.converted import converted
+from space_envs.robots.description.importing.files.meshes import COLLADA, MeshFile, mesh_vertices
 from space_envs.robots.description.importing.files.tree import Shape
 from space_envs.robots.description.shape.clouds import Cloud, cloud_of
 from space_envs.robots.robot import Visual
@@ -38,29 +40,36 @@ def _cloud(shape: Shape) -> Cloud:
 
 
 def drawings(shapes: Sequence[Shape]) -> tuple[tuple[Visual, ...], list[str]]:
-    """Visuals of a link, and why some cannot be drawn; its contact geometry is drawn instead."""
-    visuals, problems = [], []
-    for shape in shapes:
-        if shape.drawn and (problem := _problem(shape)):
-            problems.append(problem)
-        elif shape.drawn:
-            visuals.append(shape.visual)
+    """Visuals of a link, and why some cannot be drawn; its contact geometry is drawn instead of those."""
+    visuals, problems = _visuals([shape for shape in shapes if shape.drawn])
     if problems or not visuals:
-        solid = [shape for shape in shapes if shape.solid and not shape.drawn and not _problem(shape)]
-        visuals = [shape.visual for shape in solid] or visuals
+        visuals = _visuals([shape for shape in shapes if shape.solid and not shape.drawn])[0] or visuals
     return tuple(visuals), problems
 
 
-def _problem(shape: Shape) -> str | None:
-    """Why a shape cannot be drawn."""
+def _visuals(shapes: Iterable[Shape]) -> tuple[list[Visual], list[str]]:
+    visuals, problems = [], []
+    for shape in shapes:
+        try:
+            visuals += _drawn(shape)
+        except ConfigurationError as error:
+            problems.append(str(error))
+    return visuals, problems
+
+
+def _drawn(shape: Shape) -> list[Visual]:
+    """A shape with meshes that MuJoCo reads; ConfigurationError where there is none."""
+    visual = shape.visual
     if shape.problem is not None:
-        return shape.problem
-    if shape.visual.kind != "mesh":
-        return None
-    if shape.visual.mesh is None:
-        return "a mesh that is written in the file itself"
-    try:
-        mesh_vertices(MeshFile(shape.visual.mesh, shape.visual.size))
-    except ConfigurationError as error:
-        return str(error)
-    return None
+        raise ConfigurationError(shape.problem)
+    if visual.kind != "mesh":
+        return [visual]
+    if visual.mesh is None:
+        raise ConfigurationError("a mesh that is written in the robot file itself is not drawn")
+    if visual.mesh.suffix.lower() == COLLADA and visual.mesh.is_file():
+        return [
+            replace(visual, mesh=part.path, colour=part.colour or visual.colour)
+            for part in converted(visual.mesh)
+        ]
+    mesh_vertices(MeshFile(visual.mesh, visual.size))
+    return [visual]

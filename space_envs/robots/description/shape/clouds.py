@@ -10,7 +10,7 @@ from space_envs.robots.pose import Pose
 from space_envs.robots.robot import Visual
 
 _RIM = 16  # points of a circle; the polygon around it is 2 % wider
-_DIRECTIONS = 80  # and as many opposite ones
+_DIRECTIONS = 64  # and as many opposite ones
 
 
 class Cloud(NamedTuple):

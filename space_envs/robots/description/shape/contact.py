@@ -16,6 +16,7 @@ from space_envs.robots.robot import ORIGIN, UNCHECKED, Anchor, Capsule, Link, Sa
 END_EFFECTOR = "end_effector"
 _MOST = 3  # capsules of a link
 _WORTH = 1.3  # joined volume over the sum of volumes, up to which two capsules become one
+_ROUGH = 1  # rounds of fits that are only compared
 _SHARE, _THINNEST = 0.08, 0.02  # radius of links without geometry: of their length, and m at least
 _SHORT = 1e-6  # m
 _SAMPLES, _SEED = 256, 20  # configurations in which capsules and satellite are tested
@@ -55,20 +56,20 @@ def contact_shape(
 
 def link_capsules(clouds: Sequence[Cloud]) -> list[Segment]:
     """Capsules that enclose all geometry of a link, fewer where that costs little volume."""
-    groups = [[cloud] for cloud in clouds]
-    fits = [enclosing_capsule(cloud) for cloud in clouds]
-    while len(groups) > 1:
-        trials = {
-            (i, j): enclosing_capsule(joined(groups[i] + groups[j]))
-            for i, j in combinations(range(len(groups)), 2)
-        }
-        growth = {(i, j): fit.volume / (fits[i].volume + fits[j].volume) for (i, j), fit in trials.items()}
-        i, j = min(growth, key=lambda pair: growth[pair])
-        if growth[i, j] > _WORTH and len(groups) <= _MOST:
+    fits = {(number,): enclosing_capsule(cloud, _ROUGH) for number, cloud in enumerate(clouds)}
+    parts = list(fits)
+    while len(parts) > 1:
+        pairs = [(one + other, one, other) for one, other in combinations(parts, 2)]
+        for whole, _, _ in pairs:
+            if whole not in fits:
+                fits[whole] = enclosing_capsule(joined([clouds[number] for number in whole]), _ROUGH)
+        growth = [fits[whole].volume / (fits[one].volume + fits[other].volume) for whole, one, other in pairs]
+        least = int(np.argmin(growth))
+        if growth[least] > _WORTH and len(parts) <= _MOST:
             break
-        groups = [*(g for k, g in enumerate(groups) if k not in (i, j)), groups[i] + groups[j]]
-        fits = [*(f for k, f in enumerate(fits) if k not in (i, j)), trials[i, j]]
-    return fits
+        whole, one, other = pairs[least]
+        parts = [*(part for part in parts if part not in (one, other)), whole]
+    return [enclosing_capsule(joined([clouds[number] for number in part])) for part in parts]
 
 
 def _along(end: Vector3) -> Segment:

@@ -7,9 +7,9 @@ import numpy as np
 from space_envs.dynamics.rotations import Array
 from space_envs.robots.description.shape.clouds import Cloud, half_sphere, thinned
 
-_DIRECTIONS = 96  # first candidates of the axis
+_FIRST = np.concatenate([np.eye(3), half_sphere(64)])  # first candidates of the axis
 _ROUNDS, _NEAR = 5, 16  # refinements around the best one
-_CIRCLE_STEPS = 60
+_CIRCLE_STEPS = 40
 _DIGITS = 4  # behind the point, of m: every machine finds the same capsule
 _SHORTEST = 1e-3  # m; the centre line of a sphere has a direction too
 
@@ -32,12 +32,12 @@ class Segment(NamedTuple):
         return float(np.pi * self.radius**2 * (length + 4.0 / 3.0 * self.radius))
 
 
-def enclosing_capsule(cloud: Cloud) -> Segment:
-    """A capsule around all of a cloud, of nearly the smallest volume."""
+def enclosing_capsule(cloud: Cloud, rounds: int = _ROUNDS) -> Segment:
+    """A capsule around all of a cloud, of nearly the smallest volume; nearer to it after more rounds."""
     few = thinned(cloud)
-    best = _best(few, np.concatenate([np.eye(3), half_sphere(_DIRECTIONS)]))
-    spread = 2.0 / np.sqrt(_DIRECTIONS)
-    for _ in range(_ROUNDS):
+    best = _best(few, _FIRST)
+    spread = 2.0 / np.sqrt(len(_FIRST))
+    for _ in range(rounds):
         best = _best(few, np.concatenate([best[None], _around(best, spread)]))
         spread /= 2.5
     return _rounded(cloud, _fit(few, best[None]))
@@ -62,21 +62,23 @@ def _across(directions: Array) -> Array:
 
 def _fit(cloud: Cloud, directions: Array) -> tuple[Array, Array, Array]:
     """Ends (d, 3), (d, 3) and radii (d,) of the capsules along directions (d, 3)."""
-    flat = np.einsum("dij,kj->dki", _across(directions), cloud.centres)
-    centre = flat.mean(axis=1)
+    across, radii = _across(directions), cloud.radii
+    flat = across @ cloud.centres.T
+    x, y = flat[:, 0], flat[:, 1]
+    rows = np.arange(len(directions))
+    centre = flat.mean(axis=2)
     # The smallest circle, after Badoiu and Clarkson: towards the farthest point, by ever smaller steps.
-    for step in range(1, _CIRCLE_STEPS + 1):
-        distance = np.linalg.norm(flat - centre[:, None], axis=2) + cloud.radii
-        far = distance.argmax(axis=1)
-        centre += (flat[np.arange(len(flat)), far] - centre) / (step + 1.0)
-    aside = np.linalg.norm(flat - centre[:, None], axis=2)
-    radius = (aside + cloud.radii).max(axis=1)
-    cap = np.sqrt(np.maximum((radius[:, None] - cloud.radii) ** 2 - aside**2, 0.0))
-    along = np.einsum("di,ki->dk", directions, cloud.centres)
+    for step in range(2, _CIRCLE_STEPS + 2):
+        far = (np.hypot(x - centre[:, :1], y - centre[:, 1:]) + radii).argmax(axis=1)
+        centre += (flat[rows, :, far] - centre) / step
+    aside = np.hypot(x - centre[:, :1], y - centre[:, 1:])
+    radius = (aside + radii).max(axis=1)
+    cap = np.sqrt(np.maximum((radius[:, None] - radii) ** 2 - aside**2, 0.0))
+    along = directions @ cloud.centres.T
     low, high = (along + cap).min(axis=1), (along - cap).max(axis=1)
     middle, half = (low + high) / 2, np.maximum((high - low) / 2, _SHORTEST / 2)
     low, high = middle - half, middle + half
-    foot = np.einsum("di,dij->dj", centre, _across(directions))
+    foot = np.einsum("di,dij->dj", centre, across)
     return foot + low[:, None] * directions, foot + high[:, None] * directions, radius
 
 

@@ -40,16 +40,27 @@ def read_document(path: Path) -> tuple[str, ET.Element]:
         ConfigurationError: if there is no such file, it is no XML, or of neither format.
     """
     try:
-        content = read_bytes(path, _LARGEST)
-        root = ET.fromstring(content, ET.XMLParser(target=_Builder()))
+        root = parse_xml(path)
     except FileNotFoundError:
         names = [other.name for other in path.parent.glob("*")] if path.parent.is_dir() else []
         raise no_path("robot file", path, names) from None
-    except (OSError, LookupError) as error:
+    except OSError as error:
         raise ConfigurationError(f"cannot be read: {error}") from None
-    except ET.ParseError as error:
-        raise ConfigurationError(f"not well-formed XML: {error}") from None
     return _format_of(path, root), root
+
+
+def parse_xml(path: Path) -> ET.Element:
+    """Root element of an XML file.
+
+    Raises:
+        ConfigurationError: if it is no XML, or has a document type. OSError: if it cannot be read.
+    """
+    try:
+        return ET.fromstring(read_bytes(path, _LARGEST), ET.XMLParser(target=_Builder()))
+    except (ET.ParseError, LookupError, ValueError) as error:
+        if isinstance(error, ConfigurationError):
+            raise
+        raise ConfigurationError(f"not well-formed XML: {error}") from None
 
 
 def _format_of(path: Path, root: ET.Element) -> str:

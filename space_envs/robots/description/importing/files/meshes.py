@@ -1,4 +1,4 @@
-"""Meshes of robot files, read by MuJoCo: STL, OBJ and MSH."""
+"""Meshes of robot files: STL, OBJ and MSH, read by MuJoCo, and COLLADA."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -8,10 +8,12 @@ import numpy as np
 
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError
+from space_envs.robots.description.importing.files.collada import read_collada
 from space_envs.robots.pose import Pose
 from space_envs.robots.robot import Vector3
 
-READABLE = (".stl", ".obj", ".msh")
+READABLE = (".stl", ".obj", ".msh")  # by MuJoCo
+COLLADA = ".dae"
 
 
 class MeshFile(NamedTuple):
@@ -27,12 +29,15 @@ def mesh_vertices(mesh: MeshFile) -> Array:
     Raises:
         ConfigurationError: if there is no such file or MuJoCo cannot read it.
     """
-    if mesh.path.suffix.lower() not in READABLE:
-        raise ConfigurationError(
-            f"{mesh.path}: a mesh of type {mesh.path.suffix or 'none'}; {', '.join(READABLE)} can be read"
-        )
+    kind = mesh.path.suffix.lower()
+    if kind not in (*READABLE, COLLADA):
+        known = ", ".join((*READABLE, COLLADA))
+        raise ConfigurationError(f"{mesh.path}: a mesh of type {kind or 'none'}; {known} can be read")
     if not mesh.path.is_file():
         raise ConfigurationError(f"there is no mesh file {mesh.path}")
+    if kind == COLLADA:
+        corners = [surface.corners.reshape(-1, 3) for surface in read_collada(mesh.path)]
+        return np.concatenate(corners) * np.array(mesh.scale)
     spec = mujoco.MjSpec()
     spec.add_mesh(name="mesh", file=str(mesh.path.resolve()), scale=list(mesh.scale)).inertia = (
         mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL  # of any surface, closed or not

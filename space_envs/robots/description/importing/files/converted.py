@@ -1,0 +1,65 @@
+"""COLLADA drawings as STL files, which MuJoCo reads, in the user's cache."""
+
+import hashlib
+import json
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from space_envs.codegen.cache import LibraryError, cache_folder, private_folder
+from space_envs.dynamics.rotations import Array
+from space_envs.errors import ConfigurationError
+from space_envs.robots.description.importing.files.collada import Colour, read_collada
+from space_envs.system.files import atomic_write, write_json
+from space_envs.system.reading import read_bytes, read_object
+
+_FOLDER, _INDEX = "meshes", "colours.json"
+_FACE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+
+
+class Part(NamedTuple):
+    """A part of a drawing, of one colour; None where the file gives none."""
+
+    path: Path
+    colour: Colour | None
+
+
+def converted(path: Path) -> list[Part]:
+    """Parts of a COLLADA file as STL files, made at its first use.
+
+    Raises:
+        ConfigurationError: if the file cannot be read, or there is no folder for a cache.
+    """
+    try:
+        digest = hashlib.sha256(read_bytes(path)).hexdigest()
+        folder = private_folder(cache_folder()) / _FOLDER / digest
+        folder.mkdir(parents=True, exist_ok=True)
+        if not (folder / _INDEX).is_file():
+            _convert(path, folder)
+        colours = read_object(folder / _INDEX)["colours"]
+    except (OSError, LibraryError) as error:
+        raise ConfigurationError(f"{path}: cannot be converted for drawings: {error}") from None
+    return [Part(_part(folder, number), colour and tuple(colour)) for number, colour in enumerate(colours)]
+
+
+def _part(folder: Path, number: int) -> Path:
+    return folder / f"{number}.stl"
+
+
+def _convert(path: Path, folder: Path) -> None:
+    """Write all parts, and the index when they are complete."""
+    colours: dict[str, tuple[Colour | None, list[Array]]] = {}
+    for surface in read_collada(path):
+        colours.setdefault(json.dumps(surface.colour), (surface.colour, []))[1].append(surface.corners)
+    for number, (_, corners) in enumerate(colours.values()):
+        with atomic_write(_part(folder, number)) as file:
+            file.write_bytes(_stl(np.concatenate(corners)))
+    write_json(folder / _INDEX, {"colours": [colour for colour, _ in colours.values()]})
+
+
+def _stl(corners: Array) -> bytes:
+    """Binary STL of triangles (m, 3, 3)."""
+    faces = np.zeros(len(corners), dtype=_FACE)
+    faces["corners"] = corners
+    return bytes(80) + np.uint32(len(corners)).tobytes() + faces.tobytes()
