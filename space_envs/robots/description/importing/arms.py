@@ -14,10 +14,10 @@ from space_envs.robots.description.importing.files.packages import Packages
 from space_envs.robots.description.importing.files.tree import FileTree
 from space_envs.robots.description.importing.files.urdf import read_urdf
 from space_envs.robots.description.importing.geometry import drawings
-from space_envs.robots.description.importing.joints import joints_of
+from space_envs.robots.description.importing.joints import file_limits, joints_of
 from space_envs.robots.description.importing.links import described_arm
-from space_envs.robots.description.importing.notes import assembly_notes
-from space_envs.robots.description.importing.rigid import assemble
+from space_envs.robots.description.importing.notes import assembly_notes, drawing_notes
+from space_envs.robots.description.importing.rigid import RigidParts, assemble
 from space_envs.robots.description.importing.source import ArmSource, arm_source
 from space_envs.robots.description.tables import DescriptionTable
 
@@ -55,20 +55,25 @@ def _branches(sources: Sequence[ArmSource]) -> list[DescribedArm]:
         moving = [joint.name for chain in chains for joint in chain.joints]
         parts = assemble(tree, chains[0].root, moving, values)
         shared = [*tree.notes, *assembly_notes(parts)]
-    arms = []
-    for chain, source in zip(chains, sources, strict=True):
-        joints, notes = joints_of(tree, chain, source)
-        with _named(source):
-            arm = described_arm(parts, chain, joints, "capsules" not in source.table)
-        arms.append(replace(arm, notes=(*notes, *arm.notes)))
+    arms = [_arm(parts, chain, source) for chain, source in zip(chains, sources, strict=True)]
     visuals, problems = drawings(parts.shapes(parts.root))
     first = replace(
         arms[0],
         root=parts.inertial(parts.root),
         root_visuals=visuals,
-        notes=(*shared, *problems, *arms[0].notes),
+        notes=(*shared, *drawing_notes(problems), *arms[0].notes),
     )
     return [first, *arms[1:]]
+
+
+def _arm(parts: RigidParts, chain: JointChain, source: ArmSource) -> DescribedArm:
+    """An arm, without what is fixed to its root."""
+    with _named(source):
+        defaults = file_limits(parts.tree, chain)
+    joints, notes = joints_of(chain, defaults, source)
+    with _named(source):
+        arm = described_arm(parts, chain, joints, "capsules" not in source.table)
+    return replace(arm, notes=(*notes, *arm.notes))
 
 
 @contextmanager

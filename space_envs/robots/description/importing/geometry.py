@@ -4,9 +4,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from space_envs.errors import ConfigurationError
-from space_envs.robots.description.importing.files.converted import converted
-from space_envs.robots.description.importing.files.meshes import COLLADA, MeshFile, mesh_vertices
 from space_envs.robots.description.importing.files.tree import Shape
+from space_envs.robots.description.importing.meshes.converted import converted
+from space_envs.robots.description.importing.meshes.reading import COLLADA, MeshFile, mesh_vertices
 from space_envs.robots.description.shape.clouds import Cloud, cloud_of
 from space_envs.robots.robot import Visual
 

@@ -1,6 +1,7 @@
 """Joints of an imported arm: limits and home of its description, else of its file."""
 
 from math import inf, nan, pi
+from typing import Any
 
 from space_envs.errors import ConfigurationError
 from space_envs.robots.description.importing.chain import JointChain
@@ -13,7 +14,24 @@ from space_envs.robots.robot import Joint
 _ENDLESS = (-2 * pi, 2 * pi)  # rad, of joints without a range
 
 
-def joints_of(tree: FileTree, chain: JointChain, source: ArmSource) -> tuple[list[Joint], list[str]]:
+def file_limits(tree: FileTree, chain: JointChain) -> dict[str, list[Any]]:
+    """Values of the joints of a chain in their file, by key; NaN where it has none.
+
+    Raises:
+        ConfigurationError: for values that are not valid.
+    """
+    return {
+        "home": [tree.home.get(joint.name, nan) for joint in chain.joints],
+        "range": [_range(joint) for joint in chain.joints],
+        "rate": [_limit(joint, "velocity", joint.rate) for joint in chain.joints],
+        "torque": [_limit(joint, "effort", joint.effort) for joint in chain.joints],
+        "rotor_inertia": [joint.rotor_inertia for joint in chain.joints],
+    }
+
+
+def joints_of(
+    chain: JointChain, defaults: dict[str, list[Any]], source: ArmSource
+) -> tuple[list[Joint], list[str]]:
     """Joints of a chain, and notes.
 
     Raises:
@@ -21,13 +39,6 @@ def joints_of(tree: FileTree, chain: JointChain, source: ArmSource) -> tuple[lis
             a home outside of the range; the message says what to write.
     """
     names = [joint.name for joint in chain.joints]
-    defaults = {
-        "home": [tree.home.get(name, nan) for name in names],
-        "range": [_range(joint) for joint in chain.joints],
-        "rate": [_limit(joint, "velocity", joint.rate) for joint in chain.joints],
-        "torque": [_limit(joint, "effort", joint.effort) for joint in chain.joints],
-        "rotor_inertia": [joint.rotor_inertia for joint in chain.joints],
-    }
     values = joint_values(source.table, names, defaults, source.prefix)
     joints = [_joint(values, number, joint) for number, joint in enumerate(chain.joints)]
     endless = [

@@ -7,6 +7,7 @@ import numpy as np
 from space_envs.robots.description.arms import DescribedArm
 from space_envs.robots.description.importing.chain import JointChain
 from space_envs.robots.description.importing.geometry import drawings, solid_clouds
+from space_envs.robots.description.importing.notes import drawing_notes
 from space_envs.robots.description.importing.plausible import check_offset, checked_link
 from space_envs.robots.description.importing.rigid import RigidParts
 from space_envs.robots.robot import Joint, Link, Visual
@@ -23,15 +24,17 @@ def described_arm(
     Raises:
         ConfigurationError: for links without mass, offsets that no arm has, and meshes that cannot be read.
     """
-    links, solids, notes = [], [], []
+    links, solids, missing = [], [], []
     for body, joint in zip(chain.moving, joints, strict=True):
         shapes = parts.shapes(body)
         visuals, problems = drawings(shapes)
         links.append(_link(parts, body, joint, visuals))
         solids.append(tuple(solid_clouds(links[-1].name, shapes)) if contacts else ())
-        notes += problems
+        missing += problems
     tool = parts.placed[chain.tool.body].pose @ chain.tool.pose
-    return DescribedArm(tuple(links), tool.vector, tool.quaternion, solids=tuple(solids), notes=tuple(notes))
+    return DescribedArm(
+        tuple(links), tool.vector, tool.quaternion, solids=tuple(solids), notes=tuple(drawing_notes(missing))
+    )
 
 
 def _link(parts: RigidParts, body: int, joint: Joint, visuals: tuple[Visual, ...]) -> Link:

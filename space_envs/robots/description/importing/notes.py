@@ -1,5 +1,7 @@
 """Sentences about what an imported robot leaves out or assumes, and the errors of what it cannot."""
 
+from collections.abc import Sequence
+
 from space_envs.errors import ConfigurationError
 from space_envs.robots.description.importing.plausible import inertia_problem
 from space_envs.robots.description.importing.rigid import RigidParts
@@ -49,3 +51,10 @@ def _inertia_notes(parts: RigidParts) -> list[str]:
             f"{problem}. It is used, since with what is fixed to it, it is possible." for problem in problems
         ]
     return notes
+
+
+def drawing_notes(problems: Sequence[str]) -> list[str]:
+    """A sentence about drawings that are missing, with the reason for the first."""
+    if not problems:
+        return []
+    return [f"{len(problems)} drawings are replaced by contact geometry, or left out: {problems[0]}."]

@@ -8,9 +8,9 @@ import numpy as np
 
 from space_envs.errors import ConfigurationError
 from space_envs.robots.description.importing.files.geoms import KINDS, geom_pose, geom_visual
-from space_envs.robots.description.importing.files.meshes import READABLE, mesh_pose, original_vertices
 from space_envs.robots.description.importing.files.mjcf_joints import coupled, ignored, joint_of
 from space_envs.robots.description.importing.files.tree import FileBody, FileTree, Frame, Shape
+from space_envs.robots.description.importing.meshes.reading import READABLE, mesh_pose, original_vertices
 from space_envs.robots.pose import Pose
 from space_envs.robots.robot import Inertial
 

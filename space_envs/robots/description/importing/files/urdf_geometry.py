@@ -8,10 +8,10 @@ import mujoco
 
 from space_envs.errors import ConfigurationError, shown
 from space_envs.robots.description.importing.files.geoms import KINDS, geom_visual
-from space_envs.robots.description.importing.files.meshes import MeshFile
 from space_envs.robots.description.importing.files.packages import Packages, resolve
 from space_envs.robots.description.importing.files.structure import Structure
 from space_envs.robots.description.importing.files.tree import Shape
+from space_envs.robots.description.importing.meshes.reading import MeshFile
 
 # MuJoCo would merge fixed links, drop what is only drawn, and strip folders from names.
 _COMPILER = {"fusestatic": "false", "discardvisual": "false", "strippath": "false"}

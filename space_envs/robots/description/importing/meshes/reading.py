@@ -8,7 +8,7 @@ import numpy as np
 
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError
-from space_envs.robots.description.importing.files.collada import read_collada
+from space_envs.robots.description.importing.meshes.collada import read_collada
 from space_envs.robots.pose import Pose
 from space_envs.robots.robot import Vector3
 

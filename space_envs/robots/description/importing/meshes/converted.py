@@ -10,7 +10,7 @@ import numpy as np
 from space_envs.codegen.cache import LibraryError, cache_folder, private_folder
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError
-from space_envs.robots.description.importing.files.collada import Colour, read_collada
+from space_envs.robots.description.importing.meshes.collada import Colour, read_collada
 from space_envs.system.files import atomic_write, write_json
 from space_envs.system.reading import read_bytes, read_object
 

@@ -1,0 +1,1 @@
+"""Meshes that robot files name."""
