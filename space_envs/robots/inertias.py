@@ -64,7 +64,9 @@ def matrix(body: Inertial) -> Array:
     return axes @ np.diag(body.moments) @ axes.T
 
 
-def moved(body: Inertial, position: Sequence[float], orientation: Sequence[float]) -> Inertial:
+def moved(
+    body: Inertial, position: Sequence[float] | Array, orientation: Sequence[float] | Array
+) -> Inertial:
     """Mass properties of a body in the frame in which its own has this pose, m and quaternion."""
     rotation = to_matrix(np.array(orientation))
     centre = np.array(position) + rotation @ np.array(body.centre)

@@ -56,7 +56,9 @@ def contact_shape(
 
 def link_capsules(clouds: Sequence[Cloud]) -> list[Segment]:
     """Capsules that enclose all geometry of a link, fewer where that costs little volume."""
-    fits = {(number,): enclosing_capsule(cloud, _ROUGH) for number, cloud in enumerate(clouds)}
+    fits: dict[tuple[int, ...], Segment] = {
+        (number,): enclosing_capsule(cloud, _ROUGH) for number, cloud in enumerate(clouds)
+    }
     parts = list(fits)
     while len(parts) > 1:
         pairs = [(one + other, one, other) for one, other in combinations(parts, 2)]
@@ -83,16 +85,17 @@ def _capsules(
     anchors: list[Anchor] = []
     capsules = []
     for place, ((number, segment), satellite) in enumerate(zip(segments, radii, strict=True), start=1):
-        pair = []
+        places = []
         for word, point in (("start", segment.start), ("end", segment.end)):
             anchor = Anchor(number, Pose.of(point).vector, f"capsule{place}_{word}")
             if number == len(links) and anchor.at == tool:
                 anchor = Anchor(number, tool, END_EFFECTOR)
-            pair.append(len(anchors))
+            places.append(len(anchors))
             anchors.append(anchor)
+        start, end = places
         last = number == len(links)
         target = _target_radius(segment, tool) if last else segment.radius
-        capsules.append(Capsule(number, *pair, segment.radius, satellite, target))
+        capsules.append(Capsule(number, start, end, segment.radius, satellite, target))
     return tuple(anchors), tuple(capsules)
 
 

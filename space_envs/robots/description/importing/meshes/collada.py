@@ -9,17 +9,19 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array, exponential, to_matrix
 from space_envs.errors import ConfigurationError
 from space_envs.robots.description.importing.files.document import parse_xml
 
+Indices = NDArray[np.int64]
 Colour = tuple[float, float, float, float]
 _DEEPEST = 50  # nodes within each other
 _MOST = 2_000_000  # triangles of a file, after instancing
 
 
-class Surface(NamedTuple):
+class MeshSurface(NamedTuple):
     """Triangles of one colour.
 
     Attributes:
@@ -30,7 +32,7 @@ class Surface(NamedTuple):
     colour: Colour | None
 
 
-def read_collada(path: Path) -> list[Surface]:
+def read_collada(path: Path) -> list[MeshSurface]:
     """All surfaces of the scene in a COLLADA file.
 
     Raises:
@@ -61,12 +63,12 @@ class _Scene:
         self._root = self._elements[instance.get("url", "")] if instance is not None else first
         self._triangles = 0
 
-    def surfaces(self, frame: Array) -> Iterator[Surface]:
+    def surfaces(self, frame: Array) -> Iterator[MeshSurface]:
         """Surfaces of all nodes, in a frame (4, 4)."""
         for node in self._root.findall("node") if self._root is not None else ():
             yield from self._of_node(node, frame, 1)
 
-    def _of_node(self, node: ET.Element, frame: Array, depth: int) -> Iterator[Surface]:
+    def _of_node(self, node: ET.Element, frame: Array, depth: int) -> Iterator[MeshSurface]:
         if depth > _DEEPEST:
             raise ValueError("nodes are nested too deeply")
         for part in node:
@@ -84,7 +86,7 @@ class _Scene:
                         raise ValueError(f"more than {_MOST} triangles")
                     placed = corners @ frame[:3, :3].T + frame[:3, 3]
                     if len(corners):
-                        yield Surface(placed, self._colour(materials.get(group.get("material"))))
+                        yield MeshSurface(placed, self._colour(materials.get(group.get("material"))))
         for child in node.findall("node"):
             yield from self._of_node(child, frame, depth + 1)
         for instance in node.findall("instance_node"):
@@ -131,7 +133,7 @@ def _transform(element: ET.Element) -> Array:
     return result
 
 
-def _counts(group: ET.Element, places: Array, lengths: list[int]) -> Array:
+def _counts(group: ET.Element, places: Indices, lengths: list[int]) -> Indices:
     """Number of corners of each polygon of a primitive."""
     if group.tag == "triangles":
         return np.full(len(places) // 3, 3)
@@ -141,7 +143,7 @@ def _counts(group: ET.Element, places: Array, lengths: list[int]) -> Array:
     return np.array((count.text or "").split() if count is not None else [], dtype=np.int64)
 
 
-def _triangles(counts: Array, places: Array) -> Array:
+def _triangles(counts: Indices, places: Indices) -> Indices:
     """(m, 3) corners of triangles, from polygons whose corners stand one after another."""
     if counts.sum() != len(places):
         raise ValueError("polygons and their corners do not match")
