@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from benchmarks.arguments import seed, whole
 from benchmarks.machine import machine_class, markdown_table
-from benchmarks.simulated import ROBOTS, SimulatedRobot, environment, simulate, unlimited
+from benchmarks.simulated import ROBOTS, SimulatedRobot, environment, held_actions, simulate, unlimited
 from space_envs.control import CONTROL_MODES
 from space_envs.dynamics.bodies import body_motion, momentum_drift
 from space_envs.dynamics.rotations import Array
@@ -51,12 +51,13 @@ def full_strokes(env: CaptureVectorEnv, seed: int) -> Iterator[Array]:
     rng, period = np.random.default_rng(seed), env.task.control_period
     hold = np.maximum(1, np.rint(np.resize(HOLDS, env.num_envs) / period)).astype(int)
     reverses = (np.arange(env.num_envs) % 2 == 0)[:, None]
-    action = np.zeros(env.action_space.shape)
-    for step in range(min(round(SECONDS / period), env.task.horizon)):
-        drawn = np.sign(rng.uniform(-1.0, 1.0, action.shape))
-        following = np.where(reverses & (step > 0), -action, drawn)
-        action = np.where((step % hold == 0)[:, None], following, action)
-        yield action
+
+    def following(step: int, before: Array) -> Array:
+        drawn = np.sign(rng.uniform(-1.0, 1.0, before.shape))
+        return np.where(reverses & (step > 0), -before, drawn)
+
+    steps = min(round(SECONDS / period), env.task.horizon)
+    return held_actions(env.action_space.shape, steps, hold, following)
 
 
 def run(

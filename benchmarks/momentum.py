@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 from benchmarks.arguments import seed, whole
 from benchmarks.machine import machine_class, markdown_table
-from benchmarks.simulated import ROBOTS, SimulatedRobot, environment, simulate, unlimited
+from benchmarks.simulated import ROBOTS, SimulatedRobot, environment, held_actions, simulate, unlimited
 from space_envs.control import CONTROL_MODES
 from space_envs.dynamics.bodies import body_motion, momentum_drift
 from space_envs.dynamics.rotations import Array, angle_between
@@ -47,11 +47,10 @@ class ModeResult(NamedTuple):
 def random_actions(env: CaptureVectorEnv, seed: int) -> Iterator[Array]:
     """Actions (E, m) of successive control steps."""
     rng, hold = np.random.default_rng(seed), np.resize(HOLDS, env.num_envs)
-    action = np.zeros(env.action_space.shape)
-    for step in range(env.task.horizon):
-        drawn = rng.uniform(-1.0, 1.0, action.shape)
-        action = np.where((step % hold == 0)[:, None], drawn, action)
-        yield np.sign(action) if 2 * step >= env.task.horizon else action
+    shape, steps = env.action_space.shape, env.task.horizon
+    held = held_actions(shape, steps, hold, lambda step, before: rng.uniform(-1.0, 1.0, shape))
+    for step, action in enumerate(held):
+        yield np.sign(action) if 2 * step >= steps else action
 
 
 def run(robot: SimulatedRobot, mode: str, timestep: float, episodes: int, seed: int) -> ModeResult:

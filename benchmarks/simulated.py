@@ -1,10 +1,11 @@
 """Robots and episodes that always last until their horizon, for benchmarks of the simulation."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array
 from space_envs.envs import CaptureVectorEnv
@@ -75,6 +76,20 @@ def environment(
     )
     env.reset(seed=seed)
     return env
+
+
+def held_actions(
+    shape: tuple[int, ...], steps: int, hold: NDArray[np.int64], following: Callable[[int, Array], Array]
+) -> Iterator[Array]:
+    """Actions (E, m) of successive control steps, each held for `hold` (E,) steps.
+
+    Args:
+        following: number of a step and the actions before it -> the actions that follow, where one ends.
+    """
+    action = np.zeros(shape)
+    for step in range(steps):
+        action = np.where((step % hold == 0)[:, None], following(step, action), action)
+        yield action
 
 
 def simulate(env: CaptureVectorEnv, actions: Iterable[Array]) -> SimulatedMotion:

@@ -18,11 +18,56 @@ from agents.learning.sb3.vec_env import NativeVecEnv
 from agents.policies.learned.features import FeatureView
 from agents.policies.learned.network import Network
 from agents.policies.registry import make_policy
+from space_envs.dynamics.rotations import Array
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError
-from space_envs.policy import PolicyContext
+from space_envs.evaluation.play.steps import steps
+from space_envs.policy import Policy, PolicyContext
 
 Pairs = dict[str, NDArray[np.float32]]  # features (K, F) and actions (K, m)
+
+
+class _Labelled:
+    """Policy that acts by a network or a disturbed expert, and stores the expert's action at every step.
+
+    Args:
+        network: None for the expert, which acts also if it has a state.
+        noise: standard deviation of what disturbs the expert in half of its steps.
+
+    Attributes:
+        features: (N, F) of every step so far. actions: (N, m) of the expert.
+    """
+
+    def __init__(
+        self,
+        expert: Policy,
+        view: FeatureView,
+        network: Network | None,
+        noise: float,
+        generator: np.random.Generator,
+    ) -> None:
+        self._expert, self._view, self._network = expert, view, network
+        self._noise, self._generator = noise, generator
+        self.features: list[NDArray[np.float32]] = []
+        self.actions: list[NDArray[np.float32]] = []
+
+    def predict(
+        self,
+        observation: Array,
+        state: Any = None,
+        episode_start: NDArray[np.bool_] | None = None,
+        deterministic: bool = True,
+    ) -> tuple[Array, Any]:
+        """Actions (N, m) and the expert's next state, as in `Policy.predict`."""
+        features = self._view(observation)
+        label, state = self._expert.predict(observation, state=state, episode_start=episode_start)
+        self.features.append(features)
+        self.actions.append(label.astype(np.float32))
+        if self._network is not None and state is None:
+            return np.clip(self._network.actions(features), -1.0, 1.0), state
+        disturbed = self._generator.random((len(label), 1)) < 0.5
+        noise = self._noise * disturbed * self._generator.standard_normal(label.shape)
+        return np.clip(label + noise, -1.0, 1.0), state
 
 
 class Cloning:
@@ -121,27 +166,18 @@ class Cloning:
 
     def _collect(self, index: int) -> Pairs:
         """States that the expert (round 0, or a planner) or the network visits, with the expert's actions."""
-        parameters, n = self.parameters, self.env.num_envs
         seeds = np.random.SeedSequence([self.settings.seed, index])
-        rng = np.random.default_rng(seeds)
-        network = self.network
+        network = self.network if index else None
+        labelled = _Labelled(
+            self.expert, self.view, network, self.parameters.expert_noise, np.random.default_rng(seeds)
+        )
         observation, _ = self.env.reset(seed=int(seeds.generate_state(1)[0]))
-        start = np.ones(n, dtype=bool)
-        state: Any = None
-        seen, labels = [], []
-        for _ in range(parameters.episode_steps):
-            features = self.view(observation)
-            label, state = self.expert.predict(observation, state=state, episode_start=start)
-            seen.append(features)
-            labels.append(label.astype(np.float32))
-            if index == 0 or state is not None:
-                disturbed = rng.random((n, 1)) < 0.5
-                action = label + parameters.expert_noise * disturbed * rng.standard_normal(label.shape)
-            else:
-                action = network.actions(features)
-            observation, _, terminated, truncated, _ = self.env.step(np.clip(action, -1.0, 1.0))
-            start = terminated | truncated
-        return {"features": np.concatenate(seen), "actions": np.concatenate(labels)}
+        for _ in steps(labelled, self.env, observation):
+            pass
+        return {
+            "features": np.concatenate(labelled.features),
+            "actions": np.concatenate(labelled.actions),
+        }
 
     def _fit(self, index: int, epochs: int) -> float:
         """Passes over all data so far; returns the last one's mean weighted squared error."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array
@@ -48,8 +49,10 @@ def steps(
 ) -> Iterator[Step]:
     """Play the episodes of an environment that was just reset; yields every step until all have ended.
 
+    With autoreset in the same step an episode that has ended is followed by another one, up to the horizon.
+
     Args:
-        env: without autoreset. observation: (N, size) of its reset.
+        env: without autoreset, or with autoreset in the same step. observation: (N, size) of its reset.
         deterministic: whether a stochastic policy gives its mean action.
         as_float32: clip actions and give them in the type of the action space, so that an episode can be
             repeated from its recorded actions.
@@ -57,10 +60,9 @@ def steps(
     Raises:
         PolicyError: if the policy raises or returns no actions; the message says at which step.
     """
-    running = np.ones(env.num_envs, dtype=bool)
+    running, start = np.ones((2, env.num_envs), dtype=bool)
     state: Any = None
     for number in range(env.task.horizon):
-        start = np.full(env.num_envs, number == 0)
         try:
             given, state = predicted(
                 policy, observation, state, start, env.single_action_space.shape[0], deterministic
@@ -72,7 +74,11 @@ def steps(
         action = np.clip(given, -1.0, 1.0).astype(np.float32) if as_float32 else given
         observation, reward, terminated, truncated, info = env.step(action)
         yield Step(number, running, refused, action, observation, reward, terminated, truncated, info, state)
-        running = running & ~refused & ~(terminated | truncated)
+        ended = terminated | truncated
+        if env.autoreset_mode is AutoresetMode.SAME_STEP:
+            start = ended
+            continue
+        running, start = running & ~refused & ~ended, np.zeros_like(start)
         if not running.any():
             return
 
