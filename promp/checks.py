@@ -25,8 +25,8 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...] | No
         )
         if not fits:
             lengths = ["any" if length is None else str(length) for length in shape]
-            wanted = f"({lengths[0]},)" if len(lengths) == 1 else f"({', '.join(lengths)})"
-            raise PrompError(f"{name}: expected shape {wanted}, got {array.shape}")
+            expected = f"({lengths[0]},)" if len(lengths) == 1 else f"({', '.join(lengths)})"
+            raise PrompError(f"{name}: expected shape {expected}, got {array.shape}")
     if not np.isfinite(array).all():
         raise PrompError(f"{name}: expected finite numbers, got NaN or infinity")
     return array

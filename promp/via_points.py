@@ -77,8 +77,8 @@ def _one_target(via_point: ViaPoint, basis: GaussianBasis, n_dof: int) -> Linear
         targets.append(finite_array(kind, value, (dofs.size,)))
         deviation = finite_array(accuracy_name, accuracy)
         if deviation.shape not in ((), (dofs.size,)) or (deviation < 0).any():
-            wanted = f"one standard deviation, or {dofs.size}, of at least 0"
-            raise PrompError(f"{accuracy_name}: expected {wanted}, got {deviation}")
+            expected = f"one standard deviation, or {dofs.size}, of at least 0"
+            raise PrompError(f"{accuracy_name}: expected {expected}, got {deviation}")
         deviations.append(np.broadcast_to(deviation, dofs.size))
         labels.extend(f"{kind} of DoF {dof} at phase {phase:g}" for dof in dofs)
 

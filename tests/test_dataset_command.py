@@ -19,7 +19,7 @@ from space_envs.evaluation.datasets.storage import Dataset
 from space_envs.registration import ENTRIES
 
 
-def test_episodes_that_do_not_come_out_again_are_left_out(tmp_path, monkeypatch, capsys):
+def test_episodes_that_do_not_come_out_again_are_omitted(tmp_path, monkeypatch, capsys):
     played = datasets_recording.roll_out
 
     def tampered(*arguments, **keywords):
@@ -33,7 +33,7 @@ def test_episodes_that_do_not_come_out_again_are_left_out(tmp_path, monkeypatch,
     assert "episode 1 (goal 865): the replay from its actions differs: observations differ from row 6" in said
     card = read_card(folder(tmp_path))
     assert card is not None
-    assert [one["episode"] for one in card["episodes"]["left_out"]] == [1]
+    assert [one["episode"] for one in card["episodes"]["omitted"]] == [1]
     assert Dataset.load(folder(tmp_path) / "episodes.npz").episode.tolist() == [0, 2]
     assert "| 1 | 865 | the replay from its actions differs" in (folder(tmp_path) / "README.md").read_text()
 
@@ -45,7 +45,7 @@ def test_a_policy_that_raises_loses_its_own_episodes_only(tmp_path, capsys):
     said = capsys.readouterr().out
     for path in sorted(tmp_path.rglob("dataset.json")):
         card = json.loads(path.read_text())
-        lost = {one["index"] for one in card["episodes"]["left_out"]}
+        lost = {one["index"] for one in card["episodes"]["omitted"]}
         kept = set(card["goal_indices"])
         assert lost and kept and len(lost) + len(kept) == 6
         # Both dislike goals on one side.
@@ -161,7 +161,7 @@ def test_captured_only(tmp_path):
     assert some.index.tolist() == every.index[every.captured].tolist()
     card = read_card(folder(tmp_path / "captured", CLUTTERED))
     assert card is not None
-    assert card["episodes"]["not_captured_left_out"] == 4 - len(some)
+    assert card["episodes"]["not_captured"] == 4 - len(some)
 
 
 def test_experts_are_all_that_plan():

@@ -41,8 +41,8 @@ def chunk() -> Chunk:
 @pytest.fixture(scope="module")
 def recorded(chunk):
     result = record(chunk)
-    assert not result.left_out
-    return result.kept
+    assert not result.omitted
+    return result.trajectories
 
 
 # Replay ------------------------------------------------------------------------------------------

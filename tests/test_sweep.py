@@ -115,7 +115,7 @@ def test_runs_are_the_same_singly_and_together(tmp_path: Path) -> None:
         for seed in (3, 4):
             settings, parameters, _ = settle(common | {"seed": seed, "env_kwargs": {"reward": "sparse"}})
             folder = RunFolder(tmp_path / f"single-{seed}")
-            folder.begin(settings, parameters)
+            folder.create(settings, parameters)
             assert learn(folder, episodes=2, quiet=True)["validation"]["seconds"] <= 10.0
             policies.append(folder.policy.read_bytes())
             for jobs in ("1", "2"):
@@ -345,6 +345,6 @@ def test_bad_arguments(
 def test_a_folder_of_one_run_is_not_one_of_several(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    RunFolder(tmp_path / "run").begin(Settings("bc", ENV_ID), defaults("bc", expert="gjm"))
+    RunFolder(tmp_path / "run").create(Settings("bc", ENV_ID), defaults("bc", expert="gjm"))
     assert main(["--algo", "bc", "--seeds", "0-1", "--output", str(tmp_path / "run")]) == 2
     assert "holds a single run" in capsys.readouterr().err

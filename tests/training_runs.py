@@ -61,7 +61,7 @@ def begin(path: Path, algorithm: str, **changes: Any) -> RunFolder:
     names = ("seed", "init", "difficulty", "env_kwargs")
     settings = {name: changes.pop(name) for name in names if name in changes}
     folder = RunFolder(path)
-    folder.begin(Settings(algorithm, ENV_ID, **settings), small(algorithm, **changes))
+    folder.create(Settings(algorithm, ENV_ID, **settings), small(algorithm, **changes))
     return folder
 
 

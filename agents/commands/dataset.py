@@ -172,7 +172,7 @@ def _show(
     """Print the table of all datasets; returns whether one of them has no episode."""
     cards = {request.id: card for request, card in made}
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for name in ("id", "policy", "episodes", "captured", "left out", "state"):
+    for name in ("id", "policy", "episodes", "captured", "omitted", "state"):
         table.add_column(
             name, justify="left" if name in ("id", "policy", "state") else "right", overflow="fold"
         )
@@ -181,19 +181,19 @@ def _show(
     for request in requests:
         card = cards.get(request.id) or read_card(folders.folder(request)) or {}
         episodes = card["episodes"]
-        left_out = episodes["left_out"]
+        omitted = episodes["omitted"]
         state = "written" if request in missing else "was complete"
         state = state if episodes["written"] else "nothing to write"
-        counts = (episodes["written"], episodes["captured"], len(left_out))
+        counts = (episodes["written"], episodes["captured"], len(omitted))
         names = (request.task.env_id.split("/")[1], request.policy.name)
         table.add_row(*(Text(display_name(name)) for name in names), *map(str, counts), state)
-        for one in left_out[:NAMED]:
+        for one in omitted[:NAMED]:
             reasons.append(f"{request.id}: episode {one['episode']} (goal {one['index']}): {one['reason']}")
-        if len(left_out) > NAMED:
-            reasons.append(f"{request.id}: {len(left_out) - NAMED} more, in its card")
+        if len(omitted) > NAMED:
+            reasons.append(f"{request.id}: {len(omitted) - NAMED} more, in its card")
     print_at(console, table, width_of(console))
     for line in reasons:
-        console.print(f"left out of {line}", highlight=False, soft_wrap=True, markup=False)
+        console.print(f"omitted from {line}", highlight=False, soft_wrap=True, markup=False)
     console.print(f"Folder: {folders.output}", highlight=False, soft_wrap=True, markup=False)
     if any("minari" in request.formats for request in requests):
         hint = f"Minari finds them with {ROOT_VARIABLE}={shlex.quote(str(folders.minari))}"

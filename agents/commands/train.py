@@ -80,7 +80,7 @@ def _new_run(settled: Settled, parsed: argparse.Namespace) -> RunFolder:
     folder = RunFolder(Path(parsed.output or Path("runs") / name))
     if not folder.exists():
         check_free(folder.path, RUN)
-    folder.begin(settings, settled.parameters)
+    folder.create(settings, settled.parameters)
     folder.note_command(command_line())
     if not parsed.quiet:
         for message in settled.messages:

@@ -20,7 +20,7 @@ Checkpoint = dict[str, Any]
 
 
 def learn(folder: RunFolder, episodes: int | None = None, quiet: bool = False) -> dict[str, Any]:
-    """Train the run that `RunFolder.begin` described, from its checkpoint if there is one.
+    """Train the run that `RunFolder.create` described, from its checkpoint if there is one.
 
     ppo first clones its expert, in the folder `clone` of the run, unless it starts from another run.
 
@@ -46,8 +46,7 @@ def learn(folder: RunFolder, episodes: int | None = None, quiet: bool = False) -
 
 
 def _learn(session: Session, checkpoint: Checkpoint | None) -> dict[str, Any]:
-    cloning = isinstance(session.parameters, BC)
-    learner = _cloning(session, checkpoint) if cloning else _reinforcement(session, checkpoint)
+    learner = _learner(session, checkpoint)
     progress = Progress(session, learner.view, checkpoint)
     try:
         summary = progress.finish(learner.run(progress))
@@ -58,19 +57,13 @@ def _learn(session: Session, checkpoint: Checkpoint | None) -> dict[str, Any]:
     return summary
 
 
-def _cloning(session: Session, checkpoint: Checkpoint | None) -> Cloning:
-    learner = Cloning(session)
-    if checkpoint is not None:
-        learner.restore(checkpoint)
-    return learner
-
-
-def _reinforcement(session: Session, checkpoint: Checkpoint | None) -> Reinforcement:
+def _learner(session: Session, checkpoint: Checkpoint | None) -> Cloning | Reinforcement:
+    """The learner at its checkpoint; without one ppo is at the network that it starts from."""
     start = _start(session) if checkpoint is None else None
-    learner = Reinforcement(session)
+    learner = Cloning(session) if isinstance(session.parameters, BC) else Reinforcement(session)
     if checkpoint is not None:
         learner.restore(checkpoint)
-    elif start is not None:
+    elif start is not None and isinstance(learner, Reinforcement):
         learner.start_from(start)
     return learner
 
@@ -97,7 +90,7 @@ def _clone(session: Session, parameters: PPO) -> Network:
     )
     checkpoint = clone.checkpoint() if clone.exists() else None
     if not clone.exists():
-        clone.begin(settings, cloning)
+        clone.create(settings, cloning)
     if checkpoint is not None:
         session.budget.add(**checkpoint["times"])
     _learn(replace(session, folder=clone, settings=settings, parameters=cloning), checkpoint)

@@ -55,17 +55,17 @@ def _recorded(number: int, chunk: Chunk) -> tuple[int, int, Recorded]:
 def _written(request: DatasetRequest, parts: Sequence[Recorded], folders: DatasetFolders) -> dict[str, Any]:
     """Write a dataset and return its card; the card of an empty dataset lists only the omitted episodes."""
     folder = folders.folder(request)
-    written = sorted(chain(*(part.kept for part in parts)), key=lambda one: one.episode)
-    left_out = sorted(chain(*(part.left_out for part in parts)), key=lambda one: one.episode)
+    written = sorted(chain(*(part.trajectories for part in parts)), key=lambda one: one.episode)
+    omitted = sorted(chain(*(part.omitted for part in parts)), key=lambda one: one.episode)
     if request.captured_only:
         written = [one for one in written if one.captured]
     if not written:
-        return {"episodes": {"written": 0, "captured": 0, "left_out": [vars(one) for one in left_out]}}
+        return {"episodes": {"written": 0, "captured": 0, "omitted": [vars(one) for one in omitted]}}
     values = request.to_json()
     names = ("env_id", "policy", "control_mode", "difficulty", "split")
     dataset = Dataset.of({name: values[name] for name in names}, written)
     origin = provenance(request.command(), [request.seed])
-    card = make_card(values, origin, dataset, left_out, request.make_env())
+    card = make_card(values, origin, dataset, omitted, request.make_env())
     card["files"] = {}
     if "npz" in request.formats:
         dataset.save(folder / EPISODES)

@@ -64,8 +64,8 @@ def is_sweep(parsed: argparse.Namespace) -> bool:
     """
     if parsed.seeds is not None or parsed.sweep is not None:
         return True
-    if lonely := [f"--{name}" for name in SPREADING if getattr(parsed, name) is not None]:
-        raise ConfigurationError(f"{lonely[0]} is for several runs: give --seeds or --sweep too")
+    if given := [f"--{name}" for name in SPREADING if getattr(parsed, name) is not None]:
+        raise ConfigurationError(f"{given[0]} is for several runs: give --seeds or --sweep too")
     return False
 
 

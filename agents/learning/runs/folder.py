@@ -38,7 +38,7 @@ class RunFolder:
         """Whether a run is here."""
         return (self.path / CONFIG).exists()
 
-    def begin(self, settings: Settings, parameters: AnyHyperparameters) -> None:
+    def create(self, settings: Settings, parameters: AnyHyperparameters) -> None:
         """Make the folder and write its configuration.
 
         Raises:
@@ -71,7 +71,7 @@ class RunFolder:
         write_json(self.path / CONFIG, config)
 
     def config(self) -> dict[str, Any]:
-        """The configuration that `begin` wrote.
+        """The configuration that `create` wrote.
 
         Raises:
             ConfigurationError: if there is no run here, or its configuration is damaged.

@@ -50,7 +50,7 @@ def prepare(runs: Sequence[SweepRun], output: Path, command: list[str]) -> list[
             found.append(RunResult(run.name, "finished", summary))
             continue
         if not folder.exists():
-            folder.begin(run.settings, run.parameters)
+            folder.create(run.settings, run.parameters)
         folder.note_command(command)
         found.append(RunResult(run.name, "unfinished"))
     return found

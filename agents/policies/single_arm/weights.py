@@ -1,6 +1,7 @@
 """Policies that plan in the weights of a ProMP, from stored optimal motions."""
 
 from dataclasses import replace
+from typing import ClassVar
 
 from agents.planners.single_arm.library import shipped_library
 from agents.planners.single_arm.promp.avoiding import AvoidingPlanner
@@ -34,22 +35,16 @@ class PrompDemonstrated(OptimalPolicy):
     """
 
     needs = replace(POSE, joints=7, obstacles=False)
+    planner_type: ClassVar[type[DemonstratedPlanner | AvoidingPlanner]] = DemonstratedPlanner
 
     def __init__(self, context: PolicyContext, seed: int = 0) -> None:
         super().__init__(context, seed)
         library = shipped_library(self.keep_attitude)
-        self.planner = DemonstratedPlanner(context.arm, self.limits, library, seed=seed)
+        self.planner = self.planner_type(context.arm, self.limits, library, seed=seed)
 
 
-class PrompAvoiding(OptimalPolicy):
-    """Samples of ProMPs with a larger variance, refined where they come least near to keep-out spheres.
-
-    All episodes share the samples' draws, which the seed fixes. The final attitude is unconstrained.
-    """
+class PrompAvoiding(PrompDemonstrated):
+    """Samples of ProMPs with a larger variance, refined where they come least near to keep-out spheres."""
 
     needs = replace(POSE, joints=7, obstacles=True)
-
-    def __init__(self, context: PolicyContext, seed: int = 0) -> None:
-        super().__init__(context, seed)
-        library = shipped_library(self.keep_attitude)
-        self.planner = AvoidingPlanner(context.arm, self.limits, library, seed)
+    planner_type = AvoidingPlanner

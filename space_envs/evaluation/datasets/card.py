@@ -7,7 +7,7 @@ from typing import Any
 
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.datasets.recording import LeftOut
+from space_envs.evaluation.datasets.recording import OmittedEpisode
 from space_envs.evaluation.datasets.storage import SCHEMA_VERSION, Dataset
 from space_envs.evaluation.records.configuration import configuration, configuration_hash
 from space_envs.system.digests import file_digest
@@ -18,7 +18,7 @@ EPISODES, CARD, README = "episodes.npz", "dataset.json", "README.md"
 REPLAY = (
     "Each episode was played again from its seed, goal and actions, alone, in another environment; every bit "
     "of its observations, rewards, terminations and truncations, and its outcome, came out again. "
-    "Episodes that did not are left out."
+    "Episodes that did not are omitted."
 )
 _ACTION_UNITS = {
     "joint_velocity": "joint rates, rad/s",
@@ -32,14 +32,14 @@ def make_card(
     request: Mapping[str, Any],
     provenance: Mapping[str, Any],
     dataset: Dataset,
-    left_out: Sequence[LeftOut],
+    omitted: Sequence[OmittedEpisode],
     env: CaptureVectorEnv,
 ) -> dict[str, Any]:
     """Card of a dataset as plain JSON values: what made it and what it holds.
 
     Args:
         request: what was asked for, plain values. provenance: command, versions, commit.
-        dataset: what is written. left_out: episodes that are not, other than for not being captures.
+        dataset: what is written. omitted: episodes that are not, other than for not being captures.
         env: that it was made in.
     """
     task, outcomes = env.task, Counter(dataset.outcome.tolist())
@@ -55,8 +55,8 @@ def make_card(
             "steps": int(dataset.lengths.sum()),
             "captured": int(dataset.captured.sum()),
             "outcomes": {name: outcomes[name] for name in sorted(outcomes)},
-            "not_captured_left_out": request["episodes"] - len(dataset) - len(left_out),
-            "left_out": [vars(one) for one in left_out],
+            "not_captured": request["episodes"] - len(dataset) - len(omitted),
+            "omitted": [vars(one) for one in omitted],
         },
         "goal_indices": dataset.index.tolist(),
         "observation": [
@@ -131,8 +131,8 @@ def to_markdown(card: Mapping[str, Any]) -> str:
         "|---|---|",
         f"| episodes | {counts['written']} of {counts['asked']} asked for, {counts['steps']} steps |",
         f"| outcomes | {outcomes} |",
-        f"| left out | {len(counts['left_out'])} lost or not reproduced, "
-        f"{counts['not_captured_left_out']} not captured |",
+        f"| omitted | {len(counts['omitted'])} lost or not reproduced, "
+        f"{counts['not_captured']} not captured |",
         f"| seed | {request['seed']}, of the policy and of the order of the goals |",
         f"| control mode | {action['control_mode']}: {action['meaning']} |",
         f"| action scale | {', '.join(f'{value:.6g}' for value in action['scale'])} per unit action |",
@@ -150,9 +150,9 @@ def to_markdown(card: Mapping[str, Any]) -> str:
     for field in card["observation"]:
         columns = f"{field['start']}:{field['stop']}"
         lines.append(f"| {columns} | {field['name']} | {field['bound']:.6g} | {field['meaning']} |")
-    if counts["left_out"]:
+    if counts["omitted"]:
         lines += ["", "## Left out", "", "| episode | goal | why |", "|---|---|---|"]
-        for one in counts["left_out"]:
+        for one in counts["omitted"]:
             lines.append(f"| {one['episode']} | {one['index']} | {plain(one['reason'])} |")
     goals = ", ".join(map(str, card["goal_indices"]))
     return "\n".join([*lines, "", "## Goals", "", f"Indices in the split, in order: {goals}.", ""])

@@ -11,8 +11,8 @@ from space_envs.evaluation.play.playing import roll_out
 
 
 @dataclass(frozen=True)
-class LeftOut:
-    """An episode that is not in a dataset: its number, the index of its goal, and why."""
+class OmittedEpisode:
+    """Episode that is not in a dataset: its number, the index of its goal, and the reason."""
 
     episode: int
     index: int
@@ -21,16 +21,16 @@ class LeftOut:
 
 @dataclass(frozen=True, eq=False)
 class Recorded:
-    """Episodes of a chunk, in its order: those that are kept, and the others."""
+    """Episodes of a chunk, in its order: trajectories for the dataset, and episodes omitted from it."""
 
-    kept: tuple[Trajectory, ...]
-    left_out: tuple[LeftOut, ...]
+    trajectories: tuple[Trajectory, ...]
+    omitted: tuple[OmittedEpisode, ...]
 
 
 def record(chunk: Chunk) -> Recorded:
     """Play a chunk's episodes on one thread, and keep those that come out alike when they are repeated.
 
-    An episode in which the policy raises, or returns NaN, infinity or another shape, is left out too.
+    An episode in which the policy raises, or returns NaN, infinity or another shape, is omitted too.
     """
     with chunk.prepared():
         environment = {**chunk.environment, "threads": 1}
@@ -46,17 +46,17 @@ def record(chunk: Chunk) -> Recorded:
             as_float32=True,
         )
         env = CaptureEnv(**environment)
-        kept, left_out = [], []
+        trajectories, omitted = [], []
         for row in range(len(rollout)):
             reason = rollout.reason[row]
             if rollout.outcome[row] != "policy_error":
                 trajectory = trajectory_of(rollout, row)
                 reason = check(trajectory, env)
                 if reason is None:
-                    kept.append(trajectory)
+                    trajectories.append(trajectory)
                     continue
-            left_out.append(LeftOut(int(rollout.episode[row]), int(rollout.index[row]), reason))
-        return Recorded(tuple(kept), tuple(left_out))
+            omitted.append(OmittedEpisode(int(rollout.episode[row]), int(rollout.index[row]), reason))
+        return Recorded(tuple(trajectories), tuple(omitted))
 
 
 def check(trajectory: Trajectory, env: CaptureEnv) -> str | None:
