@@ -1,10 +1,9 @@
-"""From records to the rows of the leaderboard: one row for each task and policy.
+"""Rows of the leaderboard from records: one row for each task and policy.
 
 Rows are ranked by the kept-attitude score, the mean over all episodes of captured / (1 + peak attitude /
 1 deg). Success, capture@N deg (of the final attitude) and kept@N deg (of the peak) are shares of all
-episodes. What tells of a motion or its cost is over the captures alone, interquartile means and for the time
-to capture the median: a failure is no gentle capture. Where a policy captured nothing these figures do not
-exist.
+episodes. Figures of motion and cost are over captures alone: interquartile means, and the median for the time
+to capture. Without a capture they do not exist.
 Planning time and time per action are medians over the episodes that have them and carry no interval.
 """
 
@@ -76,12 +75,11 @@ def build_rows(
     rows = sorted(
         (_row(key, group, entropy, resamples, described) for key, group in groups.items()), key=_order
     )
-    return [row for _, group in groupby(rows, key=lambda row: row.task) for row in _ranked(list(group))]
-
-
-def _ranked(rows: list[Row]) -> list[Row]:
-    """The rows of one task, in order, with their ranks."""
-    return [replace(row, rank=number if row.competes else None) for number, row in enumerate(rows, start=1)]
+    return [
+        replace(row, rank=number if row.competes else None)
+        for _, group in groupby(rows, key=lambda row: row.task)
+        for number, row in enumerate(group, start=1)
+    ]
 
 
 def _row(

@@ -199,11 +199,6 @@ def own_metrics(env_id: str, described: Described = MappingProxyType({})) -> tup
     return described.get(env_id, registered)
 
 
-def is_registered(env_id: str) -> bool:
-    """Whether this process knows the task of an id, and so all metrics that its episodes have."""
-    return env_id in ENTRIES
-
-
 def episode_metrics(episodes: Rollout, task: Any) -> dict[str, NDArray[Any]]:
     """Values (K,) of all metrics of recorded episodes of a task, by name; NaN where an episode has none.
 

@@ -8,9 +8,10 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 import numpy as np
 
 from space_envs.errors import ConfigurationError, unknown_name
-from space_envs.evaluation.records.metrics import is_registered, metrics_of
+from space_envs.evaluation.records.metrics import metrics_of
 from space_envs.evaluation.records.timing import Timing
 from space_envs.metric import Metric
+from space_envs.registration import ENTRIES
 
 
 def checked(name: str, value: Any, kind: Any, signed: bool = True, empty: bool = False) -> Any:
@@ -55,7 +56,7 @@ def checked_metrics(
         raise ConfigurationError(f"metrics must be an object, got {abbreviated(values)}")
     known = {metric.name: metric for metric in metrics_of(env_id)}
     for name in values:
-        if name in taken or (name not in known and is_registered(env_id)):
+        if name in taken or (name not in known and env_id in ENTRIES):
             raise unknown_name("field", name, (*taken, *known))
     if missing := [name for name in known if name not in values]:
         raise ConfigurationError(f"missing field {', '.join(missing)}")

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -35,27 +36,19 @@ def check_agreement(folders: Sequence[ResultFolder], separate: bool = False) -> 
     _check_metrics(folders)
     if not separate:
         _check_shared(folders)
-    uses: dict[tuple[str, str], list[_Use]] = {}
+    # Id and difficulty -> configurations, by folder, control mode and hash.
+    uses: dict[tuple[str, str], dict[tuple[str, str, str], _Use]] = {}
     for folder in folders:
         for record in folder.records:
-            use = _Use(
-                str(folder.path),
-                record.control_mode,
-                record.config_hash,
-                folder.configurations.get(record.config_hash),
-            )
-            known = uses.setdefault((record.env_id, record.difficulty), [])
-            if use not in known:
-                known.append(use)
+            key = (str(folder.path), record.control_mode, record.config_hash)
+            use = _Use(*key, folder.configurations.get(record.config_hash))
+            uses.setdefault((record.env_id, record.difficulty), {})[key] = use
     for (env_id, difficulty), known in uses.items():
-        for number, use in enumerate(known):
-            for other in known[:number]:
-                difference = _difference(other, use)
-                if difference:
-                    raise ConfigurationError(
-                        f"records of {env_id}, {difficulty}, cannot be compared, the tasks differ: "
-                        f"{difference}"
-                    )
+        for one, other in combinations(known.values(), 2):
+            if difference := _difference(one, other):
+                raise ConfigurationError(
+                    f"records of {env_id}, {difficulty}, cannot be compared, the tasks differ: {difference}"
+                )
 
 
 def _check_task_versions(folders: Sequence[ResultFolder]) -> None:
