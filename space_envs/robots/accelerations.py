@@ -1,0 +1,58 @@
+"""Accelerations that the torques of a robot's joints give its whole arm, floating freely."""
+
+from functools import lru_cache
+
+import mujoco
+import numpy as np
+
+from space_envs.dynamics.rotations import Array
+from space_envs.robots.building import add_robot, empty_spec
+from space_envs.robots.robot import Robot
+
+CONFIGURATIONS = 500
+SHORTEST_START = 0.5  # s from rest to the rate limit; drives with control periods of 0.1 s need some of them
+
+
+def default_acceleration(robot: Robot) -> tuple[float, ...]:
+    """Acceleration limit (n) of a robot that has none, rad/s^2.
+
+    It is the largest that all joints can have at once, in any direction, at home and at 500 random
+    configurations: the least of tau_i / sum_j |M*_ij| over joints i and configurations, with the torque
+    limits tau and the joints' mass matrix M* of the floating robot. No joint gets more than its rate limit in
+    half a second.
+
+    Args:
+        robot: its acceleration limits are not used.
+    """
+    able = float((robot.torque_limit / torque_shares(robot, np.ones(robot.n_joints))).min())
+    return tuple(np.minimum(able, robot.rate_limit / SHORTEST_START).tolist())
+
+
+def torque_shares(robot: Robot, acceleration: Array) -> Array:
+    """Torques (K, n) in N m that joint accelerations (n,) in rad/s^2 take at most, whatever their signs."""
+    return np.abs(_sampled_masses(robot)) @ acceleration
+
+
+@lru_cache(maxsize=8)
+def _sampled_masses(robot: Robot) -> Array:
+    """M* (K, n, n) at home and at random configurations, kg m^2: the mass matrix with the base eliminated."""
+    spec = empty_spec(robot, 0.01)
+    add_robot(spec, robot)
+    model = spec.compile()
+    data, n = mujoco.MjData(model), robot.n_joints
+    ends, b = robot.joint_range, model.nv - n
+    drawn = np.random.default_rng(0).uniform(ends[:, 0], ends[:, 1], (CONFIGURATIONS, n))
+    masses = np.empty((1 + CONFIGURATIONS, model.nv, model.nv))
+    for place, q in enumerate([robot.home, *drawn]):
+        data.qpos[model.nq - n :] = q
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_crb(model, data)
+        mujoco.mj_fullM(model, data, masses[place])
+    coupling = masses[:, :b, b:]
+    return masses[:, b:, b:] - coupling.swapaxes(1, 2) @ np.linalg.solve(masses[:, :b, :b], coupling)
+
+
+def reduced_masses(robot: Robot) -> Array:
+    """M* (K, n, n) at home, first, and at random configurations, kg m^2."""
+    return _sampled_masses(robot)

@@ -1,0 +1,71 @@
+"""All figures of a robot that need no planner."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from space_envs.robots.check.conditioning import ConditioningFigures, conditioning
+from space_envs.robots.check.masses import MassFigures, mass_figures
+from space_envs.robots.check.simulated import (
+    AttitudeFigures,
+    ModeFigures,
+    TrackingFigures,
+    attitude,
+    mode_figures,
+    tracking,
+)
+from space_envs.robots.check.torques import TorqueFigures, torque_figures
+from space_envs.robots.robot import Robot, StepLimits
+from space_envs.step_limits.measured import measured_steps
+
+
+@dataclass(frozen=True)
+class RobotFigures:
+    """Figures of a robot, measured.
+
+    Attributes:
+        robot: that they are of. masses, conditioning, torques, modes, tracking, attitude: figures.
+        measured: time steps that a measurement finds; those of the robot may be smaller or larger.
+    """
+
+    robot: Robot
+    masses: MassFigures
+    conditioning: ConditioningFigures
+    torques: TorqueFigures
+    measured: StepLimits
+    modes: tuple[ModeFigures, ...]
+    tracking: TrackingFigures
+    attitude: AttitudeFigures
+
+    @property
+    def drift(self) -> float:
+        """Largest relative drift of momentum in all control modes."""
+        return max(mode.drift for mode in self.modes)
+
+    @property
+    def rate(self) -> float:
+        """Largest joint rate in all control modes, relative to its limit."""
+        return max(mode.rate for mode in self.modes)
+
+    @property
+    def home_room(self) -> float:
+        """Least distance of a joint at home from the end of its range, rad."""
+        return float(np.abs(self.robot.joint_range - self.robot.home[:, None]).min())
+
+
+def robot_figures(robot: Robot) -> RobotFigures:
+    """Figures of a robot, in some ten seconds.
+
+    Raises:
+        ConfigurationError: if no time step keeps the momentum bound.
+    """
+    return RobotFigures(
+        robot,
+        mass_figures(robot),
+        conditioning(robot),
+        torque_figures(robot),
+        measured_steps(robot),
+        mode_figures(robot),
+        tracking(robot),
+        attitude(robot),
+    )

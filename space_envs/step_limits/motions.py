@@ -1,0 +1,176 @@
+"""Motions over the whole range of a robot's joints, in any control mode, and how well they were simulated."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from space_envs.control import MODES
+from space_envs.drives import BRAKING_SHARE, STOP_MARGIN, Drive, JointStops
+from space_envs.dynamics.bodies import body_motion, momentum_drift
+from space_envs.dynamics.floating import FloatingRobot
+from space_envs.dynamics.rotations import Array, angle_between
+from space_envs.robots.building import SATELLITE, end_effectors
+from space_envs.robots.models import ModelOptions, robot_model
+from space_envs.robots.robot import Robot
+from space_envs.simulation import Simulation
+
+HOLDS = (0.0, 0.2, 0.5, 2.0, 3.0)  # s, how long actions are held, by row in turn; at least a control period
+UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+class Settings(NamedTuple):
+    """Control mode, control period and time step of a simulation, s."""
+
+    mode: str
+    control_period: float
+    timestep: float
+
+
+@dataclass(frozen=True, eq=False)
+class RobotMotion:
+    """States of N episodes at the ends of control periods: qpos (N, T + 1, 7 + n), qvel (N, T + 1, 6 + n).
+
+    Attributes:
+        torques: (N, T, n) N m. diverged: whether MuJoCo found a bad state, at which the motion ends.
+    """
+
+    robot: Robot
+    qpos: Array
+    qvel: Array
+    torques: Array
+    diverged: bool
+
+    @property
+    def drift(self) -> float:
+        """Largest drift of total momentum, relative to the largest momentum of a body."""
+        if self.diverged:
+            return np.inf
+        return float(momentum_drift(body_motion(mechanics(self.robot), self.qpos, self.qvel))[1].max())
+
+    @property
+    def peak_rate(self) -> float:
+        """Largest joint rate relative to the limit of its joint."""
+        return np.inf if self.diverged else float((np.abs(self.qvel[..., 6:]) / self.robot.rate_limit).max())
+
+    @property
+    def stop_distance(self) -> float:
+        """Least distance of a joint from the end of its range, rad; negative beyond it."""
+        if self.diverged:
+            return -np.inf
+        angles, ends = self.qpos[..., 7:], self.robot.joint_range
+        return float(np.minimum(angles - ends[:, 0], ends[:, 1] - angles).min())
+
+    @property
+    def attitude(self) -> Array:
+        """Angle (N, T + 1) of the satellite from its attitude at the start, rad."""
+        return angle_between(self.qpos[..., 3:7], self.qpos[:, :1, 3:7])
+
+
+@lru_cache(maxsize=64)
+def mechanics(robot: Robot) -> FloatingRobot:
+    """Momentum-level mathematics of a robot."""
+    return FloatingRobot.from_model(robot_model(robot, ModelOptions(0.01)), SATELLITE, end_effectors(robot))
+
+
+def start_at_rest(robot: Robot, n: int) -> tuple[Array, Array]:
+    """Joint angles and rates (n, joints) of n robots at home, at rest."""
+    position = np.tile(robot.home, (n, 1))
+    return position, np.zeros_like(position)
+
+
+def fast_starts(robot: Robot, n: int, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Joint angles and rates (n, joints) as near to the ends of the ranges, and as fast, as drives can brake.
+
+    Every third start has joints anywhere in their ranges.
+    """
+    limits, shape = robot.joint_range, (n, robot.n_joints)
+    middle = np.maximum(0.5 * (limits[:, 1] - limits[:, 0]) - STOP_MARGIN, 0.0)
+    anywhere = (np.arange(n) % 3 == 0)[:, None]
+    room = np.minimum(rng.uniform(0.0, np.where(anywhere, 2.0 * middle, 1.3), shape), middle)
+    upper = rng.random(shape) < 0.5
+    position = np.where(upper, limits[:, 1] - STOP_MARGIN - room, limits[:, 0] + STOP_MARGIN + room)
+    low, high = JointStops(limits, robot.rate_limit).rates(position)
+    velocity = np.where(upper, high, low) * (1.0 - 1e-9)
+    load = _braking_load(robot, position, velocity).max(axis=1, keepdims=True)
+    return position, velocity * np.minimum(np.sqrt(BRAKING_SHARE / load), 1.0)
+
+
+def full_strokes(size: int, n: int, period: float, steps: int, rng: np.random.Generator) -> Iterable[Array]:
+    """Actions (n, size) of -1 and 1, held as `HOLDS` says; half of the rows reverse, half draw others."""
+    hold = np.maximum(1, np.rint(np.resize(HOLDS, n) / period)).astype(int)
+    reverses = (np.arange(n) // len(HOLDS) % 2 == 0)[:, None]
+    action = np.zeros((n, size))
+    for step in range(steps):
+        drawn = np.sign(rng.uniform(-1.0, 1.0, action.shape))
+        following = np.where(reverses & (step > 0), -action, drawn)
+        action = np.where((step % hold == 0)[:, None], following, action)
+        yield action
+
+
+class ControlledRobot:
+    """N simulations of a robot under a control mode, without a task.
+
+    Attributes:
+        simulation: N simulations. drive: joint drives. mode: control mode.
+    """
+
+    def __init__(self, robot: Robot, n: int, settings: Settings) -> None:
+        self.robot = robot
+        self.simulation = Simulation(robot_model(robot, ModelOptions(settings.timestep)), n)
+        limits = robot.rate_limit, robot.acceleration_limit
+        self.drive = Drive(self.simulation, settings.control_period, *limits)
+        self.mode = MODES[settings.mode](self.drive)
+        self._substeps = round(settings.control_period / settings.timestep)
+
+    def reset(self, position: Array, velocity: Array) -> None:
+        """Start all simulations at joint angles and rates (N, n), with the total momentum zero."""
+        rows, simulation = np.arange(self.simulation.n), self.simulation
+        simulation.reset(rows)
+        simulation.joint_position[:], simulation.joint_velocity[:] = position, velocity
+        simulation.set_base_velocity(rows)
+        simulation.refresh()
+        self.drive.reset(rows)
+
+    def run(self, actions: Iterable[Array]) -> RobotMotion:
+        """The motion under actions (N, m) in [-1, 1], one for each control period."""
+        simulation = self.simulation
+        states, torques, diverged = [simulation.robot_state()], [], False
+        for action in actions:
+            self.drive.begin()
+            simulation.ctrl[:] = self.mode.torques(action)
+            simulation.step(self._substeps)
+            states.append(simulation.robot_state())
+            torques.append(simulation.ctrl.copy())
+            if diverged := bool(simulation.warned()):
+                break
+        qpos, qvel = (np.stack(part, axis=1) for part in zip(*states, strict=True))
+        return RobotMotion(self.robot, qpos, qvel, np.stack(torques, axis=1), diverged)
+
+
+def full_range_motion(robot: Robot, settings: Settings, seconds: float, n: int, seed: int = 0) -> RobotMotion:
+    """Motion of n robots under full strokes, a third of them from home, the others from fast starts."""
+    rng = np.random.default_rng(seed)
+    at_rest = -(-n // 3)
+    starts = zip(start_at_rest(robot, at_rest), fast_starts(robot, n - at_rest, rng), strict=True)
+    controlled = ControlledRobot(robot, n, settings)
+    controlled.reset(*(np.concatenate(part) for part in starts))
+    steps = max(1, round(seconds / settings.control_period))
+    return controlled.run(full_strokes(controlled.mode.size, n, settings.control_period, steps, rng))
+
+
+def _braking_load(robot: Robot, position: Array, velocity: Array) -> Array:
+    rows = np.arange(len(velocity))
+    simulation = Simulation(robot_model(robot, ModelOptions(0.01)) if False else robot_model(robot, ModelOptions(0.01)), len(velocity))
+    simulation.joint_position[:], simulation.joint_velocity[:] = position, velocity
+    simulation.set_base_velocity(rows)
+    simulation.refresh()
+    room = JointStops(robot.joint_range, robot.rate_limit).room(position)
+    ahead = np.where(velocity > 0.0, room[:, 1], room[:, 0])
+    deceleration = -0.5 * velocity * np.abs(velocity) / np.maximum(ahead, 1e-9)
+    mass, bias, b = simulation.mass_matrix(), simulation.bias(), simulation.n_base
+    force = np.stack([(mass[:, :, b:] @ deceleration[..., None])[..., 0], bias], axis=-1)
+    torque = force[:, b:] - mass[:, b:, :b] @ np.linalg.solve(mass[:, :b, :b], force[:, :b])
+    return np.abs(torque).sum(axis=-1) / robot.torque_limit
