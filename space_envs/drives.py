@@ -46,6 +46,21 @@ class JointStops:
         return -fastest[:, 0], fastest[:, 1]
 
 
+def braking_shares(simulation: Simulation, stops: JointStops) -> Array:
+    """Share (N, n) of each drive's torque needed to brake the present joint rates before their stops.
+
+    Every joint decelerates uniformly to the end of its range, less the margin. The torque is the sum of
+    |M* a| and |h*|, the Coriolis and centrifugal part. Both are quadratic in the rates.
+    """
+    velocity, room = simulation.joint_velocity, stops.room(simulation.joint_position)
+    ahead = np.where(velocity > 0.0, room[:, 1], room[:, 0])
+    deceleration = -0.5 * velocity * np.abs(velocity) / np.maximum(ahead, 1e-9)
+    mass, bias, b = simulation.mass_matrix(), simulation.bias(), simulation.n_base
+    force = np.stack([(mass[:, :, b:] @ deceleration[..., None])[..., 0], bias], axis=-1)
+    torque = force[:, b:] - mass[:, b:, :b] @ np.linalg.solve(mass[:, :b, :b], force[:, :b])
+    return np.abs(torque).sum(axis=-1) / simulation.model.actuator_forcerange[:, 1]
+
+
 class Drive:
     """Joint drives: rate commands to torques, within torque, rate and position limits.
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from space_envs.drives import BRAKING_SHARE, STOP_MARGIN, JointStops
+from space_envs.drives import BRAKING_SHARE, STOP_MARGIN, JointStops, braking_shares
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError
 from space_envs.simulation import Simulation
@@ -11,23 +11,13 @@ from space_envs.tasks.common import Goals
 
 
 def braking_load(task: CaptureTask, goals: Goals, velocity: Array) -> Array:
-    """Share (k, n) of each drive's torque needed to brake initial joint rates (k, n), rad/s.
-
-    Every joint decelerates uniformly to the end of its range, less the margin. The torque is the sum of
-    |M* a| and |h*|, the Coriolis and centrifugal part. Both are quadratic in the rates.
-    """
+    """Share (k, n) of each drive's torque needed to brake initial joint rates (k, n), rad/s."""
     rows, simulation = np.arange(len(velocity)), Simulation(task.model, len(velocity))
     simulation.scale_base(rows, goals.mass_scale)
     simulation.joint_position[:], simulation.joint_velocity[:] = goals.joint_position, velocity
     simulation.set_base_velocity(rows)
     simulation.refresh()
-    room = JointStops(task.mechanics.range, task.parameters.rate_limit).room(goals.joint_position)
-    ahead = np.where(velocity > 0.0, room[:, 1], room[:, 0])
-    deceleration = -0.5 * velocity * np.abs(velocity) / np.maximum(ahead, 1e-9)
-    mass, bias, b = simulation.mass_matrix(), simulation.bias(), simulation.n_base
-    force = np.stack([(mass[:, :, b:] @ deceleration[..., None])[..., 0], bias], axis=-1)
-    torque = force[:, b:] - mass[:, b:, :b] @ np.linalg.solve(mass[:, :b, :b], force[:, :b])
-    return np.abs(torque).sum(axis=-1) / task.model.actuator_forcerange[:, 1]
+    return braking_shares(simulation, JointStops(task.mechanics.range, task.parameters.rate_limit))
 
 
 def check_brakes(task: CaptureTask, goals: Goals, velocity: Array | None) -> None:

@@ -24,18 +24,16 @@ def default_acceleration(robot: Robot) -> tuple[float, ...]:
     Args:
         robot: its acceleration limits are not used.
     """
-    able = float((robot.torque_limit / torque_shares(robot, np.ones(robot.n_joints))).min())
+    able = float((robot.torque_limit / np.abs(reduced_masses(robot)).sum(axis=2)).min())
     return tuple(np.minimum(able, robot.rate_limit / SHORTEST_START).tolist())
 
 
-def torque_shares(robot: Robot, acceleration: Array) -> Array:
-    """Torques (K, n) in N m that joint accelerations (n,) in rad/s^2 take at most, whatever their signs."""
-    return np.abs(_sampled_masses(robot)) @ acceleration
-
-
 @lru_cache(maxsize=8)
-def _sampled_masses(robot: Robot) -> Array:
-    """M* (K, n, n) at home and at random configurations, kg m^2: the mass matrix with the base eliminated."""
+def reduced_masses(robot: Robot) -> Array:
+    """M* (K, n, n) at home and at random configurations, kg m^2: the mass matrix with the base eliminated.
+
+    The base moves as momentum has it, so M* times joint accelerations are the torques that they take.
+    """
     spec = empty_spec(robot, 0.01)
     add_robot(spec, robot)
     model = spec.compile()
@@ -51,8 +49,3 @@ def _sampled_masses(robot: Robot) -> Array:
         mujoco.mj_fullM(model, data, masses[place])
     coupling = masses[:, :b, b:]
     return masses[:, b:, b:] - coupling.swapaxes(1, 2) @ np.linalg.solve(masses[:, :b, :b], coupling)
-
-
-def reduced_masses(robot: Robot) -> Array:
-    """M* (K, n, n) at home, first, and at random configurations, kg m^2."""
-    return _sampled_masses(robot)

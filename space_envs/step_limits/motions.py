@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from space_envs.control import MODES
-from space_envs.drives import BRAKING_SHARE, STOP_MARGIN, Drive, JointStops
+from space_envs.drives import BRAKING_SHARE, STOP_MARGIN, Drive, JointStops, braking_shares
 from space_envs.dynamics.bodies import body_motion, momentum_drift
 from space_envs.dynamics.floating import FloatingRobot
 from space_envs.dynamics.rotations import Array, angle_between
@@ -92,10 +92,20 @@ def fast_starts(robot: Robot, n: int, rng: np.random.Generator) -> tuple[Array, 
     room = np.minimum(rng.uniform(0.0, np.where(anywhere, 2.0 * middle, 1.3), shape), middle)
     upper = rng.random(shape) < 0.5
     position = np.where(upper, limits[:, 1] - STOP_MARGIN - room, limits[:, 0] + STOP_MARGIN + room)
-    low, high = JointStops(limits, robot.rate_limit).rates(position)
+    stops = JointStops(limits, robot.rate_limit)
+    low, high = stops.rates(position)
     velocity = np.where(upper, high, low) * (1.0 - 1e-9)
-    load = _braking_load(robot, position, velocity).max(axis=1, keepdims=True)
+    load = braking_shares(_at(robot, position, velocity), stops).max(axis=1, keepdims=True)
     return position, velocity * np.minimum(np.sqrt(BRAKING_SHARE / load), 1.0)
+
+
+def _at(robot: Robot, position: Array, velocity: Array) -> Simulation:
+    """Simulations of a robot at joint angles and rates (n, joints), with the total momentum zero."""
+    simulation = Simulation(robot_model(robot, ModelOptions(0.01)), len(position))
+    simulation.joint_position[:], simulation.joint_velocity[:] = position, velocity
+    simulation.set_base_velocity(np.arange(len(position)))
+    simulation.refresh()
+    return simulation
 
 
 def full_strokes(size: int, n: int, period: float, steps: int, rng: np.random.Generator) -> Iterable[Array]:
@@ -159,18 +169,3 @@ def full_range_motion(robot: Robot, settings: Settings, seconds: float, n: int, 
     controlled.reset(*(np.concatenate(part) for part in starts))
     steps = max(1, round(seconds / settings.control_period))
     return controlled.run(full_strokes(controlled.mode.size, n, settings.control_period, steps, rng))
-
-
-def _braking_load(robot: Robot, position: Array, velocity: Array) -> Array:
-    rows = np.arange(len(velocity))
-    simulation = Simulation(robot_model(robot, ModelOptions(0.01)) if False else robot_model(robot, ModelOptions(0.01)), len(velocity))
-    simulation.joint_position[:], simulation.joint_velocity[:] = position, velocity
-    simulation.set_base_velocity(rows)
-    simulation.refresh()
-    room = JointStops(robot.joint_range, robot.rate_limit).room(position)
-    ahead = np.where(velocity > 0.0, room[:, 1], room[:, 0])
-    deceleration = -0.5 * velocity * np.abs(velocity) / np.maximum(ahead, 1e-9)
-    mass, bias, b = simulation.mass_matrix(), simulation.bias(), simulation.n_base
-    force = np.stack([(mass[:, :, b:] @ deceleration[..., None])[..., 0], bias], axis=-1)
-    torque = force[:, b:] - mass[:, b:, :b] @ np.linalg.solve(mass[:, :b, :b], force[:, :b])
-    return np.abs(torque).sum(axis=-1) / robot.torque_limit

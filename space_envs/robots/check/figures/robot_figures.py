@@ -4,9 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from space_envs.robots.check.conditioning import ConditioningFigures, conditioning
-from space_envs.robots.check.masses import MassFigures, mass_figures
-from space_envs.robots.check.simulated import (
+from space_envs.robots.check.figures.conditioning import ConditioningFigures, conditioning
+from space_envs.robots.check.figures.contacts import home_contacts
+from space_envs.robots.check.figures.masses import MassFigures, TorqueFigures, mass_figures, torque_figures
+from space_envs.robots.check.figures.simulated import (
     AttitudeFigures,
     ModeFigures,
     TrackingFigures,
@@ -14,7 +15,6 @@ from space_envs.robots.check.simulated import (
     mode_figures,
     tracking,
 )
-from space_envs.robots.check.torques import TorqueFigures, torque_figures
 from space_envs.robots.robot import Robot, StepLimits
 from space_envs.step_limits.measured import measured_steps
 
@@ -25,6 +25,7 @@ class RobotFigures:
 
     Attributes:
         robot: that they are of. masses, conditioning, torques, modes, tracking, attitude: figures.
+        contacts: pairs of parts that touch at home, in words.
         measured: time steps that a measurement finds; those of the robot may be smaller or larger.
     """
 
@@ -32,6 +33,7 @@ class RobotFigures:
     masses: MassFigures
     conditioning: ConditioningFigures
     torques: TorqueFigures
+    contacts: tuple[str, ...]
     measured: StepLimits
     modes: tuple[ModeFigures, ...]
     tracking: TrackingFigures
@@ -64,6 +66,7 @@ def robot_figures(robot: Robot) -> RobotFigures:
         mass_figures(robot),
         conditioning(robot),
         torque_figures(robot),
+        home_contacts(robot),
         measured_steps(robot),
         mode_figures(robot),
         tracking(robot),

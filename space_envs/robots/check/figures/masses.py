@@ -1,10 +1,11 @@
-"""Masses, inertias and lengths of a robot."""
+"""Masses, inertias and lengths of a robot, and what its torques move."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from space_envs.dynamics.rotations import Array
+from space_envs.robots.accelerations import reduced_masses
 from space_envs.robots.robot import Arm, Link, Robot
 from space_envs.step_limits.motions import mechanics
 
@@ -60,6 +61,27 @@ class MassFigures:
     def total(self) -> float:
         """Mass of the whole robot, kg."""
         return self.satellite + self.arms
+
+
+@dataclass(frozen=True)
+class TorqueFigures:
+    """Accelerations (n) that the torque limits give at the worst of many configurations, rad/s^2.
+
+    Attributes:
+        alone: of each joint, the others free of acceleration. together: of all joints at once, whatever their
+            directions, as far as each joint's own torque goes.
+    """
+
+    alone: tuple[float, ...]
+    together: tuple[float, ...]
+
+
+def torque_figures(robot: Robot) -> TorqueFigures:
+    """Accelerations that a robot's torques give."""
+    masses = np.abs(reduced_masses(robot))
+    alone = robot.torque_limit / np.diagonal(masses, axis1=1, axis2=2)
+    together = robot.torque_limit / masses.sum(axis=2)
+    return TorqueFigures(tuple(alone.min(axis=0).tolist()), tuple(together.min(axis=0).tolist()))
 
 
 def mass_figures(robot: Robot) -> MassFigures:

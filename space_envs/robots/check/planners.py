@@ -1,0 +1,88 @@
+"""Share of a robot's validation goals that each built-in planner reaches, as evaluate.py measures it.
+
+The planners stand above this package, so they are not imported: the command evaluates them in a process of
+its own, as a user would, and the shares are read from the records that it leaves.
+"""
+
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from space_envs.errors import ConfigurationError, SpaceEnvsError
+from space_envs.evaluation.leaderboard.build import build_rows
+from space_envs.evaluation.leaderboard.figures import HEADLINE
+from space_envs.evaluation.leaderboard.row import Row
+from space_envs.evaluation.results.folders import read_folder
+from space_envs.registration import ENTRIES, make_task
+from space_envs.robots.robot import Robot
+
+EVALUATE = ("-m", "agents.commands.evaluate")
+SPLIT, POLICIES = "validation", "experts"
+
+
+@dataclass(frozen=True)
+class PlannerFigures:
+    """A planner on a robot.
+
+    Attributes:
+        policy: its name. control_mode: that it acts in. goals: of the validation split. captured: of them.
+        score: kept-attitude score. failure: the most frequent one, in words; empty where it captured all.
+    """
+
+    policy: str
+    control_mode: str
+    goals: int
+    captured: int
+    score: float
+    failure: str
+
+
+def task_of(robot: Robot) -> str:
+    """Id of the first registered task that takes a robot.
+
+    Raises:
+        ConfigurationError: if there is none.
+    """
+    reasons = []
+    for env_id in ENTRIES:
+        try:
+            make_task(env_id, {"robot": robot})
+        except SpaceEnvsError as error:
+            reasons.append(f"{env_id}: {error}")
+        else:
+            return env_id
+    raise ConfigurationError(f"no task takes robot {robot.name!r}: {'; '.join(reasons)}")
+
+
+def planner_figures(source: str, env_id: str, goals: int, variant: str | None = None) -> list[PlannerFigures]:
+    """Figures of each built-in planner that fits a task, the best first, with progress on standard error.
+
+    Args:
+        source: name or file of the robot. variant: of it; None is the first.
+
+    Raises:
+        SpaceEnvsError: if the evaluation fails; the message is in its own words.
+    """
+    with TemporaryDirectory() as folder:
+        output = Path(folder) / "evaluation"
+        command = [
+            *(sys.executable, *EVALUATE, "--env", env_id, "--robot", source, "--policy", POLICIES),
+            *("--split", SPLIT, "--episodes", str(goals), "--no-pictures", "--output", str(output)),
+        ]
+        command += ["--variant", variant] if variant else []
+        done = subprocess.run(command, stdout=subprocess.DEVNULL, check=False)
+        if not (output / "summary.json").is_file():
+            raise SpaceEnvsError(f"evaluate.py ended with status {done.returncode} and left no results")
+        rows = build_rows(read_folder(output).records, np.random.default_rng(0), resamples=50)
+        return [_figures(row) for row in rows]
+
+
+def _figures(row: Row) -> PlannerFigures:
+    failure = row.failures[0] if row.failures else None
+    words = "" if failure is None else ": ".join(part for part in (failure.cause, failure.reason) if part)
+    score = row.figures[HEADLINE].value
+    return PlannerFigures(row.policy, row.control_mode, row.episodes, row.captures, score, words)
