@@ -36,6 +36,7 @@ ROOMS = (
         "space_envs.simulation",
         "space_envs.drives",
         "space_envs.control",
+        "space_envs.step_limits",
         "space_envs.metric",
         "space_envs.tasks",
     ),
@@ -43,6 +44,7 @@ ROOMS = (
     *("space_envs.envs", "space_envs.wrappers", "space_envs.policy"),
     *(f"space_envs.evaluation.{room}" for room in ("play", "records", "statistics", "leaderboard", "replay")),
     *(f"space_envs.evaluation.{room}" for room in ("harness", "results", "datasets", "report")),
+    *("space_envs.robots.check", "space_envs.robots.__main__"),  # a robot in every task, with its report
     "promp",
     *("agents.planners.common", "agents.planners.single_arm", "agents.planners.dual_arm"),
     *("agents.policies", "agents.demonstrations", "agents.learning", "agents.commands"),

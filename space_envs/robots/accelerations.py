@@ -1,16 +1,18 @@
 """Accelerations that the torques of a robot's joints give its whole arm, floating freely."""
 
+from collections.abc import Iterable
+from dataclasses import replace
 from functools import lru_cache
 
 import mujoco
 import numpy as np
 
 from space_envs.dynamics.rotations import Array
-from space_envs.robots.building import add_robot, empty_spec
-from space_envs.robots.robot import Robot
+from space_envs.robots.models.bodies import add_robot, empty_spec
+from space_envs.robots.robot import Arm, Robot
 
 CONFIGURATIONS = 500
-SHORTEST_START = 0.5  # s from rest to the rate limit; drives with control periods of 0.1 s need some of them
+SHORTEST_START = 1.0  # s from rest to the rate limit, ten control periods of 0.1 s
 
 
 def default_acceleration(robot: Robot) -> tuple[float, ...]:
@@ -26,6 +28,34 @@ def default_acceleration(robot: Robot) -> tuple[float, ...]:
     """
     able = float((robot.torque_limit / np.abs(reduced_masses(robot)).sum(axis=2)).min())
     return tuple(np.minimum(able, robot.rate_limit / SHORTEST_START).tolist())
+
+
+def with_accelerations(robot: Robot) -> Robot:
+    """The robot with default acceleration limits where it has none (NaN), and a note that says so."""
+    missing = np.isnan(robot.acceleration_limit)
+    if not missing.any():
+        return robot
+    limits = np.where(missing, default_acceleration(robot), robot.acceleration_limit)
+    values = iter(limits.tolist())
+    arms = tuple(_limited(arm, values) for arm in robot.arms)
+    names = [joint.name for joint, lacks in zip(robot.joints, missing, strict=True) if lacks]
+    least, most = limits[missing].min(), limits[missing].max()
+    figure = f"{least:.3g}" if least == most else f"{least:.3g} to {most:.3g}"
+    note = (
+        f"no acceleration limits are given for {', '.join(names)}; {figure} rad/s^2 are assumed, which the "
+        "torque limits give the whole arm in any direction, and not more than one second to the rate limit "
+        "takes"
+    )
+    return replace(robot, arms=arms, notes=(*robot.notes, note))
+
+
+def _limited(arm: Arm, accelerations: Iterable[float]) -> Arm:
+    """The arm with the next acceleration limits, one for each joint."""
+    links = [
+        replace(link, joint=replace(link.joint, acceleration_limit=limit))
+        for link, limit in zip(arm.links, accelerations, strict=False)
+    ]
+    return replace(arm, links=tuple(links))
 
 
 @lru_cache(maxsize=8)

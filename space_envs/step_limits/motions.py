@@ -12,8 +12,7 @@ from space_envs.drives import BRAKING_SHARE, STOP_MARGIN, Drive, JointStops, bra
 from space_envs.dynamics.bodies import body_motion, momentum_drift
 from space_envs.dynamics.floating import FloatingRobot
 from space_envs.dynamics.rotations import Array, angle_between
-from space_envs.robots.building import SATELLITE, end_effectors
-from space_envs.robots.models import ModelOptions, robot_model
+from space_envs.robots.models import SATELLITE, SceneOptions, end_effectors, robot_model
 from space_envs.robots.robot import Robot
 from space_envs.simulation import Simulation
 
@@ -21,7 +20,7 @@ HOLDS = (0.0, 0.2, 0.5, 2.0, 3.0)  # s, how long actions are held, by row in tur
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 
 
-class Settings(NamedTuple):
+class SimulationSettings(NamedTuple):
     """Control mode, control period and time step of a simulation, s."""
 
     mode: str
@@ -72,7 +71,7 @@ class RobotMotion:
 @lru_cache(maxsize=64)
 def mechanics(robot: Robot) -> FloatingRobot:
     """Momentum-level mathematics of a robot."""
-    return FloatingRobot.from_model(robot_model(robot, ModelOptions(0.01)), SATELLITE, end_effectors(robot))
+    return FloatingRobot.from_model(robot_model(robot, SceneOptions(0.01)), SATELLITE, end_effectors(robot))
 
 
 def start_at_rest(robot: Robot, n: int) -> tuple[Array, Array]:
@@ -101,7 +100,7 @@ def fast_starts(robot: Robot, n: int, rng: np.random.Generator) -> tuple[Array, 
 
 def _at(robot: Robot, position: Array, velocity: Array) -> Simulation:
     """Simulations of a robot at joint angles and rates (n, joints), with the total momentum zero."""
-    simulation = Simulation(robot_model(robot, ModelOptions(0.01)), len(position))
+    simulation = Simulation(robot_model(robot, SceneOptions(0.01)), len(position))
     simulation.joint_position[:], simulation.joint_velocity[:] = position, velocity
     simulation.set_base_velocity(np.arange(len(position)))
     simulation.refresh()
@@ -127,9 +126,9 @@ class ControlledRobot:
         simulation: N simulations. drive: joint drives. mode: control mode.
     """
 
-    def __init__(self, robot: Robot, n: int, settings: Settings) -> None:
+    def __init__(self, robot: Robot, n: int, settings: SimulationSettings) -> None:
         self.robot = robot
-        self.simulation = Simulation(robot_model(robot, ModelOptions(settings.timestep)), n)
+        self.simulation = Simulation(robot_model(robot, SceneOptions(settings.timestep)), n)
         limits = robot.rate_limit, robot.acceleration_limit
         self.drive = Drive(self.simulation, settings.control_period, *limits)
         self.mode = MODES[settings.mode](self.drive)
@@ -160,7 +159,9 @@ class ControlledRobot:
         return RobotMotion(self.robot, qpos, qvel, np.stack(torques, axis=1), diverged)
 
 
-def full_range_motion(robot: Robot, settings: Settings, seconds: float, n: int, seed: int = 0) -> RobotMotion:
+def full_range_motion(
+    robot: Robot, settings: SimulationSettings, seconds: float, n: int, seed: int = 0
+) -> RobotMotion:
     """Motion of n robots under full strokes, a third of them from home, the others from fast starts."""
     rng = np.random.default_rng(seed)
     at_rest = -(-n // 3)

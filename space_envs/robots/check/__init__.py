@@ -1,1 +1,1 @@
-"""The check of a robot: its figures, measured, what looks implausible, and the suite's physics tests on it."""
+"""The check of a robot: measured figures, what looks implausible, and the suite's tests on it."""

@@ -10,8 +10,8 @@ import numpy as np
 
 from space_envs.control import DAMPING
 from space_envs.drives import BRAKING, STOP_MARGIN
-from space_envs.robots.check.figures.robot_figures import RobotFigures
 from space_envs.robots.check.figures.masses import LinkFigures
+from space_envs.robots.check.figures.robot_figures import RobotFigures
 from space_envs.robots.check.figures.simulated import CONTROL_PERIOD
 
 LENGTHS = (0.2, 25.0)  # m, usual reach
@@ -60,8 +60,8 @@ def _units(figures: RobotFigures) -> Iterator[str]:
     for arm, reach in enumerate(figures.masses.reach, start=1):
         if not LENGTHS[0] <= reach <= LENGTHS[1]:
             yield (
-                f"the reach of arm {arm} is {reach:.3g} m, where {LENGTHS[0]:g} to {LENGTHS[1]:g} m are usual; "
-                "are the lengths in m?"
+                f"the reach of arm {arm} is {reach:.3g} m, where {LENGTHS[0]:g} to {LENGTHS[1]:g} m are "
+                "usual; are the lengths in m?"
             )
 
 
@@ -81,8 +81,9 @@ def _link_inertia(figures: RobotFigures) -> Iterator[str]:
         low, high = GYRATION[0] * size, GYRATION[1] * (size + SHORT)
         if not low <= link.gyration <= high:
             yield (
-                f"{_link(figures, link)} has a moment of inertia of {max(link.moments):.3g} kg m^2, a radius of "
-                f"gyration of {link.gyration:.3g} m, where {low:.2g} to {high:.2g} m are usual for its length"
+                f"{_link(figures, link)} has a moment of inertia of {max(link.moments):.3g} kg m^2, a radius "
+                f"of gyration of {link.gyration:.3g} m, where {low:.2g} to {high:.2g} m are usual for its "
+                "length"
             )
 
 
@@ -90,8 +91,8 @@ def _link_centre(figures: RobotFigures) -> Iterator[str]:
     for link in figures.masses.links:
         if link.centre > link.length + CENTRE:
             yield (
-                f"the centre of mass of {_link(figures, link)} is {link.centre:.3g} m from its joint, though the "
-                f"link is {link.length:.3g} m long"
+                f"the centre of mass of {_link(figures, link)} is {link.centre:.3g} m from its joint, though "
+                f"the link is {link.length:.3g} m long"
             )
 
 
@@ -99,8 +100,8 @@ def _satellite_mass(figures: RobotFigures) -> Iterator[str]:
     masses = figures.masses
     if masses.arms > ARM_SHARE * masses.satellite:
         yield (
-            f"the satellite has {masses.satellite:.4g} kg, less than the {masses.arms:.4g} kg of its arm: the "
-            "arm moves the satellite more than itself"
+            f"the satellite has {masses.satellite:.4g} kg, less than the {masses.arms:.4g} kg of its arm: "
+            "the arm moves the satellite more than itself"
         )
 
 
@@ -110,9 +111,9 @@ def _satellite_inertia(figures: RobotFigures) -> Iterator[str]:
     low, high = (share * side for share in SATELLITE_GYRATION)
     if not low <= gyration <= high:
         yield (
-            f"the satellite's moment of inertia of {max(figures.masses.satellite_moments):.4g} kg m^2 is a radius "
-            f"of gyration of {gyration:.3g} m, where {low:.2g} to {high:.2g} m are usual for its size of "
-            f"{side:.3g} m"
+            f"the satellite's moment of inertia of {max(figures.masses.satellite_moments):.4g} kg m^2 is a "
+            f"radius of gyration of {gyration:.3g} m, where {low:.2g} to {high:.2g} m are usual for its size "
+            f"of {side:.3g} m"
         )
 
 
@@ -121,8 +122,8 @@ def _weak_drive(figures: RobotFigures) -> Iterator[str]:
         joint = figures.robot.joints[index]
         if able < joint.acceleration_limit:
             yield (
-                f"{_joint(figures, index)} can accelerate by {able:.3g} rad/s^2 with its {joint.torque_limit:.3g} "
-                f"N m, less than its limit of {joint.acceleration_limit:.3g} rad/s^2"
+                f"{_joint(figures, index)} can accelerate by {able:.3g} rad/s^2 with its "
+                f"{joint.torque_limit:.3g} N m, less than its limit of {joint.acceleration_limit:.3g} rad/s^2"
             )
 
 
@@ -131,8 +132,9 @@ def _weak_brakes(figures: RobotFigures) -> Iterator[str]:
         limit = figures.robot.joints[index].acceleration_limit
         if min(able, limit) < BRAKING:
             yield (
-                f"{_joint(figures, index)} can brake by {min(able, limit):.3g} rad/s^2 while all joints brake, less "
-                f"than the {BRAKING:g} rad/s^2 with which drives stop joints before the ends of their ranges"
+                f"{_joint(figures, index)} can brake by {min(able, limit):.3g} rad/s^2 while all joints "
+                f"brake, less than the {BRAKING:g} rad/s^2 with which drives stop joints before the ends of "
+                "their ranges"
             )
 
 
@@ -140,14 +142,14 @@ def _rates(figures: RobotFigures) -> Iterator[str]:
     for index, joint in enumerate(figures.robot.joints):
         if joint.rate_limit > FASTEST:
             yield (
-                f"{_joint(figures, index)} may move at {joint.rate_limit:.3g} rad/s; joints of space robots move at "
-                "0.05 to 0.5 rad/s"
+                f"{_joint(figures, index)} may move at {joint.rate_limit:.3g} rad/s; joints of space robots "
+                "move at 0.05 to 0.5 rad/s"
             )
         start = joint.rate_limit / joint.acceleration_limit
         if not START_TIMES[0] <= start <= START_TIMES[1]:
             yield (
-                f"{_joint(figures, index)} reaches its rate limit in {start:.3g} s, where {START_TIMES[0]:g} to "
-                f"{START_TIMES[1]:g} s are usual"
+                f"{_joint(figures, index)} reaches its rate limit in {start:.3g} s, where {START_TIMES[0]:g} "
+                f"to {START_TIMES[1]:g} s are usual"
             )
 
 
@@ -158,8 +160,8 @@ def _ranges(figures: RobotFigures) -> Iterator[str]:
             yield f"{_joint(figures, index)} has a range of {high - low:.3g} rad, where goals need {NARROW:g}"
         elif min(joint.home - low, high - joint.home) < HOME_ROOM:
             yield (
-                f"{_joint(figures, index)} is {min(joint.home - low, high - joint.home):.3g} rad from the end of its "
-                f"range at home, where goals around home need {HOME_ROOM:g} rad"
+                f"{_joint(figures, index)} is {min(joint.home - low, high - joint.home):.3g} rad from the "
+                f"end of its range at home, where goals around home need {HOME_ROOM:g} rad"
             )
 
 
@@ -191,8 +193,8 @@ def _time_step(figures: RobotFigures) -> Iterator[str]:
     step = figures.measured.default_timestep
     if step < SLOW_STEP:
         yield (
-            f"momentum needs a time step of {step:g} s, and simulations of it are slow; steps of 0.01 to 0.02 s "
-            "are usual"
+            f"momentum needs a time step of {step:g} s, and simulations of it are slow; steps of 0.01 to "
+            "0.02 s are usual"
         )
 
 
@@ -200,8 +202,8 @@ def _momentum(figures: RobotFigures) -> Iterator[str]:
     if not figures.drift <= BOUND:
         yield (
             f"momentum drifts by {figures.drift:.1e} with the largest time step and control period of the "
-            f"description, more than the bound of {BOUND:g}; measured ones are {figures.measured.largest_timestep:g} "
-            f"and {figures.measured.largest_control_period:g} s"
+            f"description, more than the bound of {BOUND:g}; measured ones are "
+            f"{figures.measured.largest_timestep:g} and {figures.measured.largest_control_period:g} s"
         )
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import RenderingError
 from space_envs.robots.check.figures.conditioning import random_configurations
-from space_envs.robots.models import ModelOptions, robot_model
+from space_envs.robots.models import SceneOptions, robot_model
 from space_envs.robots.robot import Robot
 from space_envs.step_limits.motions import mechanics
 
@@ -29,7 +29,7 @@ def robot_pictures(robot: Robot) -> tuple[list[RobotPicture], str]:
     """Pictures of a robot, and a note where there are none since this machine cannot draw."""
     from space_envs.rendering import Renderer  # OpenGL may be missing, and is not needed without pictures
 
-    model = robot_model(robot, ModelOptions(visual=True))
+    model = robot_model(robot, SceneOptions(visual=True))
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
     state = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_INTEGRATION))

@@ -40,7 +40,14 @@ def planner_table(planners: Sequence[PlannerFigures], split: str) -> FigureTable
         )
         for one in planners
     ]
-    heads = ("planner", "control mode", "goals reached", "share", "kept-attitude score", "most frequent failure")
+    heads = (
+        "planner",
+        "control mode",
+        "goals reached",
+        "share",
+        "kept-attitude score",
+        "most frequent failure",
+    )
     caption = f"Medium goals of the {split} split, drawn around the robot's home, as evaluate.py counts them."
     return FigureTable("Goals that each planner reaches", heads, tuple(rows), caption)
 
@@ -86,9 +93,9 @@ def _bodies(figures: RobotFigures) -> FigureTable:
     rows.append(("whole robot, at home", f"{masses.total:.4g}", _vector(masses.moments), "", ""))
     heads = ("body", "mass, kg", "principal inertia, kg m^2", "length, m", "centre of mass from joint, m")
     caption = (
-        "Inertia about each body's centre of mass. The length of a link is the distance from its joint to the "
-        f"next or to the tool. The centre of mass of the whole robot is at {_vector(masses.centre)} m in the "
-        "satellite's frame, and its inertia is about it."
+        "Inertia about each body's centre of mass. The length of a link is the distance from its joint to "
+        f"the next or to the tool. The centre of mass of the whole robot is at {_vector(masses.centre)} m in "
+        "the satellite's frame, and its inertia is about it."
     )
     return FigureTable("Masses", heads, tuple(rows), caption)
 
@@ -117,8 +124,8 @@ def _joints(figures: RobotFigures) -> FigureTable:
         "torque gives with all others, rad/s^2",
     )
     caption = (
-        "The last two columns are accelerations at the worst of many configurations: of the joint alone, and of "
-        "all joints at once in any direction."
+        "The last two columns are accelerations at the worst of many configurations: of the joint alone, and "
+        "of all joints at once in any direction."
     )
     return FigureTable("Joints", heads, tuple(rows), caption)
 
@@ -136,8 +143,8 @@ def _maps(figures: RobotFigures) -> FigureTable:
     )
     heads = ("map from joint rates", "at home", "5 %", "median", "95 %")
     caption = (
-        "Quantiles over 1,000 configurations, uniform in the joint ranges. Lengths are in units of the reach. A "
-        "motion in the reaction null space does not rotate the satellite."
+        "Quantiles over 1,000 configurations, uniform in the joint ranges. Lengths are in units of the "
+        "reach. A motion in the reaction null space does not rotate the satellite."
     )
     return FigureTable("Conditioning", heads, rows, caption)
 
@@ -148,8 +155,8 @@ def _modes(figures: RobotFigures) -> FigureTable:
     )
     heads = ("control mode", "drift of momentum", "peak rate / rate limit", "distance to joint limit, rad")
     caption = (
-        "Full-range motions of 20 s from home and from the fastest starts that the drives can brake, with the "
-        f"largest steps of the robot: {_steps(figures.robot.steps)}. A measurement finds "
+        "Full-range motions of 20 s from home and from the fastest starts that the drives can brake, with "
+        f"the largest steps of the robot: {_steps(figures.robot.steps)}. A measurement finds "
         f"{_steps(figures.measured)}. The drift is relative to the largest momentum of a body, and the suite "
         "promises 1e-6."
     )
@@ -187,4 +194,5 @@ def _spread(spread: Spread) -> tuple[str, str, str, str]:
 
 
 def _steps(steps: StepLimits) -> str:
-    return f"a time step of {1e3 * steps.largest_timestep:g} ms, a control period of {steps.largest_control_period:g} s"
+    step, period = 1e3 * steps.largest_timestep, steps.largest_control_period
+    return f"a time step of {step:g} ms, a control period of {period:g} s"

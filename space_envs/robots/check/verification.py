@@ -18,10 +18,10 @@ from space_envs.registration import find
 from space_envs.robots.check.figures.conditioning import random_configurations
 from space_envs.robots.check.figures.simulated import EPISODES, SECONDS, control_period
 from space_envs.robots.check.implausible import BOUND
-from space_envs.robots.models import ModelOptions, robot_model
+from space_envs.robots.models import SceneOptions, robot_model
 from space_envs.robots.robot import Robot
 from space_envs.step_limits.measured import stable
-from space_envs.step_limits.motions import Settings, full_range_motion, mechanics
+from space_envs.step_limits.motions import SimulationSettings, full_range_motion, mechanics
 
 STATES = 20  # random ones in which two implementations are compared
 AGREE = 1e-9  # of the largest entry of a matrix
@@ -58,7 +58,9 @@ def _momentum(robot: Robot, mode: str) -> Verification:
         (control_period(robot), steps.default_timestep),
         (steps.largest_control_period, steps.largest_timestep),
     }
-    motions = [full_range_motion(robot, Settings(mode, *run), SECONDS, EPISODES) for run in sorted(runs)]
+    motions = [
+        full_range_motion(robot, SimulationSettings(mode, *run), SECONDS, EPISODES) for run in sorted(runs)
+    ]
     drift = max(motion.drift for motion in motions)
     rate = max(motion.peak_rate for motion in motions)
     passed = drift <= BOUND and all(stable(motion) for motion in motions)
@@ -111,7 +113,7 @@ def _oracle(robot: Robot, name: str, compare: "Comparison") -> Verification:
 
 def _mujoco_mass(robot: Robot, q: Array) -> Array:
     """MuJoCo's mass matrix (6 + n, 6 + n) of the robot at the origin; in the plane (3 + n, 3 + n)."""
-    model = robot_model(robot, ModelOptions(0.01))
+    model = robot_model(robot, SceneOptions(0.01))
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
     base = 3 if robot.planar else 6

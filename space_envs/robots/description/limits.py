@@ -1,5 +1,6 @@
 """Values of an arm's joints in a description: one number for all, a list, or a table by joint name."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -26,7 +27,7 @@ class JointValues:
 
     Attributes:
         names: of the joints. home: rad. range: least and largest angle, rad.
-        rate: rad/s. acceleration: rad/s^2. torque: N m. rotor_inertia: kg m^2.
+        rate: rad/s. acceleration: rad/s^2, NaN where it is not given. torque: N m. rotor_inertia: kg m^2.
     """
 
     names: list[str]
@@ -62,18 +63,19 @@ def joint_values(
 
     n = len(names)
     ranges = _ranges(limits, names, known.get("range"), prefix)
+    given = "acceleration" in limits or known.get("acceleration") is not None
     values = JointValues(
         names=names,
         home=read(arm, "home"),
         range=ranges,
         rate=read(limits, "rate"),
-        acceleration=read(limits, "acceleration"),
+        acceleration=read(limits, "acceleration") if given else [math.nan] * n,
         torque=read(limits, "torque"),
         rotor_inertia=read(arm, "rotor_inertia", [0.0] * n),
     )
     for key in ("rate", "acceleration", "torque"):
         for name, value in zip(names, getattr(values, key), strict=True):
-            if not value > 0.0:
+            if value <= 0.0:
                 raise limits.error(f"{key} of {name!r} must be positive, got {value!r}")
     for name, value in zip(names, values.rotor_inertia, strict=True):
         if value < 0.0:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from space_envs.errors import unknown_name
+from space_envs.robots.accelerations import with_accelerations
 from space_envs.robots.description.mounting import assembled
 from space_envs.robots.description.satellites import SATELLITE_KEYS
 from space_envs.robots.description.tables import DescriptionTable, merged, read_toml
@@ -68,6 +69,7 @@ def read_robot(
         view=_view(table),
         notes=notes,
     )
+    robot = with_accelerations(robot)
     if len(arms) == 2:
         robot = replace(robot, target=read_target(table.table("target", TARGET_KEYS, {}), robot))
     elif "target" in table:

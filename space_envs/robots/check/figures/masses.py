@@ -104,7 +104,7 @@ def mass_figures(robot: Robot) -> MassFigures:
 
 
 def link_axis(arm: Arm, number: int) -> Array:
-    """Vector (3,) from the joint of a link, numbered from 1, to the next joint or the tool, m, in its frame."""
+    """Vector (3,) from the joint of a link, numbered from 1, to the next joint or tool, in its frame, m."""
     last = number == len(arm.links)
     return np.array(arm.tool_position if last else arm.links[number].position)
 
@@ -124,5 +124,3 @@ def _parallel(place: Array) -> Array:
     """Inertia (..., 3, 3) of unit masses at places (..., 3), m^2."""
     square = (place * place).sum(axis=-1)[..., None, None] * np.eye(3)
     return square - place[..., :, None] * place[..., None, :]
-
-

@@ -11,7 +11,7 @@ from space_envs.dynamics.rotations import Array, angle_between
 from space_envs.robots.robot import Robot
 from space_envs.step_limits.motions import (
     ControlledRobot,
-    Settings,
+    SimulationSettings,
     full_range_motion,
     mechanics,
     start_at_rest,
@@ -70,7 +70,7 @@ def mode_figures(robot: Robot, seed: int = 0) -> tuple[ModeFigures, ...]:
     """Figures of each control mode."""
     found = []
     for mode in CONTROL_MODES:
-        settings = Settings(mode, robot.steps.largest_control_period, robot.steps.largest_timestep)
+        settings = SimulationSettings(mode, robot.steps.largest_control_period, robot.steps.largest_timestep)
         motion = full_range_motion(robot, settings, SECONDS, EPISODES, seed)
         found.append(ModeFigures(mode, motion.drift, motion.peak_rate, motion.stop_distance))
     return tuple(found)
@@ -83,7 +83,7 @@ def tracking(robot: Robot, seed: int = 1) -> TrackingFigures:
     start, _ = start_at_rest(robot, EPISODES)
     goal = start + _displacements(robot, np.random.default_rng(seed))
     _, rates, _ = minimum_jerk(start, goal, MOTION, steps + 1)
-    controlled = ControlledRobot(robot, EPISODES, Settings("joint_velocity", period, _step(robot)))
+    controlled = ControlledRobot(robot, EPISODES, SimulationSettings("joint_velocity", period, _step(robot)))
     controlled.reset(start, np.zeros_like(start))
     motion = controlled.run(rates[:, 1:].swapaxes(0, 1) / robot.rate_limit)
     fine_q, fine_rates, dt = minimum_jerk(start, goal, MOTION, FINE * steps + 1)
@@ -101,7 +101,9 @@ def attitude(robot: Robot, seed: int = 2) -> AttitudeFigures:
     """Largest angles of the satellite under random actions from home."""
     peaks = {}
     for mode in ("reactionless", "joint_velocity"):
-        controlled = ControlledRobot(robot, EPISODES, Settings(mode, control_period(robot), _step(robot)))
+        controlled = ControlledRobot(
+            robot, EPISODES, SimulationSettings(mode, control_period(robot), _step(robot))
+        )
         controlled.reset(*start_at_rest(robot, EPISODES))
         actions = _random_actions(controlled, np.random.default_rng(seed))
         peaks[mode] = float(controlled.run(actions).attitude.max())
