@@ -42,9 +42,8 @@ def with_accelerations(robot: Robot) -> Robot:
     least, most = limits[missing].min(), limits[missing].max()
     figure = f"{least:.3g}" if least == most else f"{least:.3g} to {most:.3g}"
     note = (
-        f"no acceleration limits are given for {', '.join(names)}; {figure} rad/s^2 are assumed, which the "
-        "torque limits give the whole arm in any direction, and not more than one second to the rate limit "
-        "takes"
+        f"{', '.join(names)} have no acceleration limits and get {figure} rad/s^2: what the torque limits give "
+        "the whole arm in any direction, but no more than the rate limit in a second."
     )
     return replace(robot, arms=arms, notes=(*robot.notes, note))
 
