@@ -42,8 +42,8 @@ def with_accelerations(robot: Robot) -> Robot:
     least, most = limits[missing].min(), limits[missing].max()
     figure = f"{least:.3g}" if least == most else f"{least:.3g} to {most:.3g}"
     note = (
-        f"{', '.join(names)} have no acceleration limits and get {figure} rad/s^2: what the torque limits give "
-        "the whole arm in any direction, but no more than the rate limit in a second."
+        f"{', '.join(names)} have no acceleration limits and get {figure} rad/s^2: what the torque limits "
+        "give the whole arm in any direction, but no more than the rate limit in a second."
     )
     return replace(robot, arms=arms, notes=(*robot.notes, note))
 
