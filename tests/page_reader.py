@@ -2,8 +2,15 @@
 
 import base64
 import hashlib
+import json
 import re
 from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+from page_layout import CHROMIUM, layout_faults
 
 
 class Reader(HTMLParser):
@@ -40,6 +47,26 @@ class Reader(HTMLParser):
             self.scripts[-1] += data
         elif self.inside != "style":
             self.text.append(data)
+
+
+def check_study(name: str, tmp_path: Path, request: pytest.FixtureRequest) -> tuple[str, dict[str, Any], str]:
+    """The page, summary and docs page of a paper's run into `out` and `docs`; all their links lead somewhere.
+
+    Chromium, where there is one, finds no fault in the page's layout.
+    """
+    out, docs = tmp_path / "out", tmp_path / "docs"
+    text = (out / f"{name}.html").read_text(encoding="utf-8")
+    for link in check_self_contained(text).links:
+        assert link.startswith(("#", "data:")) or (out / link).exists()
+    if CHROMIUM:
+        assert layout_faults(request.getfixturevalue("browser"), (out / f"{name}.html").as_uri()) == []
+    for figure in (out / "figures").glob("*.svg"):
+        ElementTree.parse(figure)
+    written = (docs / f"{name}.md").read_text(encoding="utf-8")
+    for link in re.findall(r"\]\((images/\S+)\)", written):
+        assert (docs / link).exists()
+    assert [path.name for path in tmp_path.rglob(".*")] == [".space-capture"]
+    return text, json.loads((out / "summary.json").read_text(encoding="utf-8")), written
 
 
 def check_self_contained(text: str) -> Reader:

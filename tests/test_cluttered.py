@@ -327,18 +327,8 @@ def test_collisions_are_counted_in_the_records(tmp_path, capsys):
 
     names = policies_for(ENV_ID)
     assert {"minimum_jerk", "gjm", "mpc", "promp"} <= set(names) and not {"bc", "ppo"} & set(names)
-    arguments = [
-        "--env",
-        ENV_ID,
-        "--policy",
-        "gjm",
-        "minimum_jerk",
-        "hold",
-        "--episodes",
-        "6",
-        "--no-pictures",
-    ]
-    assert main([*arguments, "--jobs", "1", "--output", str(tmp_path)]) == 0
+    arguments = "--policy gjm minimum_jerk hold --episodes 6 --no-pictures".split()
+    assert main(["--env", ENV_ID, *arguments, "--jobs", "1", "--output", str(tmp_path)]) == 0
     assert "gjm" in capsys.readouterr().out
     records = read_records(tmp_path / "records.jsonl")
     for record in records:

@@ -84,16 +84,7 @@ def test_minari_has_a_root_of_its_own(tmp_path, monkeypatch):
     pytest.importorskip("minari")
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
     monkeypatch.delenv("MINARI_DATASETS_PATH", raising=False)
-    words = [
-        "--policy",
-        "hold",
-        "--episodes",
-        "1",
-        "--format",
-        "minari",
-        "--minari-root",
-        str(tmp_path / "m"),
-    ]
+    words = [*"--policy hold --episodes 1 --format minari --minari-root".split(), str(tmp_path / "m")]
     assert run(tmp_path / "out", *words) == 0
     assert (folder(tmp_path / "m", policy="hold") / "data" / "main_data.hdf5").is_file()
     assert [path.name for path in sorted(folder(tmp_path / "out", policy="hold").iterdir())] == [

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from dynamics_models import robot_and_model
+from offenders import assert_none
 
 from agents.demonstrations.elastic_bands import BandObstacles, joint_detour, relax, straight_path, task_detour
 from agents.planners.common.inverse_kinematics import (
@@ -243,18 +244,16 @@ CASES: dict[str, Callable[[int], Any]] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", CASES)
-def test_no_rows_give_what_some_rows_give(name: str) -> None:
-    assert shapes(CASES[name](0), 0) == shapes(CASES[name](2), 2)
+def test_no_rows_give_what_some_rows_give() -> None:
+    assert_none(name for name, case in CASES.items() if shapes(case(0), 0) != shapes(case(2), 2))
 
 
-@pytest.mark.parametrize(
-    ("env_id", "name"), [(env_id, name) for env_id in ENTRIES for name in policies_for(env_id)]
-)
-def test_policies_act_on_no_observations(env_id: str, name: str) -> None:
-    env = CaptureVectorEnv(env_id, 1, control_mode(name))
-    observation, _ = env.reset(seed=0)
-    policy = make_policy(name, PolicyContext.from_env(env), 0)
-    action, state = policy.predict(observation[:0])
-    again, _ = policy.predict(observation[:0], state, np.zeros(0, dtype=bool))
-    assert action.shape == again.shape == (0, *env.single_action_space.shape)
+@pytest.mark.parametrize("env_id", ENTRIES)
+def test_policies_act_on_no_observations(env_id: str) -> None:
+    for name in policies_for(env_id):
+        env = CaptureVectorEnv(env_id, 1, control_mode(name))
+        observation, _ = env.reset(seed=0)
+        policy = make_policy(name, PolicyContext.from_env(env), 0)
+        action, state = policy.predict(observation[:0])
+        again, _ = policy.predict(observation[:0], state, np.zeros(0, dtype=bool))
+        assert action.shape == again.shape == (0, *env.single_action_space.shape), name

@@ -3,9 +3,8 @@
 import json
 import subprocess
 import sys
-from functools import cache
 
-import pytest
+from offenders import assert_none
 
 from space_envs.rendering import missing_gl
 
@@ -152,45 +151,29 @@ expected = {
 json.dump([found, expected], sys.stdout)
 """
 AS_STEP = ("pickle", "deepcopy", "grandchild")
+GOING_ON = ("step", "step_tool", "reset", *AS_STEP, "single", "new", "pool")
+ENDING = ("nothing", "drop", "close", "exit", "use_and_exit")
 
 
-@cache
-def played() -> tuple[dict, dict]:
-    """Exit status and output of every child, and what the parent itself gets for some of them."""
-    gl = "gl" if missing_gl() is None else "no gl"
-    done = subprocess.run([sys.executable, "-c", SCRIPT, gl], capture_output=True, text=True, timeout=300)
+def test_forked_children_go_on_as_their_parent_would_or_end_and_never_hang() -> None:
+    missing = missing_gl()
+    words = [sys.executable, "-c", SCRIPT, "gl" if missing is None else "no gl"]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     found, expected = json.loads(done.stdout)
-    return found, expected | {name: expected["step"] for name in AS_STEP}
-
-
-@pytest.mark.parametrize(
-    "name", ["step", "step_tool", "reset", "pickle", "deepcopy", "single", "grandchild", "new", "pool"]
-)
-def test_a_child_goes_on_as_its_parent_would(name: str) -> None:
-    found, expected = played()
-    assert found[name][0] == 0, found[name]
-    assert found[name][1] == expected[name]
-
-
-@pytest.mark.parametrize("name", ["nothing", "drop", "close", "exit", "use_and_exit"])
-def test_a_child_may_drop_what_it_got_and_end(name: str) -> None:
-    assert played()[0][name] == [0, None]
-
-
-def test_a_child_does_not_draw_with_the_opengl_of_its_parent() -> None:
-    status, said = played()[0]["render"]
+    expected |= {name: expected["step"] for name in AS_STEP} | dict.fromkeys(ENDING)
+    assert_none(
+        f"{name}: {found[name]}" for name in (*GOING_ON, *ENDING) if found[name] != [0, expected[name]]
+    )
+    # A child does not draw with the OpenGL of its parent.
+    status, said = found["render"]
     assert status == 0
-    if missing_gl() is None:
+    if missing is None:
         assert "RenderingError" in said and "forked" in said and "spawn" in said
     else:
         assert said is None
-
-
-def test_a_fork_beside_a_thread_that_steps() -> None:
-    found = played()[0]
-    assert found["beside_a_thread"] == [0] * 4
-    assert found["exit_beside_a_thread"] == [0] * 4
+    # Beside a thread that steps.
+    assert found["beside_a_thread"] == found["exit_beside_a_thread"] == [0] * 4
 
 
 LOADER = """

@@ -101,7 +101,6 @@ def test_np_random_of_the_single_environment():
     drawn = env.reset()[0]
     env.np_random = np.random.default_rng(8)
     np.testing.assert_array_equal(env.reset()[0], drawn)
-    assert env.unwrapped._np_random is env.np_random
 
 
 def test_np_random_of_the_native_vector_environment():

@@ -190,20 +190,8 @@ def test_names_are_made_harmless() -> None:
     assert len(display_name("x" * 1000)) == 60
     assert markdown_name("minimum_jerk") == "minimum_jerk"
     assert markdown_name("a|b_*") == r"a\|b\_\*"
-    names = [
-        "mpc",
-        "MPC",
-        "Mpc",
-        "a/b",
-        "a:b",
-        "../../etc/passwd",
-        "..",
-        "",
-        "x" * 300,
-        "\ud800",
-        "con.",
-        "package.m:C",
-    ]
+    names = ["mpc", "MPC", "Mpc", "a/b", "a:b", "../../etc/passwd", "..", "", "\ud800", "con.", "package.m:C"]
+    names.append("x" * 300)
     stems = [file_name(name) for name in names]
     assert stems[0] == "mpc" and len({stem.lower() for stem in stems}) == len(names)
     assert all(

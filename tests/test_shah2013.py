@@ -1,14 +1,10 @@
 """shah2013 reproduced: its cases, its claims by hand, what is measured, and a small run for real."""
 
-import json
-import re
 from dataclasses import replace
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from page_layout import CHROMIUM, layout_faults
-from page_reader import check_self_contained
+from page_reader import check_study
 
 from agents.planners.common.plans import Cause
 from agents.planners.dual_arm.prescribed_paths.instantaneous import plan_local, plan_zeta_zero
@@ -198,31 +194,12 @@ def test_free_direction_moves_nothing():
 
 def test_a_small_run_for_real(tmp_path, capsys, monkeypatch, request):
     monkeypatch.setattr("reproduce.shah2013.runs.FINE", Tracking(timestep=0.01, control_period=0.01))
-    docs = tmp_path / "docs"
+    docs, out = tmp_path / "docs", tmp_path / "out"
     docs.mkdir()
-    words = [
-        "shah2013",
-        "--quick",
-        "--cases",
-        "2",
-        "--seed",
-        "5",
-        "--jobs",
-        "1",
-        "--output",
-        str(tmp_path / "out"),
-    ]
-    assert main([*words, "--docs", str(docs)]) == 0
-    out = tmp_path / "out"
-    text = (out / "shah2013.html").read_text(encoding="utf-8")
-    reader = check_self_contained(text)
+    words = "shah2013 --quick --cases 2 --seed 5 --jobs 1".split()
+    assert main([*words, "--output", str(out), "--docs", str(docs)]) == 0
+    text, summary, written = check_study("shah2013", tmp_path, request)
     assert "A quick run: 2 random cases" in text
-    if CHROMIUM:
-        page = (out / "shah2013.html").as_uri()
-        assert layout_faults(request.getfixturevalue("browser"), page) == []
-    for link in reader.links:
-        assert link.startswith(("#", "data:")) or (out / link).exists()
-    summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     energies = {key: found["energy"] for key, found in summary["canonical"]["methods"].items()}
     assert energies["ocp"] == pytest.approx(0.750548977, rel=1e-6)
     assert energies["ocp_rest"] == pytest.approx(0.750552310, rel=1e-4)
@@ -233,17 +210,8 @@ def test_a_small_run_for_real(tmp_path, capsys, monkeypatch, request):
             found = case["methods"][key]
             assert found.get("cause") in (None, *map(str, Cause))
             assert ("energy" in found) != ("cause" in found)
-    assert {path.name for path in (out / "figures").iterdir()} >= {
-        "fig2.svg",
-        "fig3.svg",
-        "fig4.svg",
-        "fig5.svg",
-    }
-    for figure_file in (out / "figures").iterdir():
-        ElementTree.parse(figure_file)
-    written = (docs / "shah2013.md").read_text(encoding="utf-8")
+    figures = {path.name for path in (out / "figures").iterdir()}
+    assert figures >= {f"fig{number}.svg" for number in (2, 3, 4, 5)}
+    assert all(name.endswith(".svg") for name in figures)
     assert "comes with a later version" in written and "as vectors, every 2 s" in written
-    for link in re.findall(r"\]\((images/\S+)\)", written):
-        assert (docs / link).exists()
-    assert [path.name for path in tmp_path.rglob(".*")] == [".space-capture"]
     assert "shah2013.html" in capsys.readouterr().out
