@@ -9,7 +9,7 @@ class PrompError(ValueError):
 
 
 class ConditioningError(PrompError):
-    """The distribution cannot meet the target: it has no variance left in the direction asked for.
+    """The distribution cannot meet the target: it has no variance in the direction of the target.
 
     `residual` (m,) is that of each conditioned quantity, and `row` the worst of them.
     """

@@ -15,7 +15,7 @@ from promp.errors import ConditioningError, PrompError
 
 # Eigenvalues below this fraction of the largest are rounding (a standard deviation a millionth of the
 # largest) and count as zero. Through a covariance, which holds squares, nothing finer than sqrt(machine
-# epsilon) can be told.
+# epsilon) can be distinguished.
 EIGENVALUE_FLOOR = 1e-12
 
 # Negative eigenvalues down to this fraction of the largest are rounding; below, the matrix is no covariance.
@@ -77,8 +77,8 @@ def factor_covariance(covariance: ArrayLike, name: str = "covariance") -> Factor
         raise PrompError(
             f"{name}: expected no negative eigenvalue, got {eigenvalues[0]:g} (largest {largest:g})"
         )
-    kept = eigenvalues > EIGENVALUE_FLOOR * largest
-    return Factor(axes[:, kept], np.sqrt(eigenvalues[kept]))
+    positive = eigenvalues > EIGENVALUE_FLOOR * largest
+    return Factor(axes[:, positive], np.sqrt(eigenvalues[positive]))
 
 
 def condition_gaussian(
@@ -143,7 +143,7 @@ def _condition(
     residual = innovation - features @ shift - noise_directions @ latent[rank:]
     _check_residual(residual, target, noise_deviation, tolerance)
     _check_distance(latent[:rank], response, innovation, target)
-    # right[met:] spans the unconditioned directions; their noise part is integrated out by leaving it away.
+    # right[met:] spans the unconditioned directions; their noise part is integrated out by omitting it.
     free = directions @ right[met:, :rank].T
     return mean + shift, free @ free.T
 
@@ -153,7 +153,7 @@ def _check_residual(residual: Array, target: Array, noise_deviation: Array, tole
     excess = np.abs(residual) - np.maximum(tolerance * np.maximum(1.0, np.abs(target)), noise_deviation)
     if (excess > 0).any():
         row = int(np.argmax(excess))
-        problem = f"is missed by {residual[row]:.3g}, since no variance is left there"
+        problem = f"has a residual of {residual[row]:.3g}, since there is no variance in its direction"
         raise _conflict(target, residual, row, problem)
 
 

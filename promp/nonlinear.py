@@ -59,25 +59,25 @@ class Conditioned:
     iterations: int
 
     def sample(self, rng: np.random.Generator, n: int) -> tuple[Array, NDArray[np.bool_]]:
-        """`n` samples (n, n_dof, nb), projected, and which (n,) of them meet the exact targets."""
+        """Samples (n, n_dof, nb), projected, and a mask (n,) of those that meet the exact targets."""
         return self.project(self.promp.sample(rng, n))
 
     def project(self, samples: ArrayLike, tolerance: float = 1e-6) -> tuple[Array, NDArray[np.bool_]]:
-        """Weights (S, n, nb) that meet the exact targets, near samples (S, n, nb), and which (S,) do.
+        """Weights (S, n, nb) near samples (S, n, nb), projected onto the exact targets; mask (S,) of success.
 
         Gauss-Newton, all samples at once, with the shortest step in the prior's metric: samples change in
         directions in which the prior varies, and as little as it takes. Targets with an accuracy above 0 are
-        left alone. A sample that does not get within `tolerance` is returned as far as it came.
+        ignored. A sample that does not get within `tolerance` is returned as far as it came.
         """
         weights = finite_array("samples", samples, (None, *self.prior.mean.shape)).copy()
         directions = self.prior.factor.directions
         met = np.zeros(len(weights), dtype=bool)
         rows = np.arange(len(weights))
-        for left in range(PROJECTIONS if len(weights) else -1, -1, -1):
+        for remaining in range(PROJECTIONS if len(weights) else -1, -1, -1):
             residual, slope = _exact(self.targets, weights[rows])
             met[rows] = np.abs(residual).max(axis=1, initial=0.0) <= tolerance
             open_rows = ~met[rows] & np.isfinite(residual).all(axis=1)
-            if not left or not open_rows.any():
+            if not remaining or not open_rows.any():
                 break
             rows, residual, slope = rows[open_rows], residual[open_rows], slope[open_rows]
             response = slope @ directions  # (S, m, r)
@@ -100,7 +100,7 @@ def condition_nonlinear(
 
     Args:
         promp: of any covariance, singular or not. targets: one or several, which are met together.
-        start: weights (n, nb) where the search begins; default the mean. They are first brought to the
+        start: weights (n, nb), initial guess; default the mean. They are first brought to the
             prior's support. Where several motions are locally most likely, the search ends in one near it.
         tolerance: largest residual of exact targets, in their units. iterations: at most.
 
@@ -210,7 +210,7 @@ def _penalty(unknown: Array, residual: Array, weight: float) -> float:
 def _not_met(residual: Array, length: float, iterations: int) -> ConditioningError:
     row = int(np.argmax(np.abs(residual)))
     return ConditioningError(
-        f"row {row}: after {iterations} iterations the target is missed by {residual[row]:.3g}, and the last "
+        f"row {row}: after {iterations} iterations the residual is {residual[row]:.3g}, and the last "
         f"step had {length:.3g} standard deviations; state an accuracy, a nearer target or another start",
         residual,
         row,
@@ -241,7 +241,7 @@ def _together(targets: Sequence[NonlinearTarget], weights: Array) -> tuple[Array
 
 
 def _exact(targets: Sequence[NonlinearTarget], weights: Array) -> tuple[Array, Array]:
-    """Those rows of `_together` that shall be met exactly."""
+    """Rows of `_together` with an accuracy of 0: residuals (S, m) and their derivatives (S, m, n nb)."""
     residual, slope, deviation = _together(targets, weights)
     exact = deviation == 0.0
     return residual[:, exact], slope[:, exact]

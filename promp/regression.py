@@ -86,14 +86,14 @@ def _regress(features: Array, observed: Array, ridge: float, exact: list[int]) -
     return flat
 
 
-def _meet_exactly(constraints: Array, missed: Array, right: Array, singular: Array) -> Array:
+def _meet_exactly(constraints: Array, residual: Array, right: Array, singular: Array) -> Array:
     """Least correction (nb, K) of the fit that makes constraints (m, nb) @ weights exact."""
     whiten = right.T / singular
-    correction = whiten @ (np.linalg.pinv(constraints @ whiten) @ missed)
-    residual = float(np.abs(missed - constraints @ correction).max())
-    if residual > 1e-9 * max(1.0, float(np.abs(missed).max())):
+    correction = whiten @ (np.linalg.pinv(constraints @ whiten) @ residual)
+    remaining = float(np.abs(residual - constraints @ correction).max())
+    if remaining > 1e-9 * max(1.0, float(np.abs(residual).max())):
         raise PrompError(
             f"exact_ends: expected a basis that can meet {constraints.shape[0]} end values, "
-            f"got {constraints.shape[1]} functions that leave over {residual:.3g}"
+            f"got {constraints.shape[1]} functions with a residual of {remaining:.3g}"
         )
     return correction

@@ -52,7 +52,7 @@ def save_arrays(path: str | Path, arrays: Mapping[str, np.ndarray]) -> None:
 
 
 def load_arrays(path: str | Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
-    """The arrays `names` of a file that save_arrays wrote, or StorageError naming the file and what is wrong.
+    """The arrays `names` of a file that save_arrays wrote, or StorageError naming the file and the defect.
 
     A file that does not exist or may not be read gives the usual OSError.
     """
@@ -64,7 +64,7 @@ def load_arrays(path: str | Path, names: tuple[str, ...]) -> dict[str, np.ndarra
     try:
         with np.load(io.BytesIO(content), allow_pickle=False) as archive:
             stored = {name: archive[name] for name in archive.files}
-    # Broken bytes make zipfile and numpy raise a dozen unrelated types; all of them mean the same here.
+    # Damaged bytes make zipfile and numpy raise a dozen unrelated types; all of them mean the same here.
     except Exception as error:
         raise StorageError(
             f"{path}: expected a ProMP file (npz), got a corrupt or truncated one: {type(error).__name__}"

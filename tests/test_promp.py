@@ -89,7 +89,9 @@ def test_exact_ends_fix_the_start_and_a_wrong_one_is_refused(demonstrations):
     np.testing.assert_allclose(same.mean, learned.mean, rtol=0, atol=1e-9)
     np.testing.assert_allclose(same.covariance, learned.covariance, rtol=0, atol=1e-9)
     wrong = HOME + np.eye(7)[2] * 0.01
-    with pytest.raises(ConditioningError, match="position of DoF 2 at phase 0 cannot be met.*missed by 0.01"):
+    with pytest.raises(
+        ConditioningError, match="position of DoF 2 at phase 0 cannot be met.*residual of 0.01"
+    ):
         learned.condition(0, wrong)
     near = learned.condition(0, wrong, accuracy=0.01)
     np.testing.assert_allclose(near.position(0), HOME, rtol=0, atol=1e-6)

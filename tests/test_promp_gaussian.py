@@ -119,7 +119,7 @@ def test_rounding_in_a_fixed_row_is_not_read_as_motion():
 def test_fixed_row_that_disagrees_is_refused():
     mean, covariance, row = fixed_first()
     with pytest.raises(
-        ConditioningError, match="row 0: target 0.8 is missed by 0.1, since no variance"
+        ConditioningError, match="row 0: target 0.8 has a residual of 0.1, since there is no variance"
     ) as caught:
         condition_gaussian(mean, covariance, row, [0.8])
     np.testing.assert_allclose(caught.value.residual, [0.1])

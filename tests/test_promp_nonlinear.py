@@ -129,13 +129,13 @@ def test_projected_samples_meet_the_target_and_earlier_via_points() -> None:
     np.testing.assert_array_equal(noisy.project(raw)[0], raw)
 
 
-def test_targets_out_of_reach_are_refused_with_what_is_missed() -> None:
+def test_targets_out_of_reach_are_refused_with_the_residual() -> None:
     promp = promp_of(6)
     with pytest.raises(ConditioningError) as caught:
         condition_nonlinear(promp, NonlinearTarget(Tip(np.array([4.0, 0.0]))))
     assert np.abs(caught.value.residual).max() > 0.9
     fixed = promp.condition_on([ViaPoint(1.0, np.zeros(3))])
-    with pytest.raises(ConditioningError, match="missed"):
+    with pytest.raises(ConditioningError, match="the residual is"):
         condition_nonlinear(fixed, tip_target(promp))
 
 

@@ -1,5 +1,7 @@
 """Ids and policies for the names given to a command, and the check that they fit together."""
 
+import argparse
+import os
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -11,6 +13,17 @@ from space_envs.errors import ConfigurationError, PolicyError, unknown_name
 from space_envs.evaluation.play.process.policy_process import PolicyProcess
 from space_envs.policy import PolicyContext
 from space_envs.registration import ENTRIES, find
+from space_envs.robots.parameters import VARIANTS
+
+
+def add_task_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the tasks and of the processes that `evaluate.py` and its commands share."""
+    add = parser.add_argument
+    add("--variant", help=f"inertias of the single arm's model: {', '.join(VARIANTS)} (default paper)")
+    what = f"{', '.join(CONTROL_MODES)}; by default the one of each policy"
+    add("--control-mode", metavar="MODE", help=what)
+    cores = len(os.sched_getaffinity(0))
+    add("--jobs", type=int, default=cores, metavar="N", help=f"processes (default {cores}, the cores)")
 
 
 def experts_for(env_id: str, mode: str | None = None) -> list[str]:

@@ -1,7 +1,6 @@
 """`evaluate.py dataset`: write episodes of policies as datasets, after replaying each from its actions."""
 
 import argparse
-import os
 import shlex
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
@@ -13,11 +12,10 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from agents.commands.choice import check_fit, choose_ids, choose_policies, distinct
+from agents.commands.choice import add_task_options, check_fit, choose_ids, choose_policies, distinct
 from agents.commands.recording.making import make
 from agents.commands.recording.request import DatasetFolders, DatasetRequest, complete
 from space_envs.codegen.libraries import warned_once
-from space_envs.control import CONTROL_MODES
 from space_envs.errors import ConfigurationError, unknown_name
 from space_envs.evaluation.datasets.card import read_card
 from space_envs.evaluation.datasets.minari import ROOT_VARIABLE, require_minari
@@ -25,7 +23,6 @@ from space_envs.evaluation.play.entry import EvaluatedTask
 from space_envs.evaluation.records.names import display_name
 from space_envs.evaluation.report.tables.terminal import print_at, width_of
 from space_envs.registration import ENTRIES, make_task
-from space_envs.robots.parameters import VARIANTS
 from space_envs.system.command_line import AppendValues, Parser, exit_status, output_path
 from space_envs.system.output import check_free, held
 from space_envs.system.parallel import check_backend
@@ -77,9 +74,7 @@ def parser() -> argparse.ArgumentParser:
     add("--split", default="train", metavar="NAME", help=what)
     what = f"{', '.join(DIFFICULTIES)}, or the task's own (default: the task's, usually medium)"
     add("--difficulty", metavar="NAME", help=what)
-    what = f"{', '.join(CONTROL_MODES)}; by default the one of each policy"
-    add("--control-mode", metavar="MODE", help=what)
-    add("--variant", help=f"inertias of the single arm's model: {', '.join(VARIANTS)} (default paper)")
+    add_task_options(out)
     add("--episodes", type=int, default=100, metavar="N", help="different goals (default 100)")
     what = "of the goals, their order and the policy (default 0)"
     add("--seed", type=int, default=0, help=what)
@@ -90,8 +85,6 @@ def parser() -> argparse.ArgumentParser:
     add("--output", type=output_path, default=default_folder, help="folder (default %(default)s)")
     what = f"folder of Minari's datasets, its {ROOT_VARIABLE} (default: that of --output)"
     add("--minari-root", type=output_path, metavar="FOLDER", help=what)
-    cores = len(os.sched_getaffinity(0))
-    add("--jobs", type=int, default=cores, metavar="N", help=f"processes (default {cores}, the cores)")
     return out
 
 

@@ -2,25 +2,22 @@
 
 import argparse
 import difflib
-import os
 import sys
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
-from agents.commands.choice import check_fit, choose_ids, choose_policies, distinct
+from agents.commands.choice import add_task_options, check_fit, choose_ids, choose_policies, distinct
 from agents.commands.evaluation.dry_run import dry_run
 from agents.commands.evaluation.run import RunOptions, run
 from agents.policies.registry import POLICIES
 from agents.policies.resolve import ResolvedPolicy
-from space_envs.control import CONTROL_MODES
 from space_envs.errors import ConfigurationError, positive
 from space_envs.evaluation.harness.evaluation import Evaluation
 from space_envs.evaluation.harness.runner import EVALUATION
 from space_envs.evaluation.play.entry import EvaluatedTask
 from space_envs.evaluation.play.process.limits import TimeLimits
 from space_envs.registration import ENTRIES, make_task
-from space_envs.robots.parameters import VARIANTS
 from space_envs.system.command_line import AppendValues, Parser, exit_status, output_path, parse_seeds
 from space_envs.system.output import check_free
 from space_envs.system.parallel import BACKENDS, check_backend
@@ -74,9 +71,7 @@ def parser() -> argparse.ArgumentParser:
     )
     what = f"{', '.join(DIFFICULTIES)}, or the task's own (default: the task's, usually medium)"
     add("--difficulty", action=AppendValues, nargs="+", default=[], metavar="NAME", help=what)
-    add("--variant", help=f"inertias of the single arm's model: {', '.join(VARIANTS)} (default paper)")
-    what = f"{', '.join(CONTROL_MODES)}; by default the one of each policy"
-    add("--control-mode", help=what, metavar="MODE")
+    add_task_options(out)
     add("--episodes", type=int, default=100, help="different goals of each split, a seed (default 100)")
     what = "of goals and policies, such as 3, 0-4 or 0,2,5-7; strata of the intervals (default 0)"
     add("--seeds", "--seed", default="0", metavar="LIST", help=what)
@@ -87,8 +82,6 @@ def parser() -> argparse.ArgumentParser:
     again.add_argument("--resume", action="store_true", help=what)
     what = "replace the evaluation that the folder holds"
     again.add_argument("--overwrite", action="store_true", help=what)
-    cores = len(os.sched_getaffinity(0))
-    add("--jobs", type=int, default=cores, metavar="N", help=f"processes (default {cores}, the cores)")
     add("--backend", default="loky", help=f"{', '.join(BACKENDS)} (default loky: this machine)")
     add("--address", help="of a Ray or Dask cluster that runs already")
     what = "limit of each call of a policy; with it, episodes run one at a time"

@@ -208,7 +208,7 @@ def _arrays(content: bytes) -> dict[str, NDArray[np.float32]]:
 
     try:
         found = th.load(io.BytesIO(content), map_location="cpu", weights_only=True)
-    # Broken bytes make torch raise a dozen unrelated types, and its own words advise to unpickle.
+    # Damaged bytes make torch raise a dozen unrelated types, and its own words advise to unpickle.
     except Exception as error:
         raise PolicyError(
             f"its `policy.pth` is damaged or holds more than arrays; nothing of it was executed "
