@@ -34,7 +34,7 @@ def to_latex(rows: Sequence[Row]) -> str:
 
 
 def _latex_unit(unit: str) -> str:
-    return unit.replace("%", r"\%").replace("^2", r"\textsuperscript{2}")
+    return latex_name(unit).replace(r"\textasciicircum{}2", r"\textsuperscript{2}")
 
 
 def _latex_cell(column: Column, row: Row, rows: Sequence[Row]) -> str:
