@@ -160,7 +160,7 @@ def _check_joint(tree: FileTree, joint: FileJoint) -> None:
         )
     if joint.kind != HINGE:
         raise ConfigurationError(
-            f"joint {joint.name!r} between root and tool is {joint.kind}; arms here have hinges only. "
+            f"joint {joint.name!r} between root and tool is {joint.kind}, and arms here have hinges only. "
             f"Lock it (lock = {{ {joint.name} = 0.0 }}), or choose a root or tool without it in between"
         )
     if joint.name in tree.coupled:

@@ -26,7 +26,7 @@ def solid_clouds(link: str, shapes: Iterable[Shape]) -> list[Cloud]:
         except ConfigurationError as error:
             raise ConfigurationError(
                 f"collision geometry of link {link!r}: {error}. Or write the contact shape in the "
-                "description: [[arm]] anchors and capsules"
+                "description, as capsules"
             ) from None
     return clouds
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from space_envs.robots.description.arms import DescribedArm
 from space_envs.robots.description.importing.chain import JointChain
+from space_envs.robots.description.importing.files.tree import inertial_example
 from space_envs.robots.description.importing.geometry import drawings, solid_clouds
 from space_envs.robots.description.importing.notes import drawing_notes
 from space_envs.robots.description.importing.plausible import check_offset, checked_link
@@ -40,7 +41,7 @@ def described_arm(
 def _link(parts: RigidParts, body: int, joint: Joint, visuals: tuple[Visual, ...]) -> Link:
     name = parts.tree.bodies[body].name
     inertial = parts.inertial(body)
-    inertial = checked_link(name, joint.name, inertial, parts.tree.inertial_example)
+    inertial = checked_link(name, joint.name, inertial, inertial_example(parts.tree.format))
     pose = parts.frames[body].pose
     check_offset(joint.name, float(np.linalg.norm(pose.position)))
     return Link(name, pose.vector, pose.quaternion, joint, inertial, visuals)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from space_envs.errors import shown
+from space_envs.errors import ConfigurationError, shown
 from space_envs.robots.description.importing.files.packages import Packages, resolve
 from space_envs.robots.description.tables import DescriptionTable
 
@@ -49,9 +49,13 @@ def arm_source(table: DescriptionTable, packages: Packages) -> ArmSource:
         lock = dict.fromkeys(map(str, lock), 0.0)
     if not isinstance(lock, Mapping):
         raise table.error(f"lock must be a table of joints and their values, or a list, got {shown(lock)}")
+    try:
+        file = resolve(table.text("file"), table.file, packages)
+    except ConfigurationError as error:
+        raise table.error(str(error)) from None
     return ArmSource(
         table=table,
-        file=resolve(table.text("file"), table.file, packages),
+        file=file,
         packages=packages,
         root=table.text("root", None),
         tool=table.text("tool", None),

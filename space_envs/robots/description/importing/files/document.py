@@ -65,9 +65,10 @@ def parse_xml(path: Path) -> ET.Element:
 
 def _format_of(path: Path, root: ET.Element) -> str:
     if _is_xacro(path, root):
+        stem = path.name.removesuffix(".xacro").removesuffix(".urdf")
+        output = f"{stem}.urdf" if path.suffix == ".xacro" else f"{stem}_expanded.urdf"
         raise ConfigurationError(
-            f"this is a xacro file, from which a URDF has to be made first: xacro {path.name} > "
-            f"{path.name.removesuffix('.xacro').removesuffix('.urdf')}.urdf"
+            f"this is a xacro file, from which a URDF has to be made first: xacro {path.name} > {output}"
         )
     if root.tag not in _ROOTS:
         raise ConfigurationError(

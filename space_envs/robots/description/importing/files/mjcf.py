@@ -9,7 +9,13 @@ import numpy as np
 from space_envs.errors import ConfigurationError
 from space_envs.robots.description.importing.files.geoms import KINDS, geom_pose, geom_visual
 from space_envs.robots.description.importing.files.mjcf_joints import coupled, ignored, joint_of
-from space_envs.robots.description.importing.files.tree import FileBody, FileTree, Frame, Shape
+from space_envs.robots.description.importing.files.tree import (
+    FileBody,
+    FileTree,
+    Frame,
+    Shape,
+    inertial_example,
+)
 from space_envs.robots.description.importing.meshes.reading import READABLE, mesh_pose, original_vertices
 from space_envs.robots.pose import Pose
 from space_envs.robots.robot import Inertial
@@ -27,7 +33,8 @@ def read_mjcf(path: Path) -> FileTree:
         model = spec.compile()
     except (ValueError, OSError) as error:
         reason = " ".join(str(error).split())
-        raise ConfigurationError(f"MuJoCo cannot read it: {reason}") from None
+        hint = f". Write its {inertial_example('mjcf')}" if "mjMINVAL" in reason else ""
+        raise ConfigurationError(f"MuJoCo cannot read it: {reason}{hint}") from None
     names = [model.body(body).name or f"body {body}" for body in range(model.nbody)]
     bodies = [
         FileBody(

@@ -16,6 +16,11 @@ _EXAMPLES = {
 }
 
 
+def inertial_example(file_format: str) -> str:
+    """Mass and inertia as they are written in `urdf` or `mjcf`."""
+    return _EXAMPLES[file_format]
+
+
 class Mimic(NamedTuple):
     """A joint whose value is multiplier * leader + offset."""
 
@@ -111,11 +116,6 @@ class FileTree:
     home: dict[str, float] = field(default_factory=dict)
     coupled: dict[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
-
-    @property
-    def inertial_example(self) -> str:
-        """Mass and inertia as they are written in this format."""
-        return _EXAMPLES[self.format]
 
     @property
     def joints(self) -> dict[str, FileJoint]:

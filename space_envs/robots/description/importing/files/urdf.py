@@ -7,14 +7,16 @@ are read from the XML.
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
-import mujoco
 import numpy as np
 
-from space_envs.errors import ConfigurationError
 from space_envs.robots.description.importing.files.packages import Packages
 from space_envs.robots.description.importing.files.structure import structure_of
 from space_envs.robots.description.importing.files.tree import FileBody, FileTree
-from space_envs.robots.description.importing.files.urdf_geometry import geometry_document, urdf_shapes
+from space_envs.robots.description.importing.files.urdf_geometry import (
+    compiled,
+    geometry_document,
+    urdf_shapes,
+)
 from space_envs.robots.description.importing.files.urdf_links import inertial_of, joint_of
 from space_envs.robots.pose import Pose
 
@@ -27,11 +29,7 @@ def read_urdf(path: Path, root: ET.Element, packages: Packages) -> FileTree:
     """
     structure = structure_of(root)
     document, meshes = geometry_document(path, root, structure, packages)
-    try:
-        model = mujoco.MjSpec.from_string(document).compile()
-    except ValueError as error:
-        reason = " ".join(str(error).split())
-        raise ConfigurationError(f"MuJoCo cannot read it: {reason}") from None
+    model = compiled(document, structure.order)
     shapes = urdf_shapes(model, meshes)
     places = {name: place for place, name in enumerate(structure.order)}
     bodies = []

@@ -1,6 +1,8 @@
 """Shapes of a URDF document: placed by MuJoCo, meshes named by their files."""
 
+import re
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,18 +26,18 @@ def geometry_document(
 ) -> tuple[str, Meshes]:
     """The URDF that MuJoCo reads: the same links and shapes, all joints fixed, spheres in place of meshes.
 
-    Link number i is called b{i}, and a shape v{k} or c{k}, for drawings and contacts.
+    Link number i is called b{i}, and its shape number k v{i}_{k} or c{i}_{k}, for drawings and contacts.
     """
     document = ET.Element("robot", name="robot")
     ET.SubElement(ET.SubElement(document, "mujoco"), "compiler", _COMPILER)
     colours = {str(each.get("name")): each.find("color") for each in root.findall("material")}
     meshes: Meshes = {}
     numbers = {name: f"b{place}" for place, name in enumerate(structure.order)}
-    for name, number in numbers.items():
+    for place, (name, number) in enumerate(numbers.items()):
         link = ET.SubElement(document, "link", name=number)
         for shape in structure.links[name]:
             if shape.tag in _ROLES and shape.find("geometry") is not None:
-                geom = f"{_ROLES[shape.tag]}{len(document)}_{len(link)}"
+                geom = f"{_ROLES[shape.tag]}{place}_{len(link)}"
                 _add_shape(link, shape, geom, colours)
                 if (mesh := shape.find("geometry/mesh")) is not None:
                     meshes[geom] = _mesh(f"link {name!r}", path, mesh, packages)
@@ -45,6 +47,21 @@ def geometry_document(
         ET.SubElement(element, "parent", link=numbers[structure.parent[name]])
         ET.SubElement(element, "child", link=numbers[name])
     return ET.tostring(document, encoding="unicode"), meshes
+
+
+def compiled(document: str, names: Sequence[str]) -> mujoco.MjModel:
+    """The model of a geometry document whose links have these names.
+
+    Raises:
+        ConfigurationError: with MuJoCo's reason and the link.
+    """
+    try:
+        return mujoco.MjSpec.from_string(document).compile()
+    except ValueError as error:
+        reason = " ".join(str(error).split())
+        shape = re.search(r"'[bvc](\d+)(_\d+)?'", reason)
+        where = f"link {names[int(shape[1])]!r}: " if shape else ""
+        raise ConfigurationError(f"{where}MuJoCo cannot read its shapes: {reason}") from None
 
 
 def _add_shape(link: ET.Element, shape: ET.Element, geom: str, colours: dict[str, ET.Element | None]) -> None:
