@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from space_envs.dynamics.rotations import rotate
 from space_envs.errors import ConfigurationError
 from space_envs.robots.description.reading import read_robot
 from space_envs.robots.inertias import combined, matrix, moved, principal
@@ -68,6 +69,21 @@ def test_a_description_is_the_robot_that_it_says(tmp_path: Path) -> None:
     np.testing.assert_allclose(
         tool_poses(robot, robot.home)[0].position, data.site("end_effector").xpos, atol=1e-14
     )
+
+
+def test_the_end_effector_may_be_displaced_from_the_tool(tmp_path: Path) -> None:
+    tool = read(tmp_path)
+    half = "[0.7071067811865476, 0.0, 0.7071067811865475, 0.0]"
+    offset = ARM.replace(
+        "radius", f"tool_offset = {{ position = [0.0, 0.0, 0.1], quaternion = {half} }}\nradius", 1
+    )
+    end = read(tmp_path, SATELLITE + offset)
+    (before,), (after,) = (tool_poses(robot, tool.home) for robot in (tool, end))
+    along, across = (
+        rotate(before.orientation, np.array(axis)) for axis in ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0))
+    )
+    np.testing.assert_allclose(after.position, before.position + 0.1 * along, atol=1e-14)
+    np.testing.assert_allclose(rotate(after.orientation, np.array([0.0, 0.0, 1.0])), across, atol=1e-14)
 
 
 def test_values_of_joints_are_one_number_a_list_or_a_table(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from space_envs.robots.inertias import moved, quaternion, vector
 from space_envs.robots.pose import Pose
 from space_envs.robots.robot import IDENTITY, ORIGIN, Arm, Satellite, Visual
 
-MOUNT_KEYS = ("position", "quaternion")
+POSE_KEYS = ("position", "quaternion")
 _UNIT = 1e-9  # error of a quaternion's norm up to which it is taken as it is
 
 
@@ -34,7 +34,7 @@ def assembled(
         ConfigurationError: for anything that is missing or not valid.
     """
     arms = _described(robot, tables)
-    mounts = [_mount(table) for table in tables]
+    mounts = [_pose(table, "mount") for table in tables]
     pairs = list(zip(arms, mounts, strict=True))
     fixed = [moved(arm.root, *mount) for arm, mount in pairs if arm.root is not None]
     drawn = tuple(_moved(visual, mount) for arm, mount in pairs for visual in arm.root_visuals)
@@ -58,7 +58,9 @@ def _described(robot: DescriptionTable, tables: Sequence[DescriptionTable]) -> l
             raise table.error("needs either 'file', a URDF or MJCF file, or 'links', a list of tables")
     imported = iter(imported_arms([table for table in tables if "file" in table], _packages(robot)))
     arms = [next(imported) if "file" in table else inline_arm(table) for table in tables]
-    return [_with_capsules(arm, table) for arm, table in zip(arms, tables, strict=True)]
+    return [
+        _with_capsules(_with_tool_offset(arm, table), table) for arm, table in zip(arms, tables, strict=True)
+    ]
 
 
 def _packages(robot: DescriptionTable) -> dict[str, Path]:
@@ -69,6 +71,13 @@ def _packages(robot: DescriptionTable) -> dict[str, Path]:
     return {name: robot.file.parent / folder for name, folder in given.items()}
 
 
+def _with_tool_offset(arm: DescribedArm, table: DescriptionTable) -> DescribedArm:
+    if "tool_offset" not in table:
+        return arm
+    tool = Pose(np.array(arm.tool_position), np.array(arm.tool_orientation)) @ _pose(table, "tool_offset")
+    return replace(arm, tool_position=vector(tool.position), tool_orientation=quaternion(tool.orientation))
+
+
 def _with_capsules(arm: DescribedArm, table: DescriptionTable) -> DescribedArm:
     if "capsules" not in table:
         return arm
@@ -76,12 +85,13 @@ def _with_capsules(arm: DescribedArm, table: DescriptionTable) -> DescribedArm:
     return replace(arm, anchors=anchors, capsules=capsules)
 
 
-def _mount(table: DescriptionTable) -> Pose:
-    mount = table.table("mount", MOUNT_KEYS, {})
-    position, orientation = mount.vector("position", 3, ORIGIN), mount.vector("quaternion", 4, IDENTITY)
+def _pose(table: DescriptionTable, key: str) -> Pose:
+    """Pose from a table of `POSE_KEYS`."""
+    pose = table.table(key, POSE_KEYS, {})
+    position, orientation = pose.vector("position", 3, ORIGIN), pose.vector("quaternion", 4, IDENTITY)
     norm = float(np.linalg.norm(orientation))
     if abs(norm - 1.0) > 1e-3:
-        raise mount.error(f"quaternion must be a unit one (w, x, y, z), got {shown(list(orientation))}")
+        raise pose.error(f"quaternion must be a unit one (w, x, y, z), got {shown(list(orientation))}")
     scale = norm if abs(norm - 1.0) > _UNIT else 1.0
     return Pose(np.array(position), np.array(orientation) / scale)
 

@@ -28,8 +28,8 @@ KEYS = (
     "variants",
 )
 ARM_KEYS = (
-    *("file", "root", "tool", "prefix", "mount", "lock", "home", "limits", "rotor_inertia"),
-    *("links", "rods", "radius", "points", "capsules"),
+    *("file", "root", "tool", "tool_offset", "prefix", "mount", "lock", "home", "limits"),
+    *("rotor_inertia", "links", "rods", "radius", "points", "capsules"),
 )
 SIMULATION_KEYS = ("timestep", "largest_timestep", "largest_control_period")
 VIEW_KEYS = ("overview", "chase", "earth", "sun")
