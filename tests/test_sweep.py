@@ -150,7 +150,9 @@ def test_a_failing_run_leaves_the_others_alone_and_is_named(
         "seed-1": "failed",
         "seed-2": "finished",
     }
-    assert found["seed-1"]["error"] == "RuntimeError: out of ideas"
+    assert (
+        found["seed-1"]["error"] == "PolicyError: it raised RuntimeError: out of ideas second line (step 0)"
+    )
     assert found["seed-2"]["summary"]["steps"] == 320
     assert f"{tmp_path / 'out' / 'seed-1'} failed: RuntimeError: out of ideas" in said.err
     assert "over 2 seeds" in said.out
