@@ -7,6 +7,7 @@ import warnings
 import gymnasium as gym
 import numpy as np
 import pytest
+from boundary import gym_make, gym_make_vec
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from hypothesis import given, settings
@@ -303,7 +304,7 @@ def test_bad_goals_of_the_single_arm_are_refused_before_anything_moves(options, 
 
 @every_id
 def test_bad_seeds_are_refused(env_id):
-    env = gym.make_vec(env_id, num_envs=1)
+    env = gym_make_vec(env_id, num_envs=1)
     for seed in (-1, 1.5, "ab", [1, 2], np.array([1.5])):
         with pytest.raises(ConfigurationError, match="seed must be"):
             env.reset(seed=seed)
@@ -376,12 +377,12 @@ def test_keywords_of_one_id_are_refused_by_the_others(env_id):
         ("approach_tolerance", 3.0, 0.0, "DualArmSpatial"),
     ):
         if owner in env_id:
-            gym.make(env_id, **{keyword: value})
+            gym_make(env_id, **{keyword: value})
             with pytest.raises(ConfigurationError):
-                gym.make(env_id, **{keyword: bad})
+                gym_make(env_id, **{keyword: bad})
         else:
             with pytest.raises(ConfigurationError, match=f"unexpected keyword argument '{keyword}'"):
-                gym.make(env_id, **{keyword: value})
+                gym_make(env_id, **{keyword: value})
 
 
 # Stepping ------------------------------------------------------------
