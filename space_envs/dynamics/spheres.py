@@ -1,4 +1,4 @@
-"""Distances between the links of an arm and keep-out spheres."""
+"""Gaps between the links of an arm and keep-out spheres."""
 
 import numpy as np
 
@@ -31,10 +31,21 @@ def sphere_gaps(ends: Array, spheres: Array, link_radius: float) -> Array:
     Args:
         ends: (..., n + 1, 3) of the links, m. spheres: (..., K, 4) centres and radii, m.
     """
-    start = ends[..., :-1, None, :]
-    along = ends[..., 1:, None, :] - start
+    radius = np.full(ends.shape[-2] - 1, link_radius)
+    return capsule_sphere_gaps(ends[..., :-1, :], ends[..., 1:, :], spheres, radius)
+
+
+def capsule_sphere_gaps(start: Array, end: Array, spheres: Array, radius: Array) -> Array:
+    """Gaps (..., S, K) between capsules and spheres, m; negative where they overlap.
+
+    Args:
+        start, end: (..., S, 3) of the capsules' centre lines, m. radius: (S,) m, of the capsules.
+        spheres: (..., K, 4) centres and radii, m.
+    """
+    start = start[..., None, :]
+    along = end[..., None, :] - start
     to_centre = spheres[..., None, :, :3] - start
     square = np.maximum((along * along).sum(axis=-1), _TINY)
     share = np.minimum(np.maximum((to_centre * along).sum(axis=-1) / square, 0.0), 1.0)
     away = to_centre - share[..., None] * along
-    return np.sqrt((away * away).sum(axis=-1)) - spheres[..., None, :, 3] - link_radius
+    return np.sqrt((away * away).sum(axis=-1)) - spheres[..., None, :, 3] - radius[:, None]

@@ -12,22 +12,23 @@ from numpy.typing import NDArray
 
 from space_envs.dynamics.capsules import box_distance, segment_distance
 from space_envs.dynamics.rotations import Array
-from space_envs.tasks.gaps import ArmGaps
+from space_envs.tasks.gaps import ArmGaps, Capsules
 
 SHARES = np.linspace(0.0, 1.0, 9)  # of a control period, at which links are checked
 _ROOT_3 = 3.0**0.5  # largest length of a vector whose components are at most 1
 
 
 class _Course(NamedTuple):
-    """Capsules (N, A, S) of the arms in a period, in a body's frame, m.
+    """Capsules (N, S) of the arms in a period, in a body's frame, m.
 
     Attributes:
-        first, second: (N, A, S, 3) ends of the capsules at the end of the period. step: (N, A, S + 1, 3)
-            displacements of the points in the period.
-        middle, span: (N, A, S, 3) twice the middles and half widths of their bounding boxes.
+        capsules: S of them. first, second: (N, S, 3) their ends at the end of the period.
+        step: (N, P, 3) displacements of all points in the period.
+        middle, span: (N, S, 3) twice the middles and half widths of their bounding boxes.
         move: (N,) upper bound on the displacement of any point.
     """
 
+    capsules: Capsules
     first: Array
     second: Array
     step: Array
@@ -36,25 +37,26 @@ class _Course(NamedTuple):
     move: Array
 
     @classmethod
-    def of(cls, before: Array, after: Array) -> "_Course":
-        """From points (N, A, S + 1, 3) at the two ends of the period."""
+    def of(cls, capsules: Capsules, before: Array, after: Array) -> "_Course":
+        """From points (N, P, 3) at the two ends of the period."""
         step = after - before
-        first, second = after[:, :, :-1], after[:, :, 1:]
-        move = _ROOT_3 * np.abs(step).max(axis=(1, 2, 3))
-        return cls(first, second, step, first + second, np.abs(second - first), move)
+        first, second = after.take(capsules.start, axis=1), after.take(capsules.end, axis=1)
+        move = _ROOT_3 * np.abs(step).max(axis=(1, 2))
+        return cls(capsules, first, second, step, first + second, np.abs(second - first), move)
 
-    def at_shares(self, place: tuple[NDArray[np.int64], ...]) -> tuple[Array, Array]:
+    def at_shares(self, row: NDArray[np.int64], number: NDArray[np.int64]) -> tuple[Array, Array]:
         """Ends (k, T, 3) of capsules at `SHARES` of the period; their points are assumed to move straight.
 
         Args:
-            place: row, arm and number (k,) of each capsule.
+            row, number: (k,) of each capsule.
         """
-        row, arm, number = place
         remaining = (1.0 - SHARES)[:, None]
-        return (
-            self.first[place][:, None] - remaining * self.step[place][:, None],
-            self.second[place][:, None] - remaining * self.step[row, arm, number + 1][:, None],
+        ends = (self.first, self.capsules.start), (self.second, self.capsules.end)
+        first, second = (
+            points[row, number][:, None] - remaining * self.step[row, place[number]][:, None]
+            for points, place in ends
         )
+        return first, second
 
 
 class _Hits(NamedTuple):
@@ -86,53 +88,60 @@ class Contacts(ArmGaps):
         # bounding boxes, enlarged by their displacement, are apart need no closer check.
         n = len(sensors)
         hits: list[_Hits] = []
-        for frame, columns in self._frames:
-            shape = (n, self.arms, len(self.shape.points), 3)
-            course = _Course.of(before[:, columns].reshape(shape), sensors[:, columns].reshape(shape))
+        for frame, columns, capsules in self._frames:
+            course = _Course.of(
+                capsules, before[:, columns].reshape(n, -1, 3), sensors[:, columns].reshape(n, -1, 3)
+            )
             if frame == "satellite":
-                gap = np.abs(course.middle) - course.span - self._satellite_reach
+                middle = course.middle if self._twice_centre is None else course.middle - self._twice_centre
+                gap = np.abs(middle) - course.span - self._satellite_reach
                 hits += self._box_hits(course, gap, "satellite", None)
             else:
                 half = self.target_half(sensors)
-                gap = np.abs(course.middle) - course.span - self._target_reach - 2.0 * half[:, None, None]
+                gap = np.abs(course.middle) - course.span - self._target_reach - 2.0 * half[:, None]
                 hits += self._box_hits(course, gap, "target", half)
                 if self.arms == 2:
                     hits += self._arm_hits(course)
         return self._first(n, hits)
 
     def _box_hits(self, course: _Course, gap: Array, body: str, half: Array | None) -> list[_Hits]:
-        """Capsules that touch a box; gap (N, A, S, 3) is twice that of the bounding boxes."""
-        near = gap.max(axis=-1) <= (2.0 * course.move)[:, None, None]
+        """Capsules that touch a box; gap (N, S, 3) is twice that of the bounding boxes."""
+        near = gap.max(axis=-1) <= (2.0 * course.move)[:, None]
         if not near.any():
             return []
-        place = np.nonzero(near)
-        sides = np.full((len(near), 3), self.shape.half) if half is None else half
-        radius = np.array(self.shape.satellite if body == "satellite" else self.shape.target)
-        distance = box_distance(course.first[place], course.second[place], sides[place[0]])
-        place = tuple(part[distance <= radius[place[2]] + course.move[place[0]]] for part in place)
-        row, arm, number = place
-        touching = box_distance(*course.at_shares(place), sides[row][:, None]) <= radius[number][:, None]
-        return [_Hits(row, self.first_pair[body] + arm * len(self.shape.link) + number, touching)]
+        row, number = np.nonzero(near)
+        sides = np.broadcast_to(self.satellite_half, (len(near), 3)) if half is None else half
+        radius = course.capsules.satellite if body == "satellite" else course.capsules.target
+        in_box = self.in_box if body == "satellite" else lambda points: points
+        ends = in_box(course.first[row, number]), in_box(course.second[row, number])
+        close = box_distance(*ends, sides[row]) <= radius[number] + course.move[row]
+        row, number = row[close], number[close]
+        ends = tuple(in_box(end) for end in course.at_shares(row, number))
+        touching = box_distance(*ends, sides[row][:, None]) <= radius[number][:, None]
+        return [_Hits(row, self.first_pair[body] + number, touching)]
 
     def _arm_hits(self, course: _Course) -> list[_Hits]:
         """Capsules of arm 1 that touch capsules of arm 2."""
-        reach, move = 2.0 * self.shape.radius, 2.0 * course.move
-        low, high = (course.middle - course.span).min(axis=2), (course.middle + course.span).max(axis=2)
+        split, move, reach = course.capsules.split, 2.0 * course.move, self.arm_reach
+        each = np.array([0, split])
+        low = np.minimum.reduceat(course.middle - course.span, each, axis=1)
+        high = np.maximum.reduceat(course.middle + course.span, each, axis=1)
         apart = np.maximum(low[:, 0] - high[:, 1], low[:, 1] - high[:, 0]).max(axis=1)
-        rows = np.flatnonzero(apart <= 2.0 * (reach + move))
+        rows = np.flatnonzero(apart <= 2.0 * (reach.max() + move))
         if not len(rows):
             return []
         middle, span = course.middle[rows], course.span[rows]
-        gap = np.abs(middle[:, 0, :, None] - middle[:, 1, None]) - span[:, 0, :, None] - span[:, 1, None]
-        place, one, other = np.nonzero(gap.max(axis=-1) <= 2.0 * (reach + move[rows])[:, None, None])
-        row = rows[place]
-        ends = [(course.first[row, arm, n], course.second[row, arm, n]) for arm, n in ((0, one), (1, other))]
-        near = segment_distance(*ends[0], *ends[1]) <= reach + move[row]
-        row, one, other = row[near], one[near], other[near]
-        first, second = np.zeros_like(row), np.ones_like(row)
-        paths = *course.at_shares((row, first, one)), *course.at_shares((row, second, other))
-        touching = segment_distance(*paths) <= reach
-        return [_Hits(row, self.first_pair["arms"] + one * len(self.shape.link) + other, touching)]
+        gap = np.abs(middle[:, :split, None] - middle[:, None, split:])
+        gap -= span[:, :split, None]
+        gap -= span[:, None, split:]
+        place, one, other = np.nonzero(gap.max(axis=-1) <= 2.0 * (reach + move[rows, None, None]))
+        row, second = rows[place], split + other
+        ends = [(course.first[row, number], course.second[row, number]) for number in (one, second)]
+        near = segment_distance(*ends[0], *ends[1]) <= reach[one, other] + move[row]
+        row, one, other, second = row[near], one[near], other[near], second[near]
+        paths = *course.at_shares(row, one), *course.at_shares(row, second)
+        touching = segment_distance(*paths) <= reach[one, other][:, None]
+        return [_Hits(row, self.first_pair["arms"] + one * reach.shape[1] + other, touching)]
 
     def _first(self, n: int, hits: list[_Hits]) -> NDArray[np.int64]:
         """Codes (N,) of the first contact; of simultaneous ones, the first in the order of `pairs`."""
@@ -148,17 +157,24 @@ class Contacts(ArmGaps):
         return code
 
     @cached_property
-    def _frames(self) -> tuple[tuple[str, slice], ...]:
-        return tuple((name, self.columns[name]) for name in ("satellite", "target") if name in self.columns)
+    def _frames(self) -> tuple[tuple[str, slice, Capsules], ...]:
+        """Frames in which capsules are checked, the sensors of the points in them, and the capsules."""
+        near = {"satellite": self.near_satellite, "target": self.near_others}
+        return tuple((name, self.columns[name], some) for name, some in near.items() if name in self.columns)
+
+    @cached_property
+    def _twice_centre(self) -> Array | None:
+        return None if self.satellite_centre is None else 2.0 * self.satellite_centre
 
     @cached_property
     def _satellite_reach(self) -> Array:
-        return 2.0 * (np.array(self.shape.satellite)[:, None] + self.shape.half)
+        return 2.0 * (self.near_satellite.satellite[:, None] + self.satellite_half)
 
     @cached_property
     def _target_reach(self) -> Array:
-        return 2.0 * np.array(self.shape.target)[:, None]
+        return 2.0 * self.near_others.target[:, None]
 
     def target_half(self, sensors: Array) -> Array:
         """Half sides (N, 3) of the target's box, m."""
-        return np.abs(sensors[:, self.columns["half_width"]]).max(axis=1, keepdims=True) * self.shape.body
+        seen = np.abs(sensors[:, self.columns["half_width"]]).max(axis=1, keepdims=True)
+        return seen * self.target_shape
