@@ -1,12 +1,18 @@
 """Joint drives: torques that track rate commands within torque, rate and position limits, batched."""
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array
+from space_envs.robots.models import robot_model
+from space_envs.robots.robot import Robot
 from space_envs.simulation import Simulation
 
-BRAKING = 0.04  # rad/s^2 of joints approaching their limits; 60 N m give an arm at rest at least 0.05
+BRAKING_RATIO = 0.16  # of a joint's acceleration limit, at which it brakes before the end of its range
+BRAKING_TORQUE = 0.8  # of a drive's torque, which braking of all joints takes at most in an arm at rest
+_CONFIGURATIONS, _SEED = 256, 20  # in which that torque is computed
 CORIOLIS_SHARE = 0.4  # of a drive's torque; the arm is slowed if Coriolis forces need more
 CORIOLIS_LOST = 0.8  # of a drive's torque; Coriolis forces are not compensated if they need more
 OVERSPEED = 1.05  # times the rate limit; the arm is slowed beyond it
@@ -14,27 +20,43 @@ BRAKING_SHARE = 0.2  # of a drive's torque; starts that need more to brake all j
 STOP_MARGIN = 0.1  # rad; the drives stop joints this far inside their ranges
 
 
-def braking_rates(room: Array, rate_limit: Array) -> Array:
-    """Braking law: the largest rates (...) from which joints stop within angles (...).
+@lru_cache(maxsize=64)
+def braking_deceleration(robot: Robot) -> Array:
+    """Deceleration (n,) of joints approaching the ends of their ranges, rad/s^2, read-only.
+
+    It is a share of their acceleration limits, or less where the torques of the drives could not brake all
+    joints at once.
+    """
+    rng, (low, high) = np.random.default_rng(_SEED), robot.joint_range.T
+    simulation = Simulation(robot_model(robot), _CONFIGURATIONS, 1)
+    simulation.joint_position[:] = rng.uniform(low, high, (_CONFIGURATIONS, robot.n_joints))
+    simulation.refresh()
+    mass, b = simulation.mass_matrix(), simulation.n_base
+    reduced = mass[:, b:, b:] - mass[:, b:, :b] @ np.linalg.solve(mass[:, :b, :b], mass[:, :b, b:])
+    deceleration = BRAKING_RATIO * robot.acceleration_limit
+    room = (robot.torque_limit / (np.abs(reduced) @ deceleration)).min()
+    deceleration = min(1.0, BRAKING_TORQUE * float(room)) * deceleration
+    deceleration.setflags(write=False)
+    return deceleration
+
+
+def braking_rates(robot: Robot, room: Array) -> Array:
+    """Braking law: the largest rates (..., n), rad/s, from which joints stop within angles (..., n).
 
     Args:
-        room: (..., n) rad, at least 0. rate_limit: (n,) rad/s, which they do not exceed.
+        robot: whose limits they do not exceed. room: rad, at least 0.
     """
-    return np.minimum(np.sqrt(2.0 * BRAKING * room), rate_limit)
+    return np.minimum(np.sqrt(2.0 * braking_deceleration(robot) * room), robot.rate_limit)
 
 
 class JointStops:
-    """Ends of the joint ranges, and the rates from which joints brake before them.
+    """Ends of a robot's joint ranges, and the rates from which joints brake before them."""
 
-    Args:
-        joint_range: (n, 2) rad. rate_limit: (n,) rad/s.
-    """
-
-    def __init__(self, joint_range: Array, rate_limit: Array) -> None:
+    def __init__(self, robot: Robot) -> None:
         # Distance to the lower and the upper stop is offset + sign * angle, (2, n).
         self._sign = np.array([[1.0], [-1.0]])
-        self._offset = -self._sign * joint_range.T - STOP_MARGIN
-        self._rate_limit = rate_limit
+        self._offset = -self._sign * robot.joint_range.T - STOP_MARGIN
+        self._twice, self._fastest = 2.0 * braking_deceleration(robot), robot.rate_limit
 
     def room(self, position: Array) -> Array:
         """Angle (N, 2, n), rad, to the lower and the upper stop at joint angles (N, n), rad."""
@@ -42,7 +64,7 @@ class JointStops:
 
     def rates(self, position: Array) -> tuple[Array, Array]:
         """Least and largest rate (N, n), rad/s, at joint angles (N, n), rad."""
-        fastest = braking_rates(self.room(position), self._rate_limit)
+        fastest = np.minimum(np.sqrt(self._twice * self.room(position)), self._fastest)
         return -fastest[:, 0], fastest[:, 1]
 
 
@@ -71,17 +93,13 @@ class Drive:
     rate is scaled as a whole and keeps its direction.
     """
 
-    def __init__(
-        self, simulation: Simulation, control_period: float, rate_limit: Array, acceleration_limit: Array
-    ) -> None:
-        model = simulation.model
+    def __init__(self, simulation: Simulation, control_period: float, robot: Robot) -> None:
         self.simulation = simulation
         self.control_period = control_period
-        self.rate_limit = rate_limit
-        self.acceleration_limit = acceleration_limit
-        self.torque_limit = model.actuator_forcerange[:, 1].copy()
-        joints = model.actuator_trnid[:, 0]
-        self._stops = JointStops(model.jnt_range[joints], rate_limit)
+        self.rate_limit = robot.rate_limit
+        self.acceleration_limit = robot.acceleration_limit
+        self.torque_limit = robot.torque_limit
+        self._stops = JointStops(robot)
         self.extrapolate = True
         self._b = simulation.n_base
         n = simulation.n_joints + self._b

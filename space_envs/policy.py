@@ -14,6 +14,7 @@ from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import PolicyError, unknown_name
 from space_envs.foreign_code import described
+from space_envs.robots.robot import Robot
 from space_envs.tasks.common import CaptureEnvelope, ObservationLayout
 from space_envs.tasks.contacts import Contacts
 
@@ -59,8 +60,8 @@ class PolicyContext:
 
     Attributes:
         env_id: registered id. control_mode: meaning of an action.
-        model: compiled MuJoCo model with nominal masses, read-only. arm: the same robot's momentum-level
-            mathematics.
+        robot: its links, limits and shape. model: its compiled MuJoCo model with nominal masses, read-only.
+            arm: its momentum-level mathematics.
         layout: slices of the named quantities of an observation.
         control_period: s. horizon: steps after which an episode is truncated.
         action_scale: (m,) physical units per unit action (rad/s, N m, or m/s and rad/s).
@@ -73,6 +74,7 @@ class PolicyContext:
 
     env_id: str
     control_mode: str
+    robot: Robot
     model: mujoco.MjModel
     arm: FloatingRobot
     layout: ObservationLayout
@@ -95,13 +97,14 @@ class PolicyContext:
         return cls(
             env_id=vector.env_id,
             control_mode=vector.control_mode,
+            robot=task.robot,
             model=task.model,
             arm=task.mechanics,
             layout=task.layout,
             control_period=task.control_period,
             horizon=task.horizon,
             action_scale=vector.mode.scale,
-            joint_limits=task.mechanics.range + STOP_MARGIN * np.array([1.0, -1.0]),
+            joint_limits=task.robot.joint_range + STOP_MARGIN * np.array([1.0, -1.0]),
             rate_limit=vector.drive.rate_limit,
             acceleration_limit=vector.drive.acceleration_limit,
             envelope=task.envelope,
@@ -113,17 +116,17 @@ class PolicyContext:
     @property
     def arms(self) -> int:
         """Number of arms."""
-        return len(self.arm.end_effector_link)
+        return len(self.robot.arms)
 
     @property
     def joints(self) -> int:
         """Number of joints of all arms."""
-        return self.arm.n_joints
+        return self.robot.n_joints
 
     @property
     def planar(self) -> bool:
         """Whether the satellite moves in the plane z = 0."""
-        return int(self.model.jnt_type[0]) != int(mujoco.mjtJoint.mjJNT_FREE)
+        return self.robot.planar
 
     @property
     def goals(self) -> Literal["static", "moving"]:
@@ -157,7 +160,7 @@ class Needs:
 
     Attributes:
         fields: required fields of the observation. control_modes: supported ones; empty is any.
-        arms: how many; None is any number. joints: how many, of all arms together; None is any number.
+        arms: how many; None is any number. joints: the least number of joints of each arm; None is any.
         planar: a robot in the plane (True) or in space (False); None is either.
         goals: static or moving; None is either.
         obstacles: required (True) or not supported (False); None is either.
@@ -181,6 +184,9 @@ class Needs:
             for name, words in _NEEDS.items()
             if (needed := getattr(self, name)) is not None and needed != (got := getattr(context, name))
         ]
+        each = context.joints // context.arms
+        if self.joints is not None and each < self.joints:
+            reasons.append(f"it needs arms of at least {self.joints} joints, those of {context.robot.name!r} have {each}")
         absent = [name for name in self.fields if name not in context.layout.slices]
         if absent:
             reasons.append(f"it needs {' and '.join(absent)} in the observation, which the task lacks")
@@ -194,7 +200,6 @@ class Needs:
 # Attribute of `Needs`, and of `PolicyContext`, and its values in words.
 _NEEDS: dict[str, Callable[[Any], str]] = {
     "arms": lambda count: f"{count} arm{'s' * (count != 1)}",
-    "joints": lambda count: f"{count} joint{'s' * (count != 1)}",
     "planar": lambda planar: "a robot in the plane" if planar else "a robot in space",
     "goals": lambda kind: f"{kind} goals",
     "obstacles": lambda some: "obstacles" if some else "no obstacles",

@@ -17,7 +17,7 @@ def braking_load(task: CaptureTask, goals: Goals, velocity: Array) -> Array:
     simulation.joint_position[:], simulation.joint_velocity[:] = goals.joint_position, velocity
     simulation.set_base_velocity(rows)
     simulation.refresh()
-    return braking_shares(simulation, JointStops(task.mechanics.range, task.parameters.rate_limit))
+    return braking_shares(simulation, JointStops(task.robot))
 
 
 def check_brakes(task: CaptureTask, goals: Goals, velocity: Array | None) -> None:
@@ -33,7 +33,7 @@ def check_brakes(task: CaptureTask, goals: Goals, velocity: Array | None) -> Non
     position = goals.joint_position
     if not len(position):
         return
-    limits = task.mechanics.range
+    limits = task.robot.joint_range
     near = (position < limits[:, 0] + STOP_MARGIN) | (position > limits[:, 1] - STOP_MARGIN)
     if near.any():
         row, joint = np.argwhere(near)[0]
@@ -43,7 +43,7 @@ def check_brakes(task: CaptureTask, goals: Goals, velocity: Array | None) -> Non
         )
     if velocity is None:
         return
-    low, high = JointStops(limits, task.parameters.rate_limit).rates(position)
+    low, high = JointStops(task.robot).rates(position)
     late = (velocity < low) | (velocity > high)
     if late.any():
         row, joint = np.argwhere(late)[0]

@@ -23,12 +23,7 @@ class ControlledSimulation:
     def __init__(self, task: CaptureTask, n: int, control_mode: str, threads: int | None) -> None:
         self._task = task
         self.simulation = Simulation(task.model, n, threads)
-        limits = task.parameters
-        rate, acceleration = (
-            np.full(self.simulation.n_joints, limit)
-            for limit in (limits.rate_limit, limits.acceleration_limit)
-        )
-        self.drive = Drive(self.simulation, task.control_period, rate, acceleration)
+        self.drive = Drive(self.simulation, task.control_period, task.robot)
         self.mode = MODES[control_mode](self.drive)
 
     def begin(self, rows: NDArray[np.int64], start: Start) -> None:

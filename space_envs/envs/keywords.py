@@ -3,9 +3,11 @@
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import Any, ParamSpec, TypedDict
 
 from space_envs.errors import ConfigurationError, positive_integer, shown, unknown_name
+from space_envs.robots.robot import Robot
 
 P = ParamSpec("P")
 RENDER_MODES = ("human", "rgb_array")
@@ -34,12 +36,13 @@ class EnvKeywords(TypedDict, total=False):
     attitude_limit: float
     c: float
     collisions: bool
+    robot: str | Path | Robot | None
+    variant: str | None
     # Of its capture envelope.
     position_tolerance: float
     linear_velocity_tolerance: float
     hold_time: float
     # Of some tasks only.
-    variant: str
     mounts: Sequence[Sequence[float]] | None
     orientation_tolerance: float
     angular_velocity_tolerance: float

@@ -142,13 +142,14 @@ def _names(name: str, rows: NDArray[np.int64]) -> NDArray[np.object_]:
 def _joint_option(
     task: CaptureTask, options: Mapping[str, Any], name: str, rows: NDArray[np.int64], n: int
 ) -> Array:
-    value = _row_values(options, name, task.mechanics.n_joints, rows, n)
-    rates = task.parameters.rate_limit * np.array([[-1.0, 1.0]])
-    limits = task.mechanics.range if name == "joint_position" else rates
+    robot = task.robot
+    value = _row_values(options, name, robot.n_joints, rows, n)
+    rates = robot.rate_limit[:, None] * np.array([-1.0, 1.0])
+    limits = robot.joint_range if name == "joint_position" else rates
     outside = (value < limits[:, 0]) | (value > limits[:, 1])
     if outside.any():
         row, joint = np.argwhere(outside)[0]
-        low, high = np.broadcast_to(limits, (value.shape[1], 2))[joint]
+        low, high = limits[joint]
         raise ConfigurationError(
             f"{name} outside its limits: joint {joint + 1} must lie in {low:g} to {high:g}, got "
             f"{value[row, joint]:g}"

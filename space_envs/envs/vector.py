@@ -41,7 +41,7 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         max_episode_steps: the horizon, as Gymnasium calls it; None and -1 are the task's default, which
             `env.spec` then has; `gym.spec(id)` has None, and so does the spec of Gymnasium's own
             vectorization (`vectorization_mode="sync"` or `"async"`).
-        **keywords: of the task (difficulty, split, reward, variant, horizon, timestep, control_period,
+        **keywords: of the task (difficulty, split, reward, robot, variant, horizon, timestep, control_period,
             attitude_limit, c, collisions; docs/environments lists those of each id) and of its capture
             envelope (position_tolerance m, linear_velocity_tolerance m/s, hold_time s, ...).
 

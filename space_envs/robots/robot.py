@@ -124,8 +124,8 @@ class Capsule(NamedTuple):
 
     Attributes:
         link: number from 1 of the link that it is part of. start, end: places in the arm's `anchors`.
-        radius: m. satellite, target: m, radius in checks against that body: 0 is the centre line alone,
-            `UNCHECKED` no check.
+        radius: m, in checks against the other arm and keep-out spheres. satellite, target: m, radius in
+            checks against that body. 0 is the centre line alone, `UNCHECKED` no check.
     """
 
     link: int

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, cast
 
 import mujoco
 import numpy as np
@@ -15,7 +15,9 @@ from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError, positive, positive_integer, shown, unknown_name
 from space_envs.metric import Metric
-from space_envs.robots.parameters import LEAST_TIMESTEP
+from space_envs.robots.models import SceneOptions, robot_mechanics, robot_model
+from space_envs.robots.robot import Robot
+from space_envs.robots.zoo import find_robot
 from space_envs.simulation import Simulation
 from space_envs.tasks.common import (
     DIFFICULTIES,
@@ -29,21 +31,12 @@ from space_envs.tasks.common import (
 )
 from space_envs.tasks.contacts import Contacts
 from space_envs.tasks.rewards import DENSE, SPARSE, RewardTerm, StepQuantities
+from space_envs.tasks.robots import LEAST_TIMESTEP, check_robot, usual_period
 
 # Largest values of keywords: deg (larger angles would exceed the bound of the observation), and m/rad.
 LARGEST = {"attitude_limit": 3600.0, "c": 1e6}
 MOST_STEPS = 10**6  # of an episode
 BLOCK = 64  # goals are computed in whole blocks, so that a goal is bitwise the same in any batch
-
-
-class DriveLimits(Protocol):
-    """Joint limits that the drives of a robot enforce."""
-
-    @property
-    def rate_limit(self) -> float: ...  # rad/s
-
-    @property
-    def acceleration_limit(self) -> float: ...  # rad/s^2
 
 
 @dataclass(frozen=True)
@@ -54,39 +47,45 @@ class CaptureTask:
         difficulty: easy, medium or hard; size of the goal region.
         split: default set of goals that `reset` draws from.
         reward: dense or sparse.
-        control_period: between two actions, s. timestep: of the simulation, s; None is the model's default,
-            for which docs/momentum.md shows that momentum drift is well below the bound.
+        control_period: between two actions, s; by default 0.1 s or, where the robot's drives need it, less.
+        timestep: of the simulation, s; None is the robot's default, for which docs/momentum.md shows that
+            momentum drift is well below the bound.
         horizon: control periods after which an episode is truncated.
         envelope: of a capture. attitude_limit: deg from the initial attitude, beyond which an
             episode fails.
         c: angular to linear conversion of eq. 20, m/rad.
         collisions: whether a contact of a link ends the episode; otherwise links pass through bodies.
+        robot: its name, the path of its description (TOML) or a `Robot`, which it is afterwards; by default
+            the id's own. variant: of the robot; by default its first.
     """
 
     difficulty: str = "medium"
     split: str = "train"
     reward: str = "dense"
-    control_period: float = 0.1
+    control_period: float = cast("float", None)
     timestep: float | None = None
     horizon: int = 200
     envelope: CaptureEnvelope = field(default_factory=CaptureEnvelope)
     attitude_limit: float = 45.0
     c: float = 1.0
     collisions: bool = True
+    robot: Robot = cast("Robot", None)
+    variant: str = cast("str", None)
 
     # Defined by subclasses.
     version: ClassVar[int] = 2  # of the task in records, raised with every change that affects a metric
-    layout: ClassVar[ObservationLayout]
-    parameters: ClassVar[DriveLimits]
+    own_robot: ClassVar[str]  # name of the robot that is used by default
+    arms: ClassVar[int]  # how many the robot must have
+    planar: ClassVar[bool] = False  # whether the robot must move in the plane
     difficulties: ClassVar[tuple[str, ...]] = DIFFICULTIES  # sizes of the goal region
     split_sizes: ClassVar[Mapping[str, int]]
-    goal_options: ClassVar[Mapping[str, GoalOption]]  # options of `reset` that together define a goal
     collides: ClassVar[bool] = False  # whether the task checks contacts
     dense_reward: ClassVar[tuple[RewardTerm, ...]] = DENSE  # terms of reward `dense`
     sparse_reward: ClassVar[tuple[RewardTerm, ...]] = SPARSE  # terms of reward `sparse`
     metrics: ClassVar[tuple[Metric, ...]] = ()  # of this task alone, in addition to the common ones
 
     def __post_init__(self) -> None:
+        self._set_robot()
         for kind, value, valid in (
             ("difficulty", self.difficulty, self.difficulties),
             ("split", self.split, self.split_sizes),
@@ -94,18 +93,20 @@ class CaptureTask:
         ):
             if not isinstance(value, str) or value not in valid:
                 raise unknown_name(kind, value, valid)
+        if self.control_period is None:
+            object.__setattr__(self, "control_period", usual_period(self.robot.steps))
         for name in ("control_period", "attitude_limit", "c"):
             object.__setattr__(self, name, positive(name, getattr(self, name), LARGEST.get(name)))
         if self.timestep is not None:
             object.__setattr__(self, "timestep", positive("timestep", self.timestep))
-            if not LEAST_TIMESTEP <= self.timestep <= self.largest_timestep:
+            if not LEAST_TIMESTEP <= self.timestep <= self.robot.steps.largest_timestep:
                 raise ConfigurationError(
-                    f"timestep must lie in {LEAST_TIMESTEP:g} to {self.largest_timestep:g} s, the largest "
+                    f"timestep must lie in {LEAST_TIMESTEP:g} to {self.robot.steps.largest_timestep:g} s, the largest "
                     f"that conserves momentum to the published bound; got {self.timestep!r}"
                 )
-        if self.control_period > self.largest_control_period:
+        if self.control_period > self.robot.steps.largest_control_period:
             raise ConfigurationError(
-                f"control_period must be at most {self.largest_control_period:g} s, the largest at which the "
+                f"control_period must be at most {self.robot.steps.largest_control_period:g} s, the largest at which the "
                 f"drives are stable; got {self.control_period!r}"
             )
         object.__setattr__(self, "horizon", positive_integer("horizon", self.horizon, MOST_STEPS))
@@ -126,36 +127,27 @@ class CaptureTask:
                 f"{self.control_period:g} s"
             )
 
+    def _set_robot(self) -> None:
+        """Find the robot.
+
+        Raises:
+            ConfigurationError: if there is no such robot, or it is not one for this task.
+        """
+        robot = find_robot(self.own_robot if self.robot is None else self.robot, self.variant)
+        check_robot(robot, self.arms, self.planar, type(self).__name__)
+        object.__setattr__(self, "robot", robot)
+        object.__setattr__(self, "variant", robot.variant)
+
     # Implemented by subclasses -----------------------------------------------------------------------------
 
     @property
-    def default_timestep(self) -> float:
-        """Default step of the simulation, s."""
+    def layout(self) -> ObservationLayout:
+        """Layout of the observation vector: a slice for each named quantity."""
         raise NotImplementedError
 
     @property
-    def largest_timestep(self) -> float:
-        """Largest step that conserves momentum to the published bound, s; the default unless overridden."""
-        return self.default_timestep
-
-    @property
-    def largest_control_period(self) -> float:
-        """Largest control period with stable drives, s; the default unless overridden."""
-        return type(self).control_period
-
-    @property
-    def model(self) -> mujoco.MjModel:
-        """The compiled model, shared and read-only."""
-        raise NotImplementedError
-
-    @property
-    def render_model(self) -> mujoco.MjModel:
-        """The model with geometry for rendering."""
-        raise NotImplementedError
-
-    @property
-    def mechanics(self) -> FloatingRobot:
-        """The robot's momentum-level mathematics, read from the model."""
+    def goal_options(self) -> Mapping[str, GoalOption]:
+        """Options of `reset` that together define a goal."""
         raise NotImplementedError
 
     def goal_block(self, split: str, block: int) -> Goals:
@@ -196,24 +188,6 @@ class CaptureTask:
         """Angle (N,) of the satellite from its initial attitude, rad."""
         raise NotImplementedError
 
-    @property
-    def contacts(self) -> Contacts:
-        """Contact checks of the robot's capsules. Required if `collides`."""
-        raise NotImplementedError
-
-    @property
-    def contact_names(self) -> tuple[str, ...]:
-        """Names of the contacts, by the codes of `collided`; the first is empty. Required if `collides`."""
-        raise NotImplementedError
-
-    def collided(self, before: Array, sensors: Array) -> NDArray[np.int64]:
-        """Codes (N,) of the first contact in a control period; 0 is none. Required if `collides`.
-
-        Args:
-            before, sensors: (N, s) sensors of the model at the beginning and at the end of the period.
-        """
-        raise NotImplementedError
-
     def check_start(self, goals: Goals) -> None:
         """Reject a user's goals or joint angles for which an episode would start in collision.
 
@@ -221,7 +195,49 @@ class CaptureTask:
             GoalError: with the two bodies in contact and the gap.
         """
 
-    # Derived --------------------------------------------------------------------------------
+    # Derived, unless overridden ----------------------------------------------------------------------------
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The compiled model, shared and read-only."""
+        return robot_model(self.robot, SceneOptions(self.step_size))
+
+    @property
+    def render_model(self) -> mujoco.MjModel:
+        """The model with geometry for rendering."""
+        return robot_model(self.robot, SceneOptions(self.step_size, visual=True))
+
+    @property
+    def mechanics(self) -> FloatingRobot:
+        """The robot's momentum-level mathematics, read from the model."""
+        return robot_mechanics(self.robot)
+
+    @cached_property
+    def frozen(self) -> bool:
+        """Whether the robot is the id's own, whose draws of goals are stored with the package."""
+        try:
+            own = find_robot(self.own_robot, self.variant)
+        except ConfigurationError:  # the robot's variant is not one of the id's own robot
+            return False
+        return self.robot.digest == own.digest
+
+    @cached_property
+    def contacts(self) -> Contacts:
+        """Contact checks of the robot's capsules."""
+        return Contacts.of(self.model, self.robot)
+
+    @property
+    def contact_names(self) -> tuple[str, ...]:
+        """Names of the contacts, by the codes of `collided`; the first is empty."""
+        return self.contacts.names
+
+    def collided(self, before: Array, sensors: Array) -> NDArray[np.int64]:
+        """Codes (N,) of the first contact in a control period; 0 is none.
+
+        Args:
+            before, sensors: (N, s) sensors of the model at the beginning and at the end of the period.
+        """
+        return self.contacts.touched(before, sensors)
 
     @property
     def reward_terms(self) -> tuple[RewardTerm, ...]:
@@ -231,7 +247,7 @@ class CaptureTask:
     @property
     def step_size(self) -> float:
         """Step of the simulation, s."""
-        return self.default_timestep if self.timestep is None else self.timestep
+        return self.robot.steps.default_timestep if self.timestep is None else self.timestep
 
     @property
     def substeps(self) -> int:

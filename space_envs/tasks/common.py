@@ -40,7 +40,7 @@ class ObservationLayout:
             field.name: slice(end - field.size, end) for field, end in zip(self.fields, ends, strict=True)
         }
 
-    @property
+    @cached_property
     def size(self) -> int:
         """Length of the observation."""
         return sum(field.size for field in self.fields)

@@ -7,8 +7,8 @@ Every goal can be captured without rotating the satellite: see `space_envs.tasks
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
-from typing import ClassVar
+from functools import cached_property
+from typing import ClassVar, cast
 
 import mujoco
 import numpy as np
@@ -17,13 +17,12 @@ from numpy.typing import NDArray
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array, canonical, conjugate, rotate
 from space_envs.errors import GoalError
-from space_envs.robots.dual_arm import DUAL_ARMS, END_EFFECTORS, GRAPPLES, DualArmOptions, dual_arm_model
-from space_envs.robots.parameters import STEP_LIMITS, TargetParameters
+from space_envs.robots.models import GRAPPLES
+from space_envs.robots.robot import Target
 from space_envs.scenery.dual_arm import scale_target
 from space_envs.simulation import Simulation
 from space_envs.tasks.base import CaptureTask
 from space_envs.tasks.common import CaptureErrors
-from space_envs.tasks.contacts import Contacts
 from space_envs.tasks.goals.targets import Draws, TargetGoals
 
 SPLIT_SIZE = {"train": 1024, "validation": 256, "test": 512, "ood": 512}
@@ -34,66 +33,35 @@ FASTEST_SPIN = 1.0  # rad/s about each axis, of a user's target, which keeps its
 class DualArmTask(CaptureTask):
     """Common part of the planar and the spatial dual-arm task."""
 
-    kind: ClassVar[str]
-    target: ClassVar[TargetParameters]
+    kind: ClassVar[str]  # planar or spatial, in names of stored draws
     draws: ClassVar[Draws]
     # (2, 3) approach axes of the grapple points in the target's frame; None if any direction is allowed.
     approach_axes: ClassVar[Array | None]
-    measured: ClassVar[tuple[tuple[str, slice], ...]]  # sensors, in the order of the layout
     outward: ClassVar[Array]  # (2, 3) unit vectors from the target's centre to its grapple points
     seeds: ClassVar[Mapping[str, int]]
+    arms = 2
     split_sizes = SPLIT_SIZE
     collides = True
 
     @property
-    def default_timestep(self) -> float:
-        """By robot, s."""
-        return STEP_LIMITS[self.kind].default_timestep
+    def target(self) -> Target:
+        """The target, which a robot with two arms has."""
+        return cast("Target", self.robot.target)
 
     @property
-    def largest_timestep(self) -> float:
-        """By robot, s."""
-        return STEP_LIMITS[self.kind].largest_timestep
-
-    @property
-    def largest_control_period(self) -> float:
-        """By robot, s."""
-        return STEP_LIMITS[self.kind].largest_control_period
-
-    @property
-    def options(self) -> DualArmOptions:
-        """Options of the simulated model."""
-        return DualArmOptions(self.kind, self.step_size)
-
-    @property
-    def model(self) -> mujoco.MjModel:
-        """The compiled model, shared and read-only."""
-        return dual_arm_model(self.options)
-
-    @property
-    def render_model(self) -> mujoco.MjModel:
-        """The model with geometry for rendering."""
-        options = self.options
-        return dual_arm_model(DualArmOptions(options.kind, options.timestep, True, options.mounts))
-
-    @property
-    def mechanics(self) -> FloatingRobot:
-        """The robot's momentum-level mathematics, read from the model."""
-        return robot_of(self.kind, self.options.mounts)
+    def measured(self) -> tuple[tuple[str, slice], ...]:
+        """Sensors with the components that are observed, in the order of the layout."""
+        raise NotImplementedError
 
     @cached_property
-    def contacts(self) -> Contacts:
-        """Contacts of links with the satellite, the target and each other."""
-        return Contacts.of(self.model, DUAL_ARMS[self.kind].shape, arms=2)
-
-    @property
-    def contact_names(self) -> tuple[str, ...]:
-        """Names of the contacts, by the codes of `collided`."""
-        return self.contacts.names
-
-    def collided(self, before: Array, sensors: Array) -> NDArray[np.int64]:
-        """Codes (N,) of the first contact in a control period."""
-        return self.contacts.touched(before, sensors)
+    def columns(self) -> NDArray[np.int64]:
+        """Columns of the sensors that are the first components of an observation."""
+        columns: list[int] = []
+        for name, part in self.measured:
+            sensor = self.model.sensor(name)
+            start, size = int(sensor.adr[0]), int(sensor.dim[0])
+            columns += list(range(start, start + size))[part]
+        return np.array(columns)
 
     def gaps(
         self, robot: FloatingRobot, q: Array, goals: TargetGoals, attitude: Array, gripper: bool = True
@@ -105,8 +73,8 @@ class DualArmTask(CaptureTask):
             gripper: whether the gripper may touch the target: its radius then counts as zero.
         """
         points = self.contacts.points(robot, q)
-        half = goals.half_width[:, None] * np.array(self.contacts.shape.body)
-        local = rotate(conjugate(attitude)[:, None, None], points - goals.position[:, None, None])
+        half = goals.half_width[:, None] * self.contacts.target_shape
+        local = rotate(conjugate(attitude)[:, None], points - goals.position[:, None])
         return self.contacts.all_gaps(points, local, half, gripper=gripper)
 
     def check_start(self, goals: TargetGoals) -> None:
@@ -162,7 +130,7 @@ class DualArmTask(CaptureTask):
                     f"grapple point {arm + 1} out of reach: {far:.2f} m from the system's centre of mass, "
                     f"the reach of its arm is {most:.2f} m"
                 )
-        if (np.abs(position).max(axis=-1) < 0.5).any():
+        if (np.abs(self.contacts.in_box(position)) < self.contacts.satellite_half).all(axis=-1).any():
             raise GoalError(f"target inside the satellite: {position.tolist()} m")
         return TargetGoals(np.ones(k), start, position, quaternion, angular_velocity, half_width)
 
@@ -207,20 +175,3 @@ class DualArmTask(CaptureTask):
         matrix[self.layout.slices["base_linear_velocity"], -1] = 1.0
         matrix[self.layout.slices["base_angular_velocity"], -1] = self.c**2
         return matrix
-
-
-def sensor_columns(model: mujoco.MjModel, measured: tuple[tuple[str, slice], ...]) -> NDArray[np.int64]:
-    """Columns of the sensor data that form the first components of an observation."""
-    columns: list[int] = []
-    for name, part in measured:
-        sensor = model.sensor(name)
-        start, size = int(sensor.adr[0]), int(sensor.dim[0])
-        columns += list(range(start, start + size))[part]
-    return np.array(columns)
-
-
-@lru_cache(maxsize=16)
-def robot_of(kind: str, mounts: tuple[tuple[float, float], ...] | None = None) -> FloatingRobot:
-    """Robot of a kind, with the arms at the default mounts or at `mounts`."""
-    model = dual_arm_model(DualArmOptions(kind, mounts=mounts))
-    return FloatingRobot.from_model(model, end_effectors=END_EFFECTORS)

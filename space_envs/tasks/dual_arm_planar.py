@@ -1,45 +1,26 @@
 """SpaceCapture/DualArmPlanar: two planar arms capture a tumbling object at its grapple points (shah2013)."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from space_envs.checks import numbers
 from space_envs.dynamics.rotations import Array
-from space_envs.robots.dual_arm import DualArmOptions, dual_arm_model
-from space_envs.robots.parameters import DUAL_ARM_PLANAR
+from space_envs.errors import ConfigurationError, shown
+from space_envs.robots.models import joint_names
+from space_envs.robots.robot import Robot
 from space_envs.tasks.common import Field, GoalOption, ObservationLayout
-from space_envs.tasks.dual_arm import FASTEST_SPIN, sensor_columns
+from space_envs.tasks.dual_arm import FASTEST_SPIN
 from space_envs.tasks.goals.targets import Draws, TargetGoals
 from space_envs.tasks.goals.tumbling import TumblingTargetTask
 from space_envs.tasks.rewards import DENSE
 
-LAYOUT = ObservationLayout(
-    (
-        Field("joint_position", 6, 20.0, "joint angles, arm 1 first, rad"),
-        Field("joint_velocity", 6, 100.0, "joint rates, rad/s"),
-        Field("base_position", 2, 10.0, "satellite's centre of mass, inertial frame, m"),
-        Field("base_angle", 1, 100.0, "satellite's attitude from its initial one, rad"),
-        Field("base_linear_velocity", 2, 100.0, "of the satellite's centre of mass, inertial axes, m/s"),
-        Field("base_angular_velocity", 1, 100.0, "of the satellite, rad/s"),
-        Field("end_effector_position", 4, 20.0, "of arm 1, then arm 2, inertial frame, m"),
-        Field("end_effector_linear_velocity", 4, 100.0, "of arm 1, then arm 2, inertial axes, m/s"),
-        Field("target_position", 2, 10.0, "target's centre, inertial frame, m"),
-        Field("target_angle", 1, 2e4, "target's attitude, rad; the grapple points lie on its y axis"),
-        Field("target_angular_velocity", 1, 10.0, "of the target, rad/s"),
-        Field("goal_position", 4, 10.0, "grapple points of arm 1, then arm 2, inertial frame, m"),
-        Field("goal_linear_velocity", 4, 100.0, "of the grapple points, inertial axes, m/s"),
-        Field("position_error", 4, 30.0, "grapple points minus end-effectors, inertial axes, m"),
-        Field("velocity_error", 4, 200.0, "of the grapple points minus of the end-effectors, m/s"),
-        Field("time", 1, 1e4, "since the start of the episode, s"),
-    )
-)
+FARTHEST_MOUNT = 5.0  # m along each axis
 _PLANE, _ALL, _ROTATION = slice(0, 2), slice(0, None), slice(2, 3)
-_JOINTS = [f"arm{arm}_joint{number}" for arm in (1, 2) for number in (1, 2, 3)]
 _MEASURED = (
-    *((f"{joint}_position", _ALL) for joint in _JOINTS),
-    *((f"{joint}_velocity", _ALL) for joint in _JOINTS),
     ("satellite_position", _PLANE),
     ("satellite_angle", _ALL),
     ("satellite_linear_velocity", _PLANE),
@@ -56,34 +37,50 @@ _MEASURED = (
     ("grapple1_linear_velocity", _PLANE),
     ("grapple2_linear_velocity", _PLANE),
 )
-_COLUMNS = sensor_columns(dual_arm_model(DualArmOptions("planar")), _MEASURED)
-_SLICES = LAYOUT.slices
+
+
+@lru_cache(maxsize=16)
+def planar_layout(joints: int) -> ObservationLayout:
+    """Observation of two planar arms with a number of joints together."""
+    return ObservationLayout(
+        (
+            Field("joint_position", joints, 20.0, "joint angles, arm 1 first, rad"),
+            Field("joint_velocity", joints, 100.0, "joint rates, rad/s"),
+            Field("base_position", 2, 10.0, "satellite's centre of mass, inertial frame, m"),
+            Field("base_angle", 1, 100.0, "satellite's attitude from its initial one, rad"),
+            Field("base_linear_velocity", 2, 100.0, "of the satellite's centre of mass, inertial axes, m/s"),
+            Field("base_angular_velocity", 1, 100.0, "of the satellite, rad/s"),
+            Field("end_effector_position", 4, 20.0, "of arm 1, then arm 2, inertial frame, m"),
+            Field("end_effector_linear_velocity", 4, 100.0, "of arm 1, then arm 2, inertial axes, m/s"),
+            Field("target_position", 2, 10.0, "target's centre, inertial frame, m"),
+            Field("target_angle", 1, 2e4, "target's attitude, rad; the grapple points lie on its y axis"),
+            Field("target_angular_velocity", 1, 10.0, "of the target, rad/s"),
+            Field("goal_position", 4, 10.0, "grapple points of arm 1, then arm 2, inertial frame, m"),
+            Field("goal_linear_velocity", 4, 100.0, "of the grapple points, inertial axes, m/s"),
+            Field("position_error", 4, 30.0, "grapple points minus end-effectors, inertial axes, m"),
+            Field("velocity_error", 4, 200.0, "of the grapple points minus of the end-effectors, m/s"),
+            Field("time", 1, 1e4, "since the start of the episode, s"),
+        )
+    )
 
 
 @dataclass(frozen=True)
 class DualArmPlanarTask(TumblingTargetTask):
-    """Two planar arms on a 500 kg satellite capture a tumbling object without rotating the satellite.
+    """Two planar arms on a satellite capture a tumbling object without rotating the satellite.
 
     Attributes:
-        mounts: of the arms in the satellite's frame, m; None is (0.5, 0) and (-0.5, 0).
+        mounts: two points (x, y) of the arms in the satellite's frame, m, instead of the robot's.
     """
 
     horizon: int = 300
     mounts: tuple[tuple[float, float], ...] | None = None
 
-    layout = LAYOUT
-    parameters = DUAL_ARM_PLANAR
+    own_robot = "shah2013"
+    planar = True
     dense_reward = tuple(term for term in DENSE if term.name != "orientation")
-    goal_options = {
-        "target_position": GoalOption(2),
-        "target_angle": GoalOption(1, (0.0,), 1e4),
-        "target_angular_velocity": GoalOption(1, (0.0,), FASTEST_SPIN),
-        "target_half_width": GoalOption(1, (DUAL_ARM_PLANAR.target.half_width,)),
-    }
     kind = "planar"
-    target = DUAL_ARM_PLANAR.target
     draws = Draws(
-        centre=(2.0, 1.0, 0.0),
+        reach=2.9,
         displacement=(0.15, 0.3, 0.5),
         rotation=(0.3, 0.6, 1.0),
         spin=tuple(np.deg2rad([1.0, 2.0, 4.0]).tolist()),
@@ -92,20 +89,38 @@ class DualArmPlanarTask(TumblingTargetTask):
         along=(1.0, 1.0, 0.0),
     )
     approach_axes = None
-    measured = _MEASURED
     outward = np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]])
     seeds = {"train": 20_301, "validation": 20_302, "test": 20_303, "ood": 20_304}
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        mounts = DualArmOptions("planar", mounts=self.mounts).mounts
-        # The default mounts, given explicitly, are the same task with the same stored goals.
-        object.__setattr__(self, "mounts", None if mounts == DUAL_ARM_PLANAR.mounts else mounts)
+        if self.mounts is not None:
+            object.__setattr__(self, "robot", mounted(self.robot, self.mounts))
+            object.__setattr__(self, "mounts", tuple(arm.links[0].position[:2] for arm in self.robot.arms))
+
+    @cached_property
+    def layout(self) -> ObservationLayout:
+        """Layout of the observation vector."""
+        return planar_layout(self.robot.n_joints)
 
     @property
-    def options(self) -> DualArmOptions:
-        """Options of the simulated model."""
-        return DualArmOptions("planar", self.step_size, mounts=self.mounts)
+    def measured(self) -> tuple[tuple[str, slice], ...]:
+        """Sensors with the components that are observed, in the order of the layout."""
+        joints = joint_names(self.robot)
+        angles, rates = (
+            [(f"{joint}_{quantity}", _ALL) for joint in joints] for quantity in ("position", "velocity")
+        )
+        return (*angles, *rates, *_MEASURED)
+
+    @property
+    def goal_options(self) -> dict[str, GoalOption]:
+        """Options of `reset` that together define a goal."""
+        return {
+            "target_position": GoalOption(2),
+            "target_angle": GoalOption(1, (0.0,), 1e4),
+            "target_angular_velocity": GoalOption(1, (0.0,), FASTEST_SPIN),
+            "target_half_width": GoalOption(1, (self.target.half_width,)),
+        }
 
     def draw_attitude(self, rng: np.random.Generator, largest: float) -> Array:
         """Draw an attitude (4,) of the target at the rendezvous."""
@@ -127,16 +142,42 @@ class DualArmPlanarTask(TumblingTargetTask):
         return self.checked_goals(position, quaternion, spin, width, joint_position)
 
     def observe(self, sensors: Array, time: Array) -> Array:
-        """Observations (N, 47) from the model's sensors (N, 68) and the time (N,) in s."""
-        observation = np.empty((len(sensors), LAYOUT.size))
-        observation[:, : len(_COLUMNS)] = sensors.take(_COLUMNS, axis=1)
-        goal = observation[:, _SLICES["goal_position"].start : _SLICES["goal_linear_velocity"].stop]
-        hand = observation[:, _SLICES["end_effector_position"].start : _SLICES["target_position"].start]
-        errors = slice(_SLICES["position_error"].start, _SLICES["velocity_error"].stop)
-        np.subtract(goal, hand, out=observation[:, errors])
+        """Observations (N, size) from the model's sensors (N, s) and the time (N,) in s."""
+        observation = np.empty((len(sensors), self.layout.size))
+        observation[:, : len(self.columns)] = sensors.take(self.columns, axis=1)
+        goal, hand, errors = self._blocks
+        np.subtract(observation[:, goal], observation[:, hand], out=observation[:, errors])
         observation[:, -1] = time
         return observation
 
+    @cached_property
+    def _blocks(self) -> tuple[slice, slice, slice]:
+        """Positions and velocities of the grapple points, of the end-effectors, and their errors."""
+        at = self.layout.slices
+        return (
+            slice(at["goal_position"].start, at["goal_linear_velocity"].stop),
+            slice(at["end_effector_position"].start, at["end_effector_linear_velocity"].stop),
+            slice(at["position_error"].start, at["velocity_error"].stop),
+        )
+
     def attitude(self, observation: NDArray) -> Array:
         """Angle (N,) of the satellite from its initial attitude, rad."""
-        return np.abs(observation[:, _SLICES["base_angle"].start])
+        return np.abs(observation[:, self.layout.slices["base_angle"].start])
+
+
+def mounted(robot: Robot, mounts: Sequence[Sequence[float]]) -> Robot:
+    """The robot with its arms mounted at two points (x, y) in the satellite's frame, m.
+
+    Raises:
+        ConfigurationError: if they are not two points within `FARTHEST_MOUNT`.
+    """
+    points = numbers(mounts)
+    if points is None or points.shape != (2, 2) or not (np.abs(points) <= FARTHEST_MOUNT).all():
+        raise ConfigurationError(
+            f"mounts must be two points (x, y) within {FARTHEST_MOUNT:g} m of the satellite, got {shown(mounts)}"
+        )
+    arms = []
+    for arm, (x, y) in zip(robot.arms, points.tolist(), strict=True):
+        root = replace(arm.links[0], position=(x, y, arm.links[0].position[2]))
+        arms.append(replace(arm, links=(root, *arm.links[1:])))
+    return replace(robot, arms=tuple(arms))

@@ -2,72 +2,82 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from space_envs.dynamics.reactionless import axis_rotation
 from space_envs.dynamics.rotations import Array, exponential, rotation_angle
-from space_envs.robots.dual_arm import DualArmOptions, dual_arm_model
-from space_envs.robots.parameters import DUAL_ARM_SPATIAL
+from space_envs.robots.models import joint_names
 from space_envs.tasks.common import UNIT, CaptureEnvelope, CaptureLimits, Field, GoalOption, ObservationLayout
-from space_envs.tasks.dual_arm import FASTEST_SPIN, sensor_columns
+from space_envs.tasks.dual_arm import FASTEST_SPIN
 from space_envs.tasks.goals.targets import Draws, TargetGoals
 from space_envs.tasks.goals.tumbling import TumblingTargetTask
 
-LAYOUT = ObservationLayout(
-    (
-        Field("joint_position", 14, 20.0, "joint angles, arm 1 first, rad"),
-        Field("joint_velocity", 14, 100.0, "joint rates, rad/s"),
-        Field("base_position", 3, 10.0, "satellite's centre of mass, inertial frame, m"),
-        Field("base_quaternion", 4, UNIT, "satellite's attitude, w x y z, body to inertial"),
-        Field("base_linear_velocity", 3, 100.0, "of the satellite's centre of mass, inertial axes, m/s"),
-        Field("base_angular_velocity", 3, 100.0, "of the satellite, inertial axes, rad/s"),
-        Field("end_effector_position", 6, 20.0, "of arm 1, then arm 2, inertial frame, m"),
-        Field("end_effector_linear_velocity", 6, 100.0, "of arm 1, then arm 2, inertial axes, m/s"),
-        Field("end_effector_axis", 6, UNIT, "approach axes of arm 1, then arm 2, inertial axes, unit"),
-        Field("target_position", 3, 10.0, "target's centre, inertial frame, m"),
-        Field("target_quaternion", 4, UNIT, "target's attitude, w x y z; the fixtures lie on its x axis"),
-        Field("target_angular_velocity", 3, 10.0, "of the target, inertial axes, rad/s"),
-        Field("goal_position", 6, 10.0, "fixtures of arm 1, then arm 2, inertial frame, m"),
-        Field("goal_linear_velocity", 6, 100.0, "of the fixtures, inertial axes, m/s"),
-        Field("goal_axis", 6, UNIT, "insertion axes of the fixtures, inertial axes, unit"),
-        Field("position_error", 6, 30.0, "fixtures minus end-effectors, inertial axes, m"),
-        Field("velocity_error", 6, 200.0, "of the fixtures minus of the end-effectors, m/s"),
-        Field("axis_error", 6, 3.1416, "rotations from approach to insertion axes, inertial axes, rad"),
-        Field("time", 1, 1e4, "since the start of the episode, s"),
-    )
-)
 _ALL = slice(0, None)
-_JOINTS = [f"arm{arm}_joint{number}" for arm in (1, 2) for number in range(1, 8)]
-_MEASURED = tuple(
-    (name, _ALL)
-    for name in (
-        *(f"{joint}_position" for joint in _JOINTS),
-        *(f"{joint}_velocity" for joint in _JOINTS),
-        "satellite_position",
-        "satellite_quaternion",
-        "satellite_linear_velocity",
-        "satellite_angular_velocity",
-        "end_effector1_position",
-        "end_effector2_position",
-        "end_effector1_linear_velocity",
-        "end_effector2_linear_velocity",
-        "end_effector1_axis",
-        "end_effector2_axis",
-        "target_position",
-        "target_quaternion",
-        "target_angular_velocity",
-        "grapple1_position",
-        "grapple2_position",
-        "grapple1_linear_velocity",
-        "grapple2_linear_velocity",
-        "grapple1_axis",
-        "grapple2_axis",
-    )
+_MEASURED = (
+    "satellite_position",
+    "satellite_quaternion",
+    "satellite_linear_velocity",
+    "satellite_angular_velocity",
+    "end_effector1_position",
+    "end_effector2_position",
+    "end_effector1_linear_velocity",
+    "end_effector2_linear_velocity",
+    "end_effector1_axis",
+    "end_effector2_axis",
+    "target_position",
+    "target_quaternion",
+    "target_angular_velocity",
+    "grapple1_position",
+    "grapple2_position",
+    "grapple1_linear_velocity",
+    "grapple2_linear_velocity",
+    "grapple1_axis",
+    "grapple2_axis",
 )
-_COLUMNS = sensor_columns(dual_arm_model(DualArmOptions("spatial")), _MEASURED)
-_SLICES = LAYOUT.slices
+
+
+@lru_cache(maxsize=16)
+def spatial_layout(joints: int) -> ObservationLayout:
+    """Observation of two arms in space with a number of joints together."""
+    return ObservationLayout(
+        (
+            Field("joint_position", joints, 20.0, "joint angles, arm 1 first, rad"),
+            Field("joint_velocity", joints, 100.0, "joint rates, rad/s"),
+            Field("base_position", 3, 10.0, "satellite's centre of mass, inertial frame, m"),
+            Field("base_quaternion", 4, UNIT, "satellite's attitude, w x y z, body to inertial"),
+            Field("base_linear_velocity", 3, 100.0, "of the satellite's centre of mass, inertial axes, m/s"),
+            Field("base_angular_velocity", 3, 100.0, "of the satellite, inertial axes, rad/s"),
+            Field("end_effector_position", 6, 20.0, "of arm 1, then arm 2, inertial frame, m"),
+            Field("end_effector_linear_velocity", 6, 100.0, "of arm 1, then arm 2, inertial axes, m/s"),
+            Field("end_effector_axis", 6, UNIT, "approach axes of arm 1, then arm 2, inertial axes, unit"),
+            Field("target_position", 3, 10.0, "target's centre, inertial frame, m"),
+            Field("target_quaternion", 4, UNIT, "target's attitude, w x y z; the fixtures lie on its x axis"),
+            Field("target_angular_velocity", 3, 10.0, "of the target, inertial axes, rad/s"),
+            Field("goal_position", 6, 10.0, "fixtures of arm 1, then arm 2, inertial frame, m"),
+            Field("goal_linear_velocity", 6, 100.0, "of the fixtures, inertial axes, m/s"),
+            Field("goal_axis", 6, UNIT, "insertion axes of the fixtures, inertial axes, unit"),
+            Field("position_error", 6, 30.0, "fixtures minus end-effectors, inertial axes, m"),
+            Field("velocity_error", 6, 200.0, "of the fixtures minus of the end-effectors, m/s"),
+            Field("axis_error", 6, 3.1416, "rotations from approach to insertion axes, inertial axes, rad"),
+            Field("time", 1, 1e4, "since the start of the episode, s"),
+        )
+    )
+
+
+class _Blocks(NamedTuple):
+    """Parts of an observation: positions and velocities of the grapple points and of the end-effectors, their
+    differences, and axes."""
+
+    goal: slice
+    hand: slice
+    errors: slice
+    axis: slice
+    goal_axis: slice
+    axis_error: slice
 
 
 @dataclass(frozen=True)
@@ -84,23 +94,15 @@ class ApproachEnvelope(CaptureEnvelope):
 
 @dataclass(frozen=True)
 class DualArmSpatialTask(TumblingTargetTask):
-    """Two 7-DoF arms on a 500 kg satellite capture a tumbling satellite without rotating their own."""
+    """Two arms on a satellite capture a tumbling satellite without rotating their own."""
 
     horizon: int = 300
     envelope: CaptureEnvelope = field(default_factory=ApproachEnvelope)
 
-    layout = LAYOUT
-    parameters = DUAL_ARM_SPATIAL
-    goal_options = {
-        "target_position": GoalOption(3),
-        "target_quaternion": GoalOption(4, (1.0, 0.0, 0.0, 0.0)),
-        "target_angular_velocity": GoalOption(3, (0.0, 0.0, 0.0), FASTEST_SPIN),
-        "target_half_width": GoalOption(1, (DUAL_ARM_SPATIAL.target.half_width,)),
-    }
+    own_robot = "spatial_dual_arm"
     kind = "spatial"
-    target = DUAL_ARM_SPATIAL.target
     draws = Draws(
-        centre=(0.0, 1.6, 0.0),
+        reach=2.3,
         displacement=(0.08, 0.15, 0.2),
         rotation=(0.2, 0.35, 0.5),
         spin=tuple(np.deg2rad([0.5, 1.0, 2.0]).tolist()),
@@ -108,9 +110,30 @@ class DualArmSpatialTask(TumblingTargetTask):
         half_width=(0.25, 0.35),
     )
     approach_axes = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
-    measured = _MEASURED
     outward = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])
     seeds = {"train": 20_401, "validation": 20_402, "test": 20_403, "ood": 20_404}
+
+    @cached_property
+    def layout(self) -> ObservationLayout:
+        """Layout of the observation vector."""
+        return spatial_layout(self.robot.n_joints)
+
+    @property
+    def measured(self) -> tuple[tuple[str, slice], ...]:
+        """Sensors with the components that are observed, in the order of the layout."""
+        joints = joint_names(self.robot)
+        names = [f"{joint}_{quantity}" for quantity in ("position", "velocity") for joint in joints]
+        return tuple((name, _ALL) for name in (*names, *_MEASURED))
+
+    @property
+    def goal_options(self) -> dict[str, GoalOption]:
+        """Options of `reset` that together define a goal."""
+        return {
+            "target_position": GoalOption(3),
+            "target_quaternion": GoalOption(4, (1.0, 0.0, 0.0, 0.0)),
+            "target_angular_velocity": GoalOption(3, (0.0, 0.0, 0.0), FASTEST_SPIN),
+            "target_half_width": GoalOption(1, (self.target.half_width,)),
+        }
 
     def draw_attitude(self, rng: np.random.Generator, largest: float) -> Array:
         """Draw an attitude (4,) of the target at the rendezvous."""
@@ -131,24 +154,29 @@ class DualArmSpatialTask(TumblingTargetTask):
         )
 
     def observe(self, sensors: Array, time: Array) -> Array:
-        """Observations (N, 106) from the model's sensors (N, 90) and the time (N,) in s."""
-        n = len(sensors)
-        observation = np.empty((n, LAYOUT.size))
-        observation[:, : len(_COLUMNS)] = sensors.take(_COLUMNS, axis=1)
-        goal = observation[:, _SLICES["goal_position"].start : _SLICES["goal_linear_velocity"].stop]
-        hand = observation[:, _SLICES["end_effector_position"].start : _SLICES["end_effector_axis"].start]
-        errors = slice(_SLICES["position_error"].start, _SLICES["velocity_error"].stop)
-        np.subtract(goal, hand, out=observation[:, errors])
-        axes, goal_axes = (
-            observation[:, _SLICES[name]].reshape(n, 2, 3) for name in ("end_effector_axis", "goal_axis")
-        )
-        observation[:, _SLICES["axis_error"]] = axis_rotation(axes, goal_axes).reshape(n, 6)
+        """Observations (N, size) from the model's sensors (N, s) and the time (N,) in s."""
+        n, at = len(sensors), self._blocks
+        observation = np.empty((n, self.layout.size))
+        observation[:, : len(self.columns)] = sensors.take(self.columns, axis=1)
+        np.subtract(observation[:, at.goal], observation[:, at.hand], out=observation[:, at.errors])
+        axes, goal_axes = (observation[:, part].reshape(n, 2, 3) for part in (at.axis, at.goal_axis))
+        observation[:, at.axis_error] = axis_rotation(axes, goal_axes).reshape(n, 6)
         observation[:, -1] = time
         return observation
 
+    @cached_property
+    def _blocks(self) -> _Blocks:
+        at = self.layout.slices
+        return _Blocks(
+            slice(at["goal_position"].start, at["goal_linear_velocity"].stop),
+            slice(at["end_effector_position"].start, at["end_effector_linear_velocity"].stop),
+            slice(at["position_error"].start, at["velocity_error"].stop),
+            *(at[name] for name in ("end_effector_axis", "goal_axis", "axis_error")),
+        )
+
     def attitude(self, observation: NDArray) -> Array:
         """Angle (N,) of the satellite from its initial attitude, rad."""
-        return rotation_angle(observation[:, _SLICES["base_quaternion"]])
+        return rotation_angle(observation[:, self.layout.slices["base_quaternion"]])
 
 
 def _direction(rng: np.random.Generator) -> Array:

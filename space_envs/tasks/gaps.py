@@ -17,7 +17,7 @@ from space_envs.dynamics.capsules import box_distance, segment_distance
 from space_envs.dynamics.rotations import Array
 from space_envs.dynamics.spheres import capsule_sphere_gaps
 from space_envs.errors import GoalError
-from space_envs.robots.building import anchor_name, arm_numbers
+from space_envs.robots.models.bodies import anchor_name, arm_numbers
 from space_envs.robots.robot import UNCHECKED, Robot
 
 

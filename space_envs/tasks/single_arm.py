@@ -7,18 +7,15 @@ every goal is reachable. In a capture the end-effector is close, aligned and slo
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array, multiply, rotation_angle
-from space_envs.errors import GoalError, unknown_name
-from space_envs.robots.capsules import SINGLE_ARM_SHAPE
-from space_envs.robots.parameters import SINGLE_ARM, STEP_LIMITS, VARIANTS
-from space_envs.robots.single_arm import ModelOptions, single_arm_model
+from space_envs.errors import GoalError
 from space_envs.simulation import Simulation
 from space_envs.tasks.base import CaptureTask
 from space_envs.tasks.common import (
@@ -31,42 +28,48 @@ from space_envs.tasks.common import (
     Goals,
     ObservationLayout,
 )
-from space_envs.tasks.contacts import Contacts
-from space_envs.tasks.goals.poses import SPLIT_SIZE, PoseGoals, goal_block, robot_of
+from space_envs.tasks.goals.poses import SPLIT_SIZE, PoseGoals, goal_block
 
-LAYOUT = ObservationLayout(
-    (
-        Field("joint_position", 7, 20.0, "joint angles, rad"),
-        Field("joint_velocity", 7, 100.0, "joint rates, rad/s"),
-        Field("base_position", 3, 10.0, "satellite's centre of mass, inertial frame, m"),
-        Field("base_quaternion", 4, UNIT, "satellite's attitude, w x y z, body to inertial"),
-        Field("base_linear_velocity", 3, 100.0, "of the satellite's centre of mass, inertial axes, m/s"),
-        Field("base_angular_velocity", 3, 100.0, "of the satellite, inertial axes, rad/s"),
-        Field("end_effector_position", 3, 10.0, "inertial frame, m"),
-        Field("end_effector_quaternion", 4, UNIT, "w x y z, end-effector to inertial; either sign"),
-        Field("end_effector_linear_velocity", 3, 100.0, "inertial axes, m/s"),
-        Field("end_effector_angular_velocity", 3, 100.0, "inertial axes, rad/s"),
-        Field("goal_position", 3, 10.0, "grapple, inertial frame, m"),
-        Field("goal_quaternion", 4, UNIT, "grapple, w x y z, grapple to inertial, w >= 0"),
-        Field("position_error", 3, 20.0, "goal minus end-effector, inertial axes, m"),
-        Field("rotation_error", 3, 3.1416, "rotation vector from end-effector to goal, inertial axes, rad"),
-        Field("time", 1, 1e4, "since the start of the episode, s"),
-    )
-)
-_GOAL, _GOAL_QUATERNION, _END_EFFECTOR, _END_EFFECTOR_QUATERNION, _POSITION_ERROR, _ROTATION_ERROR, _TIME = (
-    LAYOUT.slices[name]
-    for name in (
-        "goal_position",
-        "goal_quaternion",
-        "end_effector_position",
-        "end_effector_quaternion",
-        "position_error",
-        "rotation_error",
-        "time",
-    )
-)
 _TINY = 1e-300  # avoids 0 / 0
-MEASURED = 47  # first components of the observation: the first sensors of the model, in order
+
+
+@lru_cache(maxsize=16)
+def pose_layout(joints: int) -> ObservationLayout:
+    """Observation of an arm with a number of joints; all but the errors and the time are sensors, in order."""
+    return ObservationLayout(
+        (
+            Field("joint_position", joints, 20.0, "joint angles, rad"),
+            Field("joint_velocity", joints, 100.0, "joint rates, rad/s"),
+            Field("base_position", 3, 10.0, "satellite's centre of mass, inertial frame, m"),
+            Field("base_quaternion", 4, UNIT, "satellite's attitude, w x y z, body to inertial"),
+            Field("base_linear_velocity", 3, 100.0, "of the satellite's centre of mass, inertial axes, m/s"),
+            Field("base_angular_velocity", 3, 100.0, "of the satellite, inertial axes, rad/s"),
+            Field("end_effector_position", 3, 10.0, "inertial frame, m"),
+            Field("end_effector_quaternion", 4, UNIT, "w x y z, end-effector to inertial; either sign"),
+            Field("end_effector_linear_velocity", 3, 100.0, "inertial axes, m/s"),
+            Field("end_effector_angular_velocity", 3, 100.0, "inertial axes, rad/s"),
+            Field("goal_position", 3, 10.0, "grapple, inertial frame, m"),
+            Field("goal_quaternion", 4, UNIT, "grapple, w x y z, grapple to inertial, w >= 0"),
+            Field("position_error", 3, 20.0, "goal minus end-effector, inertial axes, m"),
+            Field(
+                "rotation_error", 3, 3.1416, "rotation vector from end-effector to goal, inertial axes, rad"
+            ),
+            Field("time", 1, 1e4, "since the start of the episode, s"),
+        )
+    )
+
+
+class _Columns(NamedTuple):
+    """Slices of an observation that its computation needs; sensors precede those of the errors."""
+
+    goal_position: slice
+    goal_quaternion: slice
+    end_effector_position: slice
+    end_effector_quaternion: slice
+    base_quaternion: slice
+    position_error: slice
+    rotation_error: slice
+    time: slice
 
 
 @dataclass(frozen=True)
@@ -85,79 +88,33 @@ class PoseEnvelope(CaptureEnvelope):
 
 @dataclass(frozen=True)
 class SingleArmTask(CaptureTask):
-    """A 7-DoF arm on a free-floating 200 kg satellite reaches a static grapple pose.
+    """An arm on a free-floating satellite reaches a static grapple pose."""
 
-    Attributes:
-        variant: inertias of the model, paper or physical.
-    """
-
-    variant: str = "paper"
     envelope: CaptureEnvelope = field(default_factory=PoseEnvelope)
 
-    def __post_init__(self) -> None:
-        if not isinstance(self.variant, str) or self.variant not in VARIANTS:
-            raise unknown_name("model variant", self.variant, VARIANTS)
-        super().__post_init__()
-
-    layout = LAYOUT
-    parameters = SINGLE_ARM
+    own_robot = "shyam2020"
+    arms = 1
     split_sizes = SPLIT_SIZE
-    goal_options = {"goal_position": GoalOption(3), "goal_quaternion": GoalOption(4)}
     collides = True
 
-    @property
-    def default_timestep(self) -> float:
-        """By variant, s."""
-        return STEP_LIMITS[self.variant].default_timestep
-
-    @property
-    def largest_timestep(self) -> float:
-        """By variant, s."""
-        return STEP_LIMITS[self.variant].largest_timestep
-
-    @property
-    def largest_control_period(self) -> float:
-        """By variant, s."""
-        return STEP_LIMITS[self.variant].largest_control_period
-
-    @property
-    def model(self) -> mujoco.MjModel:
-        """The compiled model, shared and read-only."""
-        return single_arm_model(ModelOptions(self.variant, self.step_size))
-
-    @property
-    def render_model(self) -> mujoco.MjModel:
-        """The model with geometry for rendering."""
-        return single_arm_model(ModelOptions(self.variant, self.step_size, visual=True))
-
-    @property
-    def mechanics(self) -> FloatingRobot:
-        """The robot's momentum-level mathematics, read from the model."""
-        return robot_of(self.variant)
-
     @cached_property
-    def contacts(self) -> Contacts:
-        """Contacts of links with the satellite."""
-        return Contacts.of(self.model, SINGLE_ARM_SHAPE)
+    def layout(self) -> ObservationLayout:
+        """Layout of the observation vector."""
+        return pose_layout(self.robot.n_joints)
 
     @property
-    def contact_names(self) -> tuple[str, ...]:
-        """Names of the contacts, by the codes of `collided`."""
-        return self.contacts.names
-
-    def collided(self, before: Array, sensors: Array) -> NDArray[np.int64]:
-        """Codes (N,) of the first contact in a control period."""
-        return self.contacts.touched(before, sensors)
+    def goal_options(self) -> dict[str, GoalOption]:
+        """Options of `reset` that together define a goal."""
+        return {"goal_position": GoalOption(3), "goal_quaternion": GoalOption(4)}
 
     def check_start(self, goals: Goals) -> None:
         """Reject joint angles for which a link touches the satellite; errors as in the base class."""
-        self.contacts.refuse(
-            self.contacts.all_gaps(self.contacts.points(self.mechanics, goals.joint_position))
-        )
+        points = self.contacts.points(self.mechanics, goals.joint_position)
+        self.contacts.refuse(self.contacts.all_gaps(points))
 
     def goal_block(self, split: str, block: int) -> PoseGoals:
         """Goals of a block."""
-        return goal_block(self.variant, self.difficulty, split, block)
+        return goal_block(self.robot, self.difficulty, split, block)
 
     def given_goals(self, values: Mapping[str, Array], joint_position: Array | None) -> PoseGoals:
         """Goals from `goal_position` and `goal_quaternion`; errors as in `check_goals`."""
@@ -210,9 +167,13 @@ class SingleArmTask(CaptureTask):
                 f"goal out of reach: {distance.max():.2f} m from the system's centre of mass, the reach is "
                 f"{reach:.2f} m"
             )
-        if (np.abs(position).max(axis=-1) < SINGLE_ARM.satellite_side / 2).any():
+        if (np.abs(self.contacts.in_box(position)) < self.contacts.satellite_half).all(axis=-1).any():
             raise GoalError(f"goal inside the satellite: {position.tolist()} m")
         return position, np.where(quaternion[..., :1] < 0, -quaternion, quaternion) / norm
+
+    @cached_property
+    def _columns(self) -> _Columns:
+        return _Columns(*(self.layout.slices[name] for name in _Columns._fields))
 
     @cached_property
     def _squares(self) -> Array:
@@ -228,21 +189,26 @@ class SingleArmTask(CaptureTask):
         return squares
 
     def observe(self, sensors: Array, time: Array) -> Array:
-        """Observations (N, size) from the model's sensors (N, 47) and the time (N,) in s."""
+        """Observations (N, size) from the model's sensors (N, s) and the time (N,) in s."""
         # Runs at every step, also for N = 1: the number of numpy calls decides the time.
+        at = self._columns
         observation = np.empty((len(sensors), self.layout.size))
-        observation[:, :MEASURED] = sensors[:, :MEASURED]
-        np.subtract(sensors[:, _GOAL], sensors[:, _END_EFFECTOR], out=observation[:, _POSITION_ERROR])
+        observation[:, : at.position_error.start] = sensors[:, : at.position_error.start]
+        np.subtract(
+            sensors[:, at.goal_position],
+            sensors[:, at.end_effector_position],
+            out=observation[:, at.position_error],
+        )
         # goal * conjugate(end-effector) as two stacked matrix products, which are bitwise the same for any N.
-        product = (sensors[:, None, _GOAL_QUATERNION] @ _QUOTIENT).reshape(-1, 4, 4)
-        error = (product @ sensors[:, _END_EFFECTOR_QUATERNION, None])[..., 0]
+        product = (sensors[:, None, at.goal_quaternion] @ _QUOTIENT).reshape(-1, 4, 4)
+        error = (product @ sensors[:, at.end_effector_quaternion, None])[..., 0]
         cosine, vector = error[:, :1], error[:, 1:]
         sine = np.sqrt((vector * vector).sum(axis=1, keepdims=True))
         # Twice atan2 with |w|, and the vector's sign flipped where w < 0: the smaller rotation.
         half = np.arctan2(sine, np.abs(cosine))
         factor = np.copysign(half / np.maximum(0.5 * sine, _TINY), cosine)
-        np.multiply(factor, vector, out=observation[:, _ROTATION_ERROR])
-        observation[:, _TIME] = time[:, None]
+        np.multiply(factor, vector, out=observation[:, at.rotation_error])
+        observation[:, at.time] = time[:, None]
         return observation
 
     def errors(self, observation: Array) -> CaptureErrors:
@@ -251,7 +217,7 @@ class SingleArmTask(CaptureTask):
 
     def attitude(self, observation: Array) -> Array:
         """Angle (N,) of the satellite from its initial attitude, rad."""
-        return rotation_angle(observation[:, LAYOUT.slices["base_quaternion"]])
+        return rotation_angle(observation[:, self._columns.base_quaternion])
 
 
 def _quotient_tensor() -> Array:

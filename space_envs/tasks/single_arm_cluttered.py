@@ -18,24 +18,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array
-from space_envs.dynamics.spheres import link_ends, sphere_gaps
 from space_envs.errors import GoalError
-from space_envs.robots.parameters import SINGLE_ARM
-from space_envs.robots.single_arm import ModelOptions, single_arm_model
+from space_envs.robots.models import OBSTACLE, SceneOptions, robot_model
+from space_envs.robots.robot import Robot
 from space_envs.scenery.single_arm import resize_keep_out
 from space_envs.simulation import Simulation
 from space_envs.tasks.base import BLOCK
 from space_envs.tasks.common import Field, GoalOption, ObservationLayout
 from space_envs.tasks.contacts import SHARES
 from space_envs.tasks.goals.clutter import COUNT, ClutteredGoals, bus_gaps, draw_scenes
-from space_envs.tasks.single_arm import LAYOUT, MEASURED, SingleArmTask
+from space_envs.tasks.goals.detours import find_draws
+from space_envs.tasks.goals.stored import stored_draws
+from space_envs.tasks.single_arm import SingleArmTask
 
-CLUTTERED_LAYOUT = ObservationLayout(
-    (
-        *LAYOUT.fields,
-        Field("obstacle_position", 3 * COUNT, 10.0, "centres of the keep-out spheres, inertial frame, m"),
-        Field("obstacle_radius", COUNT, 1.0, "of the keep-out spheres, m"),
-    )
+OBSTACLE_FIELDS = (
+    Field("obstacle_position", 3 * COUNT, 10.0, "centres of the keep-out spheres, inertial frame, m"),
+    Field("obstacle_radius", COUNT, 1.0, "of the keep-out spheres, m"),
 )
 CLUTTERED_SPLIT_SIZE = {"train": 1024, "validation": 128, "test": 512, "ood": 256}
 _ROOT_3 = 3.0**0.5  # largest length of a vector whose components are at most 1
@@ -46,27 +44,35 @@ _FILE = "single_arm_cluttered_draws.npz"
 class SingleArmClutteredTask(SingleArmTask):
     """The same arm reaches a static grapple pose around spheres that block the direct path."""
 
-    layout = CLUTTERED_LAYOUT
     split_sizes = CLUTTERED_SPLIT_SIZE
-    goal_options = {
-        **SingleArmTask.goal_options,
-        "obstacle_position": GoalOption(3 * COUNT, parts=f"{COUNT} spheres x 3"),
-        "obstacle_radius": GoalOption(COUNT, parts=f"{COUNT} spheres x 1"),
-    }
+
+    @cached_property
+    def layout(self) -> ObservationLayout:
+        """Layout of the observation vector."""
+        return ObservationLayout((*super().layout.fields, *OBSTACLE_FIELDS))
+
+    @property
+    def goal_options(self) -> dict[str, GoalOption]:
+        """Options of `reset` that together define a goal."""
+        return {
+            **super().goal_options,
+            "obstacle_position": GoalOption(3 * COUNT, parts=f"{COUNT} spheres x 3"),
+            "obstacle_radius": GoalOption(COUNT, parts=f"{COUNT} spheres x 1"),
+        }
 
     @property
     def model(self) -> mujoco.MjModel:
         """The compiled model, shared and read-only."""
-        return single_arm_model(ModelOptions(self.variant, self.step_size, obstacles=COUNT))
+        return robot_model(self.robot, SceneOptions(self.step_size, obstacles=COUNT))
 
     @property
     def render_model(self) -> mujoco.MjModel:
         """The model with geometry for rendering."""
-        return single_arm_model(ModelOptions(self.variant, self.step_size, visual=True, obstacles=COUNT))
+        return robot_model(self.robot, SceneOptions(self.step_size, visual=True, obstacles=COUNT))
 
     def goal_block(self, split: str, block: int) -> ClutteredGoals:
         """Goals of a block."""
-        return _goal_block(self.variant, self.difficulty, split, block)
+        return _goal_block(self.robot, self.frozen, self.difficulty, split, block)
 
     def given_goals(self, values: Mapping[str, Array], joint_position: Array | None) -> ClutteredGoals:
         """Goals from the values of the options; errors as in `check_goals` and `check_spheres`."""
@@ -88,13 +94,11 @@ class SingleArmClutteredTask(SingleArmTask):
         radius, centre = goals.obstacle_radius, goals.obstacle_position
         if not ((radius > 0.0) & (radius <= 1.0)).all():
             raise GoalError(f"obstacle_radius must lie in (0, 1] m, got {radius.tolist()}")
-        k = len(radius)
-        still = np.zeros((k, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (k, 1))
-        ends = link_ends(self.mechanics, goals.joint_position, *still)
-        arm = sphere_gaps(ends, goals.spheres, SINGLE_ARM.link_radius).min(axis=-2)
+        points = self.contacts.points(self.mechanics, goals.joint_position)  # the satellite is at the origin
+        arm = self.contacts.sphere_gaps(points, goals.spheres).min(axis=-2)
         grapple = np.linalg.norm(goals.position[:, None] - centre, axis=-1) - radius
         for gap, problem in (
-            (bus_gaps(centre, radius), "touches the satellite at the start"),
+            (bus_gaps(self.contacts, centre, radius), "touches the satellite at the start"),
             (arm, "touches the arm at the start"),
             (grapple, "holds the goal"),
         ):
@@ -122,15 +126,40 @@ class SingleArmClutteredTask(SingleArmTask):
     def observe(self, sensors: Array, time: Array) -> Array:
         """Observations (N, size) from the model's sensors (N, s) and the time (N,) in s."""
         observation = super().observe(sensors, time)
-        observation[:, _POSITION] = sensors[:, _CENTRES]
-        observation[:, _RADIUS] = sensors[:, _RADII]
+        observation[:, self._obstacles] = sensors.take(self._obstacle_columns, axis=1)
         return observation
+
+    @cached_property
+    def _obstacles(self) -> slice:
+        """Components of the observation that describe the spheres."""
+        first, last = (self.layout.slices[name] for name in ("obstacle_position", "obstacle_radius"))
+        return slice(first.start, last.stop)
+
+    @cached_property
+    def _obstacle_columns(self) -> NDArray[np.int64]:
+        """Sensors of the centres of the spheres, then of their radii: the x components of their surfaces."""
+        names = [f"{OBSTACLE}{number}" for number in range(1, COUNT + 1)]
+        first = {
+            name: int(self.model.sensor(name).adr[0])
+            for n in names
+            for name in (f"{n}_position", f"{n}_radius")
+        }
+        centres = [first[f"{name}_position"] + axis for name in names for axis in range(3)]
+        return np.array([*centres, *(first[f"{name}_radius"] for name in names)])
 
     @cached_property
     def contact_names(self) -> tuple[str, ...]:
         """Names of the contacts, by the codes of `collided`."""
-        spheres = [f"link {link} and obstacle {sphere + 1}" for link in _LINKS for sphere in range(COUNT)]
-        return (*self.contacts.names, *spheres)
+        return (*self.contacts.names, *dict.fromkeys(self._sphere_pairs))
+
+    @cached_property
+    def _sphere_pairs(self) -> list[str]:
+        links = self.contacts.link_names(self.contacts.near_others)
+        return [f"{link} and obstacle {sphere + 1}" for link in links for sphere in range(COUNT)]
+
+    @cached_property
+    def _sphere_codes(self) -> NDArray[np.int64]:
+        return np.array([self.contact_names.index(pair) for pair in self._sphere_pairs])
 
     def collided(self, before: Array, sensors: Array) -> NDArray[np.int64]:
         """Codes (N,) of the first contact of a link with the satellite or a sphere in a control period.
@@ -144,39 +173,27 @@ class SingleArmClutteredTask(SingleArmTask):
 
     def _spheres_touched(self, before: Array, sensors: Array) -> NDArray[np.int64]:
         # Runs at every step, also for N = 1: the number of numpy calls decides the time.
-        n = len(sensors)
-        ends = sensors[:, _ENDS].reshape(n, -1, 3)
-        spheres = np.empty((n, COUNT, 4))
-        spheres[..., :3] = sensors[:, _CENTRES].reshape(n, COUNT, 3)
-        spheres[..., 3] = sensors[:, _RADII]
-        gap = sphere_gaps(ends, spheres, SINGLE_ARM.link_radius).reshape(n, -1).min(axis=1)
-        # No gap shrinks by more than the ends of the links have moved.
-        step = ends - before[:, _ENDS].reshape(n, -1, 3)
+        n, columns = len(sensors), self.contacts.columns["world"]
+        points = sensors[:, columns].reshape(n, -1, 3)
+        spheres, seen = np.empty((n, COUNT, 4)), sensors.take(self._obstacle_columns, axis=1)
+        spheres[..., :3] = seen[:, : 3 * COUNT].reshape(n, COUNT, 3)
+        spheres[..., 3] = seen[:, 3 * COUNT :]
+        gap = self.contacts.sphere_gaps(points, spheres).reshape(n, -1).min(axis=1)
+        # No gap shrinks by more than the points of the arm have moved.
+        step = points - before[:, columns].reshape(n, -1, 3)
         near = gap <= _ROOT_3 * np.abs(step).max(axis=(1, 2))
         code = np.zeros(n, dtype=np.int64)
         if near.any():
             rows = np.flatnonzero(near)
-            path = ends[rows, None] - (1.0 - SHARES)[:, None, None] * step[rows, None]
-            between = sphere_gaps(path, spheres[rows, None], SINGLE_ARM.link_radius).reshape(len(rows), -1)
-            first = (between <= 0.0).argmax(axis=1) % (len(_LINKS) * COUNT)
+            path = points[rows, None] - (1.0 - SHARES)[:, None, None] * step[rows, None]
+            between = self.contacts.sphere_gaps(path, spheres[rows, None]).reshape(len(rows), -1)
+            first = (between <= 0.0).argmax(axis=1) % len(self._sphere_codes)
             touched = (between <= 0.0).any(axis=1)
-            code[rows[touched]] = len(self.contacts.names) + first[touched]
+            code[rows[touched]] = self._sphere_codes[first[touched]]
         return code
 
 
 _SURFACES = tuple(f"obstacle{number}_surface" for number in range(1, COUNT + 1))
-_POSITION, _RADIUS = (CLUTTERED_LAYOUT.slices[name] for name in ("obstacle_position", "obstacle_radius"))
-_CENTRES = slice(MEASURED, MEASURED + 3 * COUNT)
-_RADII = slice(_CENTRES.stop, _CENTRES.stop + 3 * COUNT, 3)  # x component of each surface sensor
-_FIRST_LINK = _RADII.stop
-_END_EFFECTOR = LAYOUT.slices["end_effector_position"]
-_LINKS = (1, 3, 4, 5, 6, 7)  # link 2 of Table I has no length
-_ENDS = np.concatenate(
-    [
-        *(np.arange(3) + _FIRST_LINK + 3 * (link - 1) for link in _LINKS),
-        np.arange(_END_EFFECTOR.start, _END_EFFECTOR.stop),
-    ]
-)
 
 
 @lru_cache(maxsize=1)
@@ -186,14 +203,17 @@ def _frozen() -> dict[str, NDArray[np.int64]]:
 
 
 def frozen_draws(variant: str, difficulty: str, split: str) -> NDArray[np.int64]:
-    """(size, 5) of a split: stored numbers of the scene, the detour and the three spheres."""
+    """(size, 5) of a split of the id's own robot: stored numbers of the scene, the detour and the spheres."""
     return _frozen()[f"{variant}_{difficulty}_{split}"]
 
 
 @lru_cache(maxsize=512)
-def _goal_block(variant: str, difficulty: str, split: str, block: int) -> ClutteredGoals:
+def _goal_block(robot: Robot, frozen: bool, difficulty: str, split: str, block: int) -> ClutteredGoals:
     """Goals of a block of a split, from seeds and the stored numbers of draws."""
     rows = np.arange(block * BLOCK, (block + 1) * BLOCK)
-    draws = frozen_draws(variant, difficulty, split)[rows]
-    robot = SingleArmTask(variant=variant).mechanics
+    if frozen:
+        draws = frozen_draws(robot.variant, difficulty, split)[rows]
+    else:
+        name = f"cluttered-v{SingleArmClutteredTask.version}-{difficulty}-{split}-{block}"
+        draws = stored_draws(robot, name, lambda: find_draws(robot, difficulty, split, block))
     return draw_scenes(robot, difficulty, split, rows, draws[:, 0]).goals(draws[:, 2:])

@@ -37,7 +37,7 @@ def explicit_shape(
     capsules = []
     for row in arm.tables("capsules", CAPSULE_KEYS):
         ends = [_place(row, key, names, anchors) for key in ("start", "end")]
-        radius = row.positive("radius")
+        radius = UNCHECKED if row.get("radius") == _UNCHECKED_WORD else row.positive("radius")
         satellite, target = (_radius(row, key, radius) for key in ("satellite", "target"))
         capsules.append(Capsule(_link(row, links), *ends, radius, satellite, target))
     if not capsules:
@@ -65,7 +65,7 @@ def _place(row: DescriptionTable, key: str, names: dict[str, Anchor], anchors: l
 def _radius(row: DescriptionTable, key: str, default: float) -> float:
     """Radius in checks against a body: a number of at least 0, or the word `unchecked`."""
     value: Any = row.get(key, default)
-    if value == _UNCHECKED_WORD:
+    if value in (_UNCHECKED_WORD, UNCHECKED):
         return UNCHECKED
     radius = row.number(key, default)
     if radius < 0.0:

@@ -1,6 +1,7 @@
 """MuJoCo models of robots."""
 
 from space_envs.robots.models.bodies import SATELLITE, end_effectors, joint_names
+from space_envs.robots.models.mechanics import robot_mechanics
 from space_envs.robots.models.scene import (
     GRAPPLE,
     GRAPPLES,
@@ -20,6 +21,7 @@ __all__ = [
     "SceneOptions",
     "end_effectors",
     "joint_names",
+    "robot_mechanics",
     "robot_model",
     "robot_spec",
 ]

@@ -8,7 +8,6 @@ from space_envs.robots.models.bodies import (
     arm_numbers,
     end_effectors,
     joint_names,
-    link_name,
 )
 from space_envs.robots.robot import Robot
 
@@ -51,7 +50,7 @@ def _add_frame(spec: mujoco.MjSpec, site: str, *quantities: str) -> None:
 
 
 def add_obstacle_sensors(spec: mujoco.MjSpec, robot: Robot, count: int) -> None:
-    """Add sensors of the centres and surfaces of keep-out spheres, and of the origins of the links.
+    """Add sensors of the centres and surfaces of keep-out spheres, and `{point}_in_world` of the anchors.
 
     A surface is measured from its centre, in the axes of the sphere, which do not rotate.
     """
@@ -71,10 +70,7 @@ def add_obstacle_sensors(spec: mujoco.MjSpec, robot: Robot, count: int) -> None:
             _OBJECT.mjOBJ_SITE,
             name,
         )
-    for number, arm in zip(arm_numbers(robot), robot.arms, strict=True):
-        for place in range(1, len(arm.links) + 1):
-            name = link_name(number, place)
-            _add(spec, f"{name}_position", _KIND.mjSENS_FRAMEPOS, _OBJECT.mjOBJ_XBODY, name)
+    _add_points(spec, robot, "world")
 
 
 def add_target_sensors(spec: mujoco.MjSpec, robot: Robot) -> None:
@@ -83,23 +79,20 @@ def add_target_sensors(spec: mujoco.MjSpec, robot: Robot) -> None:
     frames = [SATELLITE] if robot.satellite.reachable else []
     frames += [] if robot.target is None else ["target"]
     for frame in frames:
-        for number, arm in zip(arm_numbers(robot), robot.arms, strict=True):
-            for anchor in arm.anchors:
-                name = anchor_name(number, anchor)
-                kind = _OBJECT.mjOBJ_XBODY if anchor.name is None else _OBJECT.mjOBJ_SITE
-                of = name, kind
-                _add(
-                    spec,
-                    f"{of[0]}_in_{frame}",
-                    _KIND.mjSENS_FRAMEPOS,
-                    of[1],
-                    of[0],
-                    _OBJECT.mjOBJ_XBODY,
-                    frame,
-                )
+        _add_points(spec, robot, frame)
     if robot.target is not None:
         of = _OBJECT.mjOBJ_SITE, "grapple1", _OBJECT.mjOBJ_XBODY, "target"
         _add(spec, "half_width", _KIND.mjSENS_FRAMEPOS, *of)
+
+
+def _add_points(spec: mujoco.MjSpec, robot: Robot, frame: str) -> None:
+    """Add sensors of the anchors of all arms in the frame of a body, one after another."""
+    for number, arm in zip(arm_numbers(robot), robot.arms, strict=True):
+        for anchor in arm.anchors:
+            name = anchor_name(number, anchor)
+            kind = _OBJECT.mjOBJ_XBODY if anchor.name is None else _OBJECT.mjOBJ_SITE
+            of = () if frame == "world" else (_OBJECT.mjOBJ_XBODY, frame)
+            _add(spec, f"{name}_in_{frame}", _KIND.mjSENS_FRAMEPOS, kind, name, *of)
 
 
 def _add(

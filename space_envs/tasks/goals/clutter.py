@@ -11,15 +11,23 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from space_envs.dynamics import FloatingRobot, minimum_jerk, roll_out_base
-from space_envs.dynamics.rotations import Array, from_matrix, multiply
-from space_envs.dynamics.spheres import link_ends, sphere_gaps
-from space_envs.robots.capsules import SINGLE_ARM_SHAPE
-from space_envs.robots.parameters import SINGLE_ARM
-from space_envs.robots.single_arm import single_arm_model
+from space_envs.dynamics import minimum_jerk, roll_out_base
+from space_envs.dynamics.rotations import Array, from_matrix, multiply, rotate
+from space_envs.robots.models import SceneOptions, robot_mechanics, robot_model
+from space_envs.robots.robot import Robot
 from space_envs.tasks.common import DIFFICULTIES
 from space_envs.tasks.contacts import Contacts
-from space_envs.tasks.goals.poses import CLEARANCE, NODES, OOD_MASS, OOD_RADIUS, ROOM, PoseGoals
+from space_envs.tasks.goals.poses import (
+    CLEARANCE,
+    NODES,
+    OOD_MASS,
+    OOD_RADIUS,
+    REACH,
+    ROOM,
+    PoseGoals,
+    away_from_satellite,
+)
+from space_envs.tasks.goals.scaling import around_home, distance_scale
 
 COUNT = 3  # spheres
 CLUTTERED_SPLIT_SEED = {"train": 20_231, "validation": 20_232, "test": 20_233, "ood": 20_234}
@@ -61,19 +69,33 @@ class ClutteredGoals(PoseGoals):
         return np.concatenate([self.obstacle_position, self.obstacle_radius[..., None]], axis=-1)
 
 
-@lru_cache(maxsize=1)
-def _contacts() -> Contacts:
-    return Contacts.of(single_arm_model(), SINGLE_ARM_SHAPE)
+@lru_cache(maxsize=16)
+def contacts_of(robot: Robot) -> Contacts:
+    """Contact checks of a robot with keep-out spheres."""
+    return Contacts.of(robot_model(robot, SceneOptions(obstacles=COUNT)), robot)
 
 
-def satellite_gaps(robot: FloatingRobot, q: Array) -> Array:
+def satellite_gaps(robot: Robot, q: Array) -> Array:
     """Gaps (...) in m between the arm at q (..., n) rad and its own satellite."""
-    return _contacts().satellite_gaps(_contacts().points(robot, q)).min(axis=(-1, -2))
+    contacts = contacts_of(robot)
+    gaps = contacts.satellite_gaps(contacts.points(robot_mechanics(robot), q))
+    return gaps.min(axis=-1, initial=np.inf)
 
 
-def bus_gaps(centre: Array, radius: Array) -> Array:
-    """Gaps (...) in m between spheres, centre (..., 3) m and radius (...) m, and the bus at the origin."""
-    outside = np.maximum(np.abs(centre) - 0.5 * SINGLE_ARM.satellite_side, 0.0)
+def arm_points(robot: Robot, q: Array, base_position: Array, base_quaternion: Array) -> Array:
+    """Points (..., P, 3) of the arm in the inertial frame, m.
+
+    Args:
+        q: (..., n) rad. base_position: (..., 3) m. base_quaternion: (..., 4), body to inertial.
+    """
+    points = contacts_of(robot).points(robot_mechanics(robot), q)
+    return base_position[..., None, :] + rotate(base_quaternion[..., None, :], points)
+
+
+def bus_gaps(contacts: Contacts, centre: Array, radius: Array) -> Array:
+    """Gaps (...) in m between spheres, centre (..., 3) m and radius (...) m, and the satellite at its initial
+    pose."""
+    outside = np.maximum(np.abs(contacts.in_box(centre)) - contacts.satellite_half, 0.0)
     return np.linalg.norm(outside, axis=-1) - radius
 
 
@@ -83,8 +105,8 @@ class Scenes:
 
     Attributes:
         mass_scale: (K,). start, end: (K, n) rad, of the minimum-jerk motions.
-        position, quaternion: (K, 3) m and (K, 4), goals. links: (K, T, n + 1, 3) m, ends of the links along
-            the motions, inertial frame.
+        position, quaternion: (K, 3) m and (K, 4), goals. points: (K, T, P, 3) m, of the arm along the
+            motions, inertial frame.
         spheres: (K, M, 4) m, the first BLOCKING of them on the motions.
         order: (K, 3), random permutation of the chosen three, so that their order carries no information.
     """
@@ -94,7 +116,7 @@ class Scenes:
     end: Array
     position: Array
     quaternion: Array
-    links: Array
+    points: Array
     spheres: Array
     order: NDArray[np.int64]
 
@@ -117,7 +139,7 @@ class Scenes:
 
 
 def draw_scenes(
-    robot: FloatingRobot,
+    robot: Robot,
     difficulty: str,
     split: str,
     indices: NDArray[np.int64],
@@ -125,41 +147,51 @@ def draw_scenes(
 ) -> Scenes:
     """Scenes (k) from split, index (k,) and attempt (k,); goals are drawn as those of the single arm."""
     k, n, m, ood = len(indices), robot.n_joints, BLOCKING + NEARBY, split == "ood"
+    mechanics, scale, capsules = (
+        robot_mechanics(robot),
+        distance_scale(robot, REACH),
+        contacts_of(robot).near_others,
+    )
     displacement, mass_scale = np.empty((k, n)), np.ones(k)
     place, away, radius = np.empty((k, m, 3)), np.empty((k, m, 3)), np.empty((k, m))
     order = np.empty((k, COUNT), dtype=np.int64)
+    last = len(capsules.link) - 1
     for row, rng in enumerate(generators(difficulty, split, indices, attempts)):
         displacement[row] = rng.uniform(-1.0, 1.0, n)
         if ood:
             displacement[row] *= rng.uniform(*OOD_RADIUS) / np.abs(displacement[row]).max()
             mass_scale[row] = rng.uniform(*OOD_MASS)
         order[row] = rng.permutation(COUNT)
-        # Time, link (from the third), point on the link; displacement from that point.
-        place[row] = rng.uniform([0.2, 2.0, 0.0], [0.8, 7.0, 1.0], (m, 3))
-        place[row, : BLOCKING // 2, 1] = n - 1  # the last link goes farthest
-        radius[row] = rng.uniform(*(OOD_SPHERE_RADIUS if ood else SPHERE_RADIUS), m)
+        # Time, capsule (not the first, if there are more), point on the capsule; displacement from that point.
+        place[row] = rng.uniform([0.2, 2.0, 0.0], [0.8, 2.0 + max(last, 1), 1.0], (m, 3))
+        place[row, : BLOCKING // 2, 1] = 1 + last  # the last one goes farthest
+        radius[row] = scale * rng.uniform(*(OOD_SPHERE_RADIUS if ood else SPHERE_RADIUS), m)
         direction = rng.normal(size=(m, 3))
-        share, reach = rng.uniform(0.0, 1.0, m), radius[row] + SINGLE_ARM.link_radius
-        over = np.sqrt(share) * (reach - BLOCKED)  # the ends of the motion must be clear
-        distance = np.where(np.arange(m) < BLOCKING, over, reach + share * FARTHEST)
+        number = np.minimum(place[row, :, 1].astype(np.int64) - 1, last)
+        share, reach = rng.uniform(0.0, 1.0, m), radius[row] + capsules.radius[number]
+        over = np.sqrt(share) * (reach - scale * BLOCKED)  # the ends of the motion must be clear
+        distance = np.where(np.arange(m) < BLOCKING, over, reach + share * (scale * FARTHEST))
         away[row] = direction * (distance / np.linalg.norm(direction, axis=-1))[:, None]
-    start = np.broadcast_to(robot.home, (k, n))
-    end = start + CLUTTERED_RADIUS[difficulty] * displacement
+    start = np.broadcast_to(mechanics.home, (k, n))
+    most = OOD_RADIUS[1] if ood else 1.0
+    end = around_home(robot, displacement, CLUTTERED_RADIUS[difficulty], most, DURATION)
     path, rate, dt = minimum_jerk(start, end, DURATION, NODES)
-    position, quaternion = roll_out_base(robot, path, rate, dt)
-    links = link_ends(robot, path, position, quaternion)
-    node, link = np.rint(place[..., 0] * (NODES - 1)).astype(np.int64), place[..., 1].astype(np.int64)
+    position, quaternion = roll_out_base(mechanics, path, rate, dt)
+    points = arm_points(robot, path, position, quaternion)
+    node = np.rint(place[..., 0] * (NODES - 1)).astype(np.int64)
+    number = np.minimum(place[..., 1].astype(np.int64) - 1, last)
     rows = np.arange(k)[:, None]
-    near, far = links[rows, node, link], links[rows, node, link + 1]
+    near, far = (points[rows, node, ends[number]] for ends in (capsules.start, capsules.end))
     centre = near + place[..., 2:] * (far - near) + away
-    rotated = multiply(quaternion[:, -1], from_matrix(robot.end_effector_pose(end)[1]))
+    local = mechanics.end_effector_pose(path[:, -1])[0]
+    rotated = multiply(quaternion[:, -1], from_matrix(mechanics.end_effector_pose(end)[1]))
     return Scenes(
         mass_scale=mass_scale,
         start=start,
         end=end,
-        position=links[:, -1, -1],
+        position=position[:, -1] + rotate(quaternion[:, -1], local),
         quaternion=np.where(rotated[:, :1] < 0, -rotated, rotated),
-        links=links,
+        points=points,
         spheres=np.concatenate([centre, radius[..., None]], axis=-1),
         order=order,
     )
@@ -173,17 +205,17 @@ def generators(
         yield np.random.default_rng([CLUTTERED_SPLIT_SEED[split], level, index, attempt, *more])
 
 
-def choose_spheres(robot: FloatingRobot, scenes: Scenes) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+def choose_spheres(robot: Robot, scenes: Scenes) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """Compatible spheres (K, 3), the first of which blocks the motion; (K,) bool, whether there are any."""
-    spheres, k = scenes.spheres, len(scenes.end)
-    end_effector, start = (robot.end_effector_pose(q)[0] for q in (scenes.end, robot.home))
-    goal = (np.abs(end_effector).max(axis=-1) > 0.5 * SINGLE_ARM.satellite_side + CLEARANCE) & (
-        np.linalg.norm(end_effector - start, axis=-1) > FAR_ENOUGH
-    )
+    spheres, k, scale = scenes.spheres, len(scenes.end), distance_scale(robot, REACH)
+    mechanics, contacts = robot_mechanics(robot), contacts_of(robot)
+    end_effector, start = (mechanics.end_effector_pose(q)[0] for q in (scenes.end, mechanics.home))
+    goal = away_from_satellite(contacts, end_effector, scale * CLEARANCE)
+    goal &= np.linalg.norm(end_effector - start, axis=-1) > scale * FAR_ENOUGH
     goal &= satellite_gaps(robot, scenes.end) > ROOM
-    at_ends = sphere_gaps(scenes.links[:, [0, -1]], spheres[:, None], SINGLE_ARM.link_radius).min(axis=2)
-    feasible = (at_ends > [[START_CLEARANCE], [GOAL_CLEARANCE]]).all(axis=1)
-    feasible &= bus_gaps(spheres[..., :3], spheres[..., 3]) > BUS_CLEARANCE
+    at_ends = contacts.sphere_gaps(scenes.points[:, [0, -1]], spheres[:, None]).min(axis=2)
+    feasible = (at_ends > [[scale * START_CLEARANCE], [scale * GOAL_CLEARANCE]]).all(axis=1)
+    feasible &= bus_gaps(contacts, spheres[..., :3], spheres[..., 3]) > scale * BUS_CLEARANCE
     feasible &= goal[:, None]
     chosen = np.zeros((k, COUNT), dtype=np.int64)
     found = feasible[:, :BLOCKING].any(axis=1)
@@ -192,7 +224,7 @@ def choose_spheres(robot: FloatingRobot, scenes: Scenes) -> tuple[NDArray[np.int
     for place in range(1, COUNT):
         last = np.take_along_axis(spheres, chosen[:, place - 1, None, None], axis=1)
         apart = np.linalg.norm(spheres[..., :3] - last[..., :3], axis=-1) - spheres[..., 3] - last[..., 3]
-        feasible &= apart > SPHERES_APART
+        feasible &= apart > scale * SPHERES_APART
         found &= feasible.any(axis=1)
         chosen[:, place] = feasible.argmax(axis=1)
     return chosen, found

@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from space_envs.robots.parameters import VARIANTS
 from space_envs.system.command_line import Parser
 from space_envs.system.files import atomic_write
 from space_envs.tasks.base import BLOCK
@@ -27,6 +26,7 @@ from space_envs.tasks.single_arm_cluttered import CLUTTERED_SPLIT_SIZE
 
 FOLDER = Path(__file__).parents[1]
 KINDS: tuple[type[TumblingTargetTask], ...] = (DualArmPlanarTask, DualArmSpatialTask)
+SINGLE_ARM_VARIANTS = ("paper", "physical")
 Find = Callable[[int], np.ndarray]  # from the number of a block to its draws
 
 
@@ -35,7 +35,7 @@ def _dual_arm() -> dict[str, tuple[int, Find]]:
     return {
         f"{kind.kind}_{difficulty}_{split}": (
             SPLIT_SIZE[split],
-            partial(find_attempts, kind, None, difficulty, split),
+            partial(find_attempts, kind(difficulty=difficulty), split),
         )
         for kind in KINDS
         for difficulty in DIFFICULTIES
@@ -47,9 +47,9 @@ def _cluttered() -> dict[str, tuple[int, Find]]:
     return {
         f"{variant}_{difficulty}_{split}": (
             CLUTTERED_SPLIT_SIZE[split],
-            partial(find_draws, SingleArmTask(variant=variant).mechanics, difficulty, split),
+            partial(find_draws, SingleArmTask(variant=variant).robot, difficulty, split),
         )
-        for variant in VARIANTS
+        for variant in SINGLE_ARM_VARIANTS
         for difficulty in DIFFICULTIES
         for split in SPLITS
     }

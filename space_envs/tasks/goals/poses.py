@@ -4,16 +4,17 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
-from space_envs.dynamics import FloatingRobot, minimum_jerk, roll_out_base
+from space_envs.dynamics import minimum_jerk, roll_out_base
 from space_envs.dynamics.rotations import Array, from_matrix, multiply, rotate
 from space_envs.errors import GoalError
-from space_envs.robots.capsules import SINGLE_ARM_SHAPE
-from space_envs.robots.parameters import SINGLE_ARM
-from space_envs.robots.single_arm import ModelOptions, single_arm_model
+from space_envs.robots.models import robot_mechanics, robot_model
+from space_envs.robots.robot import Robot
 from space_envs.tasks.base import BLOCK
 from space_envs.tasks.common import DIFFICULTIES, Goals
 from space_envs.tasks.contacts import Contacts
+from space_envs.tasks.goals.scaling import around_home, distance_scale
 
 # Half-width of the box around home that goal configurations are drawn from, rad.
 RADIUS = {"easy": 0.3, "medium": 0.6, "hard": 1.0}
@@ -22,8 +23,10 @@ SPLIT_SEED = {"train": 20_201, "validation": 20_202, "test": 20_203, "ood": 20_2
 OOD_RADIUS = (1.0, 1.3)  # times the difficulty's radius: range of the largest joint displacement
 OOD_MASS = (0.8, 1.2)  # factor on the satellite's mass and inertia
 NODES, DURATION = 41, 10.0  # samples and s, of the minimum-jerk motion whose end defines a goal
-CLEARANCE = 0.25  # m, of a goal from the bus
+REACH = 4.5  # m, of arms for which distances are those below; they are shorter for shorter arms
+CLEARANCE = 0.25  # m, of a goal from the satellite
 NEAREST = 0.15  # m, least distance of a goal from the end-effector's start
+DRAWS, CANDIDATES = 16, 1024  # configurations drawn at once, and at most, for a goal
 ROOM = 0.005  # m, between links and satellite in the configuration that a goal is drawn from
 
 
@@ -39,67 +42,90 @@ class PoseGoals(Goals):
     quaternion: Array
 
 
-@lru_cache(maxsize=4)
-def robot_of(variant: str) -> FloatingRobot:
-    """The robot of a model variant."""
-    return FloatingRobot.from_model(single_arm_model(ModelOptions(variant)))
-
-
 @lru_cache(maxsize=512)
-def goal_configurations(variant: str, difficulty: str, split: str, block: int) -> tuple[Array, Array]:
+def goal_configurations(robot: Robot, difficulty: str, split: str, block: int) -> tuple[Array, Array]:
     """Joint angles (BLOCK, n), rad, that define the goals of a block, and factors (BLOCK,) on the satellite's
     mass, drawn from seeds.
 
     They are drawn around home until the end-effector is away from the satellite and from its start, and the
     minimum-jerk joint motion from home is clear of the satellite.
+
+    Raises:
+        GoalError: if a goal has no such configuration among `CANDIDATES`.
     """
-    robot = robot_of(variant)
-    contacts = Contacts.of(single_arm_model(ModelOptions(variant)), SINGLE_ARM_SHAPE)
-    draws = 16
-    displacement = np.empty((BLOCK, draws, robot.n_joints))
-    mass_scale = np.ones(BLOCK)
-    for row in range(BLOCK):
-        rng = np.random.default_rng([SPLIT_SEED[split], DIFFICULTIES.index(difficulty), block * BLOCK + row])
-        displacement[row] = rng.uniform(-1.0, 1.0, (draws, robot.n_joints))
-        if split == "ood":
-            largest = np.abs(displacement[row]).max(axis=1, keepdims=True)
-            displacement[row] *= rng.uniform(*OOD_RADIUS, (draws, 1)) / largest
-            mass_scale[row] = rng.uniform(*OOD_MASS)
-    q = robot.home + RADIUS[difficulty] * displacement
-    end_effector = robot.end_effector_pose(q)[0]
-    start = robot.end_effector_pose(robot.home)[0]
+    generators = [
+        np.random.default_rng([SPLIT_SEED[split], DIFFICULTIES.index(difficulty), block * BLOCK + row])
+        for row in range(BLOCK)
+    ]
+    chosen, mass_scale = np.empty((BLOCK, robot.n_joints)), np.ones(BLOCK)
+    remaining = np.arange(BLOCK)
+    for batch in range(CANDIDATES // DRAWS):
+        displacement = np.empty((len(remaining), DRAWS, robot.n_joints))
+        for place, row in enumerate(remaining):
+            rng = generators[row]
+            displacement[place] = rng.uniform(-1.0, 1.0, displacement.shape[1:])
+            if split == "ood":
+                largest = np.abs(displacement[place]).max(axis=1, keepdims=True)
+                displacement[place] *= rng.uniform(*OOD_RADIUS, (DRAWS, 1)) / largest
+                if batch == 0:
+                    mass_scale[row] = rng.uniform(*OOD_MASS)
+        most = OOD_RADIUS[1] if split == "ood" else 1.0
+        q = around_home(robot, displacement, RADIUS[difficulty], most, DURATION)
+        candidate, found = _first_usable(robot, q)
+        chosen[remaining[found]] = q[found, candidate[found]]
+        remaining = remaining[~found]
+        if not len(remaining):
+            return chosen, mass_scale
+    raise GoalError(
+        f"{len(remaining)} of {BLOCK} goals of split {split!r}, difficulty {difficulty!r}, could not be drawn "
+        f"for {robot.name!r}: in {CANDIDATES} configurations within {RADIUS[difficulty]:g} rad of home the "
+        "end-effector is close to the satellite or to its start, or the motion there touches the satellite. "
+        "Choose a home farther from the satellite and from the ends of the joint ranges, or another mount"
+    )
+
+
+def _first_usable(robot: Robot, q: Array) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Index (K,) of the first of the configurations q (K, D, n), rad, that may define a goal; (K,) bool,
+    whether there is one."""
+    mechanics, contacts = robot_mechanics(robot), Contacts.of(robot_model(robot), robot)
+    scale = distance_scale(robot, REACH)
+    end_effector = mechanics.end_effector_pose(q)[0]
+    start = mechanics.end_effector_pose(mechanics.home)[0]
     # Poses are tested in the base frame: the base moves much less than the margin.
-    clear = np.abs(end_effector).max(axis=-1) > SINGLE_ARM.satellite_side / 2 + CLEARANCE
-    usable = clear & (np.linalg.norm(end_effector - start, axis=-1) > NEAREST)
-    usable &= contacts.satellite_gaps(contacts.points(robot, q)).min(axis=(-1, -2)) > ROOM
+    clear = away_from_satellite(contacts, end_effector, scale * CLEARANCE)
+    usable = clear & (np.linalg.norm(end_effector - start, axis=-1) > scale * NEAREST)
+    usable &= contacts.satellite_gaps(contacts.points(mechanics, q)).min(axis=-1, initial=np.inf) > ROOM
+    row = np.arange(len(q))
     while True:
-        if not usable.any(axis=1).all():
-            raise GoalError(
-                "a goal could not be drawn: every candidate lies in the satellite or at the start"
-            )
-        row, candidate = np.arange(BLOCK), usable.argmax(axis=1)
-        path, _, _ = minimum_jerk(robot.home, q[row, candidate], DURATION, NODES)
-        blocked = contacts.satellite_gaps(contacts.points(robot, path)).min(axis=(1, 2, 3)) <= 0.0
-        if not blocked.any():
-            return q[row, candidate], mass_scale
-        usable[row[blocked], candidate[blocked]] = False
+        candidate, found = usable.argmax(axis=1), usable.any(axis=1)
+        path, _, _ = minimum_jerk(mechanics.home, q[row[found], candidate[found]], DURATION, NODES)
+        gap = contacts.satellite_gaps(contacts.points(mechanics, path))
+        blocked = np.flatnonzero(found)[gap.min(axis=(1, 2), initial=np.inf) <= 0.0]
+        if not len(blocked):
+            return candidate, found
+        usable[blocked, candidate[blocked]] = False
+
+
+def away_from_satellite(contacts: Contacts, position: Array, distance: float) -> NDArray[np.bool_]:
+    """Whether positions (..., 3) in the satellite's frame are farther from its box than a distance, m."""
+    return (np.abs(contacts.in_box(position)) > contacts.satellite_half + distance).any(axis=-1)
 
 
 @lru_cache(maxsize=512)
-def goal_block(variant: str, difficulty: str, split: str, block: int) -> PoseGoals:
+def goal_block(robot: Robot, difficulty: str, split: str, block: int) -> PoseGoals:
     """Goals block * BLOCK to (block + 1) * BLOCK - 1 of a split.
 
     A goal is the final pose of the end-effector of a minimum-jerk joint motion from home to a drawn
     configuration, with a free-floating base, so every goal is reachable.
     """
-    robot = robot_of(variant)
-    chosen, mass_scale = goal_configurations(variant, difficulty, split, block)
-    path, rate, dt = minimum_jerk(robot.home, chosen, DURATION, NODES)
-    position, quaternion = roll_out_base(robot, path, rate, dt)
-    local_position, local_rotation = robot.end_effector_pose(chosen)
+    mechanics = robot_mechanics(robot)
+    chosen, mass_scale = goal_configurations(robot, difficulty, split, block)
+    path, rate, dt = minimum_jerk(mechanics.home, chosen, DURATION, NODES)
+    position, quaternion = roll_out_base(mechanics, path, rate, dt)
+    local_position, local_rotation = mechanics.end_effector_pose(chosen)
     goal_quaternion = multiply(quaternion[:, -1], from_matrix(local_rotation))
     return PoseGoals(
-        joint_position=np.broadcast_to(robot.home, (BLOCK, robot.n_joints)),
+        joint_position=np.broadcast_to(mechanics.home, (BLOCK, robot.n_joints)),
         position=position[:, -1] + rotate(quaternion[:, -1], local_position),
         quaternion=np.where(goal_quaternion[:, :1] < 0, -goal_quaternion, goal_quaternion),
         mass_scale=mass_scale,

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from space_envs.dynamics.rotations import Array
 from space_envs.tasks.common import Goals
 
+HALF_WIDTH = 0.3  # m
+
 
 @dataclass(frozen=True)
 class TargetGoals(Goals):
@@ -23,16 +25,18 @@ class TargetGoals(Goals):
 
 @dataclass(frozen=True)
 class Draws:
-    """Ranges that goals are drawn from: easy, medium, hard.
+    """Ranges that goals are drawn from around the nominal target of a robot: easy, medium, hard.
 
     Attributes:
-        centre: (3,) m, nominal position of the target's centre. displacement: m, largest, along each axis.
+        reach: m, of arms for which displacements are these; they are smaller for shorter arms.
+        displacement: m, largest of the target's centre, along each axis.
         rotation: rad, largest rotation of the target from its nominal attitude, at the rendezvous.
         spin: rad/s, largest. start: rad, largest displacement of a joint from home.
-        half_width: m, least and largest. along: 1 for the axes that the centre is displaced along, else 0.
+        half_width: m, least and largest, of a target with nominally `HALF_WIDTH`; in proportion for others.
+        along: 1 for the axes that the centre is displaced along, else 0.
     """
 
-    centre: tuple[float, float, float]
+    reach: float
     displacement: tuple[float, float, float]
     rotation: tuple[float, float, float]
     spin: tuple[float, float, float]

@@ -11,15 +11,17 @@ from importlib.resources import files
 import numpy as np
 from numpy.typing import NDArray
 
-from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.reactionless import reach
 from space_envs.dynamics.rigid_body import tumble
-from space_envs.dynamics.rotations import Array, canonical, rotate
+from space_envs.dynamics.rotations import Array, canonical, multiply, rotate
 from space_envs.errors import GoalError
+from space_envs.robots.robot import Robot
 from space_envs.tasks.base import BLOCK
 from space_envs.tasks.common import DIFFICULTIES
-from space_envs.tasks.dual_arm import DualArmTask, robot_of
-from space_envs.tasks.goals.targets import TargetGoals
+from space_envs.tasks.dual_arm import DualArmTask
+from space_envs.tasks.goals.scaling import around_home, distance_scale
+from space_envs.tasks.goals.stored import search_bar, stored_draws
+from space_envs.tasks.goals.targets import HALF_WIDTH, TargetGoals
 
 RENDEZVOUS_TIME = 20.0  # s after the start, when the target has the drawn pose
 ATTEMPTS = 2000  # to draw a goal that can be reached
@@ -37,29 +39,25 @@ class TumblingTargetTask(DualArmTask):
 
     def goal_block(self, split: str, block: int) -> TargetGoals:
         """Goals of a block."""
-        return _goal_block(type(self), self.options.mounts, self.difficulty, split, block)
+        return _goal_block(type(self), self.robot, self.frozen, self.difficulty, split, block)
 
 
 @lru_cache(maxsize=512)
 def _goal_block(
-    kind: type[DualArmTask],
-    mounts: tuple[tuple[float, float], ...] | None,
-    difficulty: str,
-    split: str,
-    block: int,
+    kind: type[DualArmTask], robot: Robot, frozen: bool, difficulty: str, split: str, block: int
 ) -> TargetGoals:
     """Goals block * BLOCK to (block + 1) * BLOCK - 1 of a split, drawn from seeds."""
     rows = slice(block * BLOCK, (block + 1) * BLOCK)
-    if mounts is None:
+    task = kind(robot=robot, difficulty=difficulty)
+    if frozen:
         attempts = frozen_attempts(f"{kind.kind}_{difficulty}_{split}")[rows]
     else:
-        attempts = find_attempts(kind, mounts, difficulty, split, block)
-    goals = _drawn(
-        kind(), robot_of(kind.kind, mounts), difficulty, split, np.arange(BLOCK) + rows.start, attempts
-    )
+        name = f"{kind.kind}-v{kind.version}-{difficulty}-{split}-{block}"
+        attempts = stored_draws(robot, name, lambda: find_attempts(task, split, block))
+    goals = _drawn(task, split, np.arange(BLOCK) + rows.start, attempts)
     # From the rendezvous back to the start.
     attitude, spin = tumble(
-        goals.quaternion, goals.angular_velocity, np.array(kind.target.inertia), np.array([-RENDEZVOUS_TIME])
+        goals.quaternion, goals.angular_velocity, np.array(task.target.inertia), np.array([-RENDEZVOUS_TIME])
     )
     return replace(goals, quaternion=canonical(attitude[:, 0]), angular_velocity=spin[:, 0])
 
@@ -71,103 +69,109 @@ def _frozen() -> dict[str, NDArray[np.int64]]:
 
 
 def frozen_attempts(name: str) -> NDArray[np.int64]:
-    """Stored number of the first reachable draw of each goal of a split."""
+    """Stored number of the first reachable draw of each goal of a split of the id's own robot."""
     return _frozen()[name]
 
 
-def find_attempts(
-    kind: type[DualArmTask],
-    mounts: tuple[tuple[float, float], ...] | None,
-    difficulty: str,
-    split: str,
-    block: int,
-) -> NDArray[np.int64]:
+def find_attempts(task: DualArmTask, split: str, block: int) -> NDArray[np.int64]:
     """Number (BLOCK,) of the first reachable draw of each goal of a block.
 
     Raises:
-        GoalError: if a goal has no reachable draw, or hardly any draw is reachable with the given mounts.
+        GoalError: if a goal has no reachable draw, or hardly any draw of a robot is reachable.
     """
-    task, robot = kind(), robot_of(kind.kind, mounts)
     attempts, remaining = np.zeros(BLOCK, dtype=np.int64), np.arange(BLOCK)
+    bar = search_bar(task.robot)
     while len(remaining) and attempts.max() < ATTEMPTS:
-        if mounts is not None and attempts[remaining].min() >= TRIED and BLOCK - len(remaining) < FEW:
-            raise GoalError(f"hardly a goal of {split!r} is in reach with mounts {mounts}: give one to reset")
+        tries = int(attempts[remaining].min())
+        if not task.frozen and tries >= TRIED and BLOCK - len(remaining) < FEW:
+            raise _unreachable(
+                task, split, f"after {tries} draws of each {BLOCK - len(remaining)} of {BLOCK} are"
+            )
         # Several attempts at a time when few goals remain: small batches take as long as large ones.
         ahead = np.arange(max(BLOCK // len(remaining), 1))
         index, attempt = np.repeat(remaining, len(ahead)), (attempts[remaining][:, None] + ahead).ravel()
-        tried = _drawn(task, robot, difficulty, split, block * BLOCK + index, attempt)
-        ok = _reachable(task, robot, tried).reshape(len(remaining), len(ahead))
+        tried = _drawn(task, split, block * BLOCK + index, attempt)
+        ok = _reachable(task, tried).reshape(len(remaining), len(ahead))
         found = ok.any(axis=1)
         attempts[remaining] += np.where(found, ok.argmax(axis=1), len(ahead))
         remaining = remaining[~found]
+        bar.update(int(found.sum()))
+    bar.close()
     if len(remaining):
-        raise GoalError(
-            f"{len(remaining)} goals of split {split!r} could not be drawn: no candidate is reachable"
-        )
+        raise _unreachable(task, split, f"in {ATTEMPTS} draws {len(remaining)} of {BLOCK} are not")
     return attempts
 
 
+def _unreachable(task: DualArmTask, split: str, what: str) -> GoalError:
+    """Error of goals that cannot be drawn, with a remedy."""
+    place = [round(value, 3) for value in task.target.position]
+    return GoalError(
+        f"goals of split {split!r}, difficulty {task.difficulty!r}, could not be drawn for {task.robot.name!r}: "
+        f"{what} in reach from rest without rotating the satellite. Give a goal to reset, or choose mounts, home "
+        f"or target.position so that both hands are near the nominal target at {place} m and clear of it"
+    )
+
+
 def _drawn(
-    task: DualArmTask,
-    robot: FloatingRobot,
-    difficulty: str,
-    split: str,
-    indices: NDArray[np.int64],
-    attempts: NDArray[np.int64],
+    task: DualArmTask, split: str, indices: NDArray[np.int64], attempts: NDArray[np.int64]
 ) -> TargetGoals:
     """Goals (k) at the rendezvous, from seed, index and attempt."""
-    level = DIFFICULTIES.index(difficulty)
+    level = DIFFICULTIES.index(task.difficulty)
     drawn = [
-        _draw(task, robot, level, split == "ood", np.random.default_rng([task.seeds[split], level, *pair]))
+        _draw(task, level, split == "ood", np.random.default_rng([task.seeds[split], level, *pair]))
         for pair in zip(indices.tolist(), attempts.tolist(), strict=True)
     ]
     return TargetGoals(*(np.stack(part) for part in zip(*drawn, strict=True)))
 
 
-def _draw(
-    task: DualArmTask, robot: FloatingRobot, level: int, ood: bool, rng: np.random.Generator
-) -> tuple[Array, ...]:
+def _draw(task: DualArmTask, level: int, ood: bool, rng: np.random.Generator) -> tuple[Array, ...]:
     """Draw the fields of one goal, at the rendezvous, in the order of `TargetGoals`."""
-    draws = task.draws
+    draws, robot, target = task.draws, task.robot, task.target
     scale = rng.uniform(*OOD_MASS) if ood else 1.0
-    start = robot.home + draws.start[level] * rng.uniform(-1.0, 1.0, robot.n_joints)
+    start = around_home(robot, rng.uniform(-1.0, 1.0, robot.n_joints), draws.start[level])
     direction = rng.uniform(-1.0, 1.0, 3) * draws.along
     least = 0.0
     if ood:
         direction *= rng.uniform(*OOD_FACTOR) / np.abs(direction).max()
         least = 1.0
-    centre = np.array(draws.centre) + draws.displacement[level] * direction
-    attitude = task.draw_attitude(rng, draws.rotation[level])
+    centre = (
+        np.array(target.position) + distance_scale(robot, draws.reach) * draws.displacement[level] * direction
+    )
+    attitude = multiply(np.array(target.orientation), task.draw_attitude(rng, draws.rotation[level]))
     spin = task.draw_angular_velocity(
         rng, least * draws.spin[level], (OOD_FACTOR[1] if ood else 1.0) * draws.spin[level]
     )
-    return np.array(scale), start, centre, attitude, spin, np.array(rng.uniform(*draws.half_width))
+    width = rng.uniform(*draws.half_width) * (target.half_width / HALF_WIDTH)
+    return np.array(scale), start, centre, attitude, spin, np.array(width)
 
 
-def _reachable(task: DualArmTask, robot: FloatingRobot, goals: TargetGoals) -> NDArray[np.bool_]:
+def _reachable(task: DualArmTask, goals: TargetGoals) -> NDArray[np.bool_]:
     """Whether a reactionless motion from rest ends at the goals (K), clear of everything at both ends."""
+    mechanics = task.mechanics
     before, _ = tumble(
         goals.quaternion, goals.angular_velocity, np.array(task.target.inertia), np.array([-RENDEZVOUS_TIME])
     )
-    ok = _clear(task, robot, goals.joint_position, goals, before[:, 0], False)
+    ok = _clear(task, goals.joint_position, goals, before[:, 0], False)
     rows = np.flatnonzero(ok)
     if not len(rows):
         return ok
     goals = goals.take(rows)
     points = goals.position[:, None] + rotate(goals.quaternion[:, None], task.grapples(goals.half_width))
     axes = None if task.approach_axes is None else rotate(goals.quaternion[:, None], task.approach_axes)
-    found = reach(robot, goals.joint_position, points, axes)
-    inside = (found.q > robot.range[:, 0] + LIMIT_MARGIN) & (found.q < robot.range[:, 1] - LIMIT_MARGIN)
+    found = reach(mechanics, goals.joint_position, points, axes)
+    low, high = mechanics.range.T
+    inside = (found.q > low + LIMIT_MARGIN) & (found.q < high - LIMIT_MARGIN)
     ok[rows] = (found.distance < REACHED[0]) & (found.angle < REACHED[1]) & inside.all(axis=1)
-    ok[rows] &= _clear(task, robot, found.q, goals, goals.quaternion, True)
+    ok[rows] &= _clear(task, found.q, goals, goals.quaternion, True)
     return ok
 
 
 def _clear(
-    task: DualArmTask, robot: FloatingRobot, q: Array, goals: TargetGoals, attitude: Array, gripper: bool
+    task: DualArmTask, q: Array, goals: TargetGoals, attitude: Array, gripper: bool
 ) -> NDArray[np.bool_]:
     """Whether the arms at q (K, n) are clear of each other, the target and the satellite.
 
     The base is at its initial pose at the start and has moved by centimetres at the end, within the margin.
     """
-    return task.gaps(robot, q, goals, attitude, gripper).min(axis=1) > CLEARANCE
+    least = distance_scale(task.robot, task.draws.reach) * CLEARANCE
+    return task.gaps(task.mechanics, q, goals, attitude, gripper).min(axis=1) > least

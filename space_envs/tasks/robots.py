@@ -1,0 +1,51 @@
+"""What a task asks of a robot, and its time steps for it."""
+
+import numpy as np
+
+from space_envs.drives import STOP_MARGIN
+from space_envs.errors import ConfigurationError
+from space_envs.robots.robot import Robot, StepLimits
+
+LEAST_TIMESTEP = 1e-4  # s; finer steps change nothing, and a control period of them takes minutes
+LEAST_JOINTS = {True: 3, False: 6}  # of an arm in the plane and in space, that can reach poses nearby
+USUAL_PERIOD = 0.1  # s
+_COUNTS = {1: "one arm", 2: "two arms"}
+
+
+def check_robot(robot: Robot, arms: int, planar: bool, task: str) -> None:
+    """Reject a robot that a task cannot be for.
+
+    Args:
+        arms: how many it needs. planar: whether in the plane. task: its name, for messages.
+
+    Raises:
+        ConfigurationError: for another number of arms, too few joints, or a home at the end of a range.
+    """
+    kind, needed = (_words(*pair) for pair in ((len(robot.arms), robot.planar), (arms, planar)))
+    if kind != needed:
+        raise ConfigurationError(f"{task} needs a robot with {needed}, {robot.name!r} has {kind}")
+    least = LEAST_JOINTS[planar]
+    for arm in robot.arms:
+        if len(arm.links) < least:
+            raise ConfigurationError(
+                f"an arm {'in the plane' if planar else 'in space'} needs at least {least} joints, {robot.name!r} "
+                f"has one of {len(arm.links)}"
+            )
+    room = np.abs(robot.joint_range - robot.home[:, None]).min(axis=1)
+    outside = (robot.home <= robot.joint_range[:, 0]) | (robot.home >= robot.joint_range[:, 1])
+    if (outside | (room <= STOP_MARGIN)).any():
+        joint = robot.joints[int(np.where(outside, -1.0, room).argmin())]
+        raise ConfigurationError(
+            f"home of joint {joint.name!r} of {robot.name!r}, {joint.home:.6g} rad, must be more than "
+            f"{STOP_MARGIN:g} rad inside its range {list(joint.range)}, where the drives stop it"
+        )
+
+
+def _words(arms: int, planar: bool) -> str:
+    return f"{_COUNTS.get(arms, f'{arms} arms')} in {'the plane' if planar else 'space'}"
+
+
+def usual_period(steps: StepLimits) -> float:
+    """Default control period, s: whole steps of the simulation, up to 0.1 s."""
+    longest = min(USUAL_PERIOD, steps.largest_control_period)
+    return max(int(longest / steps.default_timestep + 1e-9), 1) * steps.default_timestep
