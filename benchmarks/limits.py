@@ -72,7 +72,7 @@ def run(
     ends, angles = env.task.mechanics.range, qpos[..., 7:]
     return WorstFigures(
         float(momentum_drift(body_motion(env.task.mechanics, qpos, qvel))[1].max()),
-        float(np.abs(qvel[..., 6:]).max() / env.task.parameters.rate_limit),
+        float((np.abs(qvel[..., 6:]) / env.task.robot.rate_limit).max()),
         float(np.minimum(angles - ends[:, 0], ends[:, 1] - angles).min()),
     )
 
@@ -85,12 +85,12 @@ def main(arguments: list[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     rows = []
     for robot, period in tqdm([(r, p) for r in ROBOTS for p in PERIODS], unit="cell"):
-        task = make_task(robot.env_id, robot.keywords)
-        step = task.largest_timestep
-        with unlimited(robot) as tried:
-            found = [run(tried, m, period, step, options.episodes, options.seed) for m in CONTROL_MODES]
+        steps = make_task(robot.env_id, robot.keywords).robot.steps
+        step = steps.largest_timestep
+        tried = unlimited(robot)
+        found = [run(tried, m, period, step, options.episodes, options.seed) for m in CONTROL_MODES]
         rows.append(
-            [robot.name, f"{period:g}" + ("" if period <= task.largest_control_period else " (refused)")]
+            [robot.name, f"{period:g}" + ("" if period <= steps.largest_control_period else " (refused)")]
             + [f"{1e3 * step:g}", f"{max(w.drift for w in found):.1e}"]
             + [f"{max(w.rate for w in found):.2f}", f"{min(w.distance for w in found):.3f}"]
         )

@@ -95,13 +95,13 @@ def main(arguments: list[str] | None = None) -> None:
     rows = []
     references: dict[str, tuple[ModeResult, np.ndarray, np.ndarray]] = {}
     for robot, timestep in tqdm([(r, t) for r in ROBOTS for t in STEPS], unit="cell"):
-        with unlimited(robot) as tried:
-            results = {m: run(tried, m, timestep, options.episodes, options.seed) for m in CONTROL_MODES}
-            if robot.name not in references:
-                given = results["joint_velocity"]
-                references[robot.name] = (given, *replay(tried, REFERENCE, given)[:2])
-            given, position, quaternion = references[robot.name]
-            got_position, got_quaternion, rate = replay(tried, timestep, given)
+        tried = unlimited(robot)
+        results = {m: run(tried, m, timestep, options.episodes, options.seed) for m in CONTROL_MODES}
+        if robot.name not in references:
+            given = results["joint_velocity"]
+            references[robot.name] = (given, *replay(tried, REFERENCE, given)[:2])
+        given, position, quaternion = references[robot.name]
+        got_position, got_quaternion, rate = replay(tried, timestep, given)
         error = 1e3 * np.linalg.norm(got_position - position, axis=1).max()
         angle = np.rad2deg(angle_between(got_quaternion, quaternion)).max()
         rows.append(

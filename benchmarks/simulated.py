@@ -1,7 +1,7 @@
 """Robots and episodes that always last until their horizon, for benchmarks of the simulation."""
 
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array
 from space_envs.envs import CaptureVectorEnv
-from space_envs.registration import ENTRIES, register, unregister
-from space_envs.robots.parameters import VARIANTS
+from space_envs.registration import make_task
+from space_envs.robots.robot import StepLimits
 
 
 class SimulatedRobot(NamedTuple):
@@ -22,7 +22,8 @@ class SimulatedRobot(NamedTuple):
 
 
 ROBOTS = (
-    *(SimulatedRobot(f"single arm, {v}", "SpaceCapture/SingleArm-v0", {"variant": v}) for v in VARIANTS),
+    SimulatedRobot("single arm, paper", "SpaceCapture/SingleArm-v0", {"variant": "paper"}),
+    SimulatedRobot("single arm, physical", "SpaceCapture/SingleArm-v0", {"variant": "physical"}),
     SimulatedRobot("dual arm, planar", "SpaceCapture/DualArmPlanar-v0", {}),
     SimulatedRobot("dual arm, spatial", "SpaceCapture/DualArmSpatial-v0", {}),
 )
@@ -42,17 +43,11 @@ class SimulatedMotion(NamedTuple):
     diverged: bool
 
 
-@contextmanager
-def unlimited(robot: SimulatedRobot) -> Iterator[SimulatedRobot]:
-    """The robot under a temporary id that accepts control periods and time steps that its task refuses."""
-    task = ENTRIES[robot.env_id].task
-    limits = {"largest_control_period": 10.0, "largest_timestep": 0.1}
-    env_id = robot.env_id.replace("-v", "Unlimited-v")
-    register(env_id, type(f"Unlimited{task.__name__}", (task,), limits))
-    try:
-        yield robot._replace(env_id=env_id)
-    finally:
-        unregister(env_id)
+def unlimited(robot: SimulatedRobot) -> SimulatedRobot:
+    """The robot with control periods and time steps that its task refuses otherwise."""
+    found = make_task(robot.env_id, robot.keywords).robot
+    steps = StepLimits(found.steps.default_timestep, 0.1, 10.0)
+    return robot._replace(keywords={"robot": replace(found, steps=steps)})
 
 
 def environment(

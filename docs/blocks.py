@@ -17,8 +17,7 @@ from space_envs.evaluation.leaderboard.pareto import FRONT
 from space_envs.evaluation.records.schema import record_schema
 from space_envs.policy import Needs
 from space_envs.registration import ENTRIES
-from space_envs.tasks.base import CaptureTask, DriveLimits
-from space_envs.tasks.common import ObservationLayout
+from space_envs.tasks.base import CaptureTask
 
 
 def environments() -> str:
@@ -82,11 +81,7 @@ def needs() -> str:
 def task_states() -> str:
     """Class variables that a task defines."""
     meanings = comments(CaptureTask)
-    stated = {
-        "layout": summary(ObservationLayout),
-        "parameters": summary(DriveLimits),
-        "split_sizes": "Number of goals of each split.",
-    }
+    stated = {"split_sizes": "Number of goals of each split."}
     rows = []
     for name, kind in inspect.get_annotations(CaptureTask).items():
         if get_origin(kind) is ClassVar:

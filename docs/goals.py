@@ -137,7 +137,7 @@ def _dual_arm(task: DualArmTask) -> str:
     ranges = [
         (f"`{name}`", *[number(v) for v in value], about[name].rstrip("."))
         for name, value in vars(draws).items()
-        if name not in ("centre", "half_width", "along")
+        if name not in ("reach", "half_width", "along")
     ]
     measured = []
     for difficulty in DIFFICULTIES:
@@ -155,8 +155,8 @@ def _dual_arm(task: DualArmTask) -> str:
     return "\n\n".join(
         [
             *_splits(task, task.seeds),
-            f"The target's centre lies near ({number(draws.centre)}) m and its `half_width`, which is the "
-            f"distance of the grapple points from the centre, {_span(draws.half_width)} m. All other "
+            f"The target's centre lies near ({number(task.target.position)}) m and its `half_width`, which "
+            f"is the distance of the grapple points from the centre, {_span(draws.half_width)} m. All other "
             "quantities are drawn from ranges that depend on the difficulty:",
             table(("range", *(f"`{d}`" for d in DIFFICULTIES), "quantity"), ranges),
             f"Out of distribution, the target lies {_span(tumbling.OOD_FACTOR)} times as far away as "

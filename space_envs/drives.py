@@ -6,13 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array
-from space_envs.robots.models import robot_model
+from space_envs.robots.accelerations import reduced_masses
 from space_envs.robots.robot import Robot
 from space_envs.simulation import Simulation
 
 BRAKING_RATIO = 0.16  # of a joint's acceleration limit, at which it brakes before the end of its range
 BRAKING_TORQUE = 0.8  # of a drive's torque, which braking of all joints takes at most in an arm at rest
-_CONFIGURATIONS, _SEED = 256, 20  # in which that torque is computed
 CORIOLIS_SHARE = 0.4  # of a drive's torque; the arm is slowed if Coriolis forces need more
 CORIOLIS_LOST = 0.8  # of a drive's torque; Coriolis forces are not compensated if they need more
 OVERSPEED = 1.05  # times the rate limit; the arm is slowed beyond it
@@ -27,14 +26,8 @@ def braking_deceleration(robot: Robot) -> Array:
     It is a share of their acceleration limits, or less where the torques of the drives could not brake all
     joints at once.
     """
-    rng, (low, high) = np.random.default_rng(_SEED), robot.joint_range.T
-    simulation = Simulation(robot_model(robot), _CONFIGURATIONS, 1)
-    simulation.joint_position[:] = rng.uniform(low, high, (_CONFIGURATIONS, robot.n_joints))
-    simulation.refresh()
-    mass, b = simulation.mass_matrix(), simulation.n_base
-    reduced = mass[:, b:, b:] - mass[:, b:, :b] @ np.linalg.solve(mass[:, :b, :b], mass[:, :b, b:])
     deceleration = BRAKING_RATIO * robot.acceleration_limit
-    room = (robot.torque_limit / (np.abs(reduced) @ deceleration)).min()
+    room = (robot.torque_limit / (np.abs(reduced_masses(robot)) @ deceleration)).min()
     deceleration = min(1.0, BRAKING_TORQUE * float(room)) * deceleration
     deceleration.setflags(write=False)
     return deceleration

@@ -186,7 +186,9 @@ class Needs:
         ]
         each = context.joints // context.arms
         if self.joints is not None and each < self.joints:
-            reasons.append(f"it needs arms of at least {self.joints} joints, those of {context.robot.name!r} have {each}")
+            reasons.append(
+                f"it needs arms of at least {self.joints} joints, those of {context.robot.name!r} have {each}"
+            )
         absent = [name for name in self.fields if name not in context.layout.slices]
         if absent:
             reasons.append(f"it needs {' and '.join(absent)} in the observation, which the task lacks")

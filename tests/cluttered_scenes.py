@@ -16,8 +16,8 @@ def make(n, **keywords):
 
 def scene(variant, difficulty, split, indices):
     """Scenes, goals and detours that were frozen."""
-    robot = SingleArmClutteredTask(variant=variant).mechanics
+    robot = SingleArmClutteredTask(variant=variant).robot
     draws = frozen_draws(variant, difficulty, split)[indices]
     scenes = clutter.draw_scenes(robot, difficulty, split, indices, draws[:, 0])
-    vias = detours.draw_detours(scenes, difficulty, split, indices, draws[:, 0])
+    vias = detours.draw_detours(robot, scenes, difficulty, split, indices, draws[:, 0])
     return robot, scenes, scenes.goals(draws[:, 2:]), vias[np.arange(len(indices)), draws[:, 1]]

@@ -57,7 +57,9 @@ def test_gap_to_the_bus_is_that_to_points_of_a_cube():
     centre, radius = rng.uniform(-1.5, 1.5, (30, 3)), rng.uniform(0.1, 0.3, 30)
     centre[np.abs(centre).max(axis=-1) < 0.6] += 1.0
     brute = np.linalg.norm(centre[:, None] - cube, axis=-1).min(axis=1) - radius
-    np.testing.assert_allclose(clutter.bus_gaps(centre, radius), brute, atol=5e-3)
+    np.testing.assert_allclose(
+        clutter.bus_gaps(SingleArmClutteredTask().contacts, centre, radius), brute, atol=5e-3
+    )
 
 
 def test_sensors_see_spheres_and_links_where_they_are():
@@ -96,22 +98,24 @@ def test_nothing_is_jumped_over_between_control_steps():
     rng = np.random.default_rng(2)
     before = env.simulation.sensors.copy()
     after = before.copy()
-    links = slice(65, 86)
-    after[:, links] += np.repeat(rng.normal(0, 0.15, (300, 7, 1)), 3, axis=2).reshape(300, 21)
-    tip = env.task.layout.slices["end_effector_position"]
-    after[:, tip] += rng.normal(0, 0.15, (300, 3))
+    contacts = env.task.contacts
+    seen = contacts.columns["world"]
+    count = (seen.stop - seen.start) // 3
+    after[:, seen] += np.repeat(rng.normal(0, 0.15, (300, count, 1)), 3, axis=2).reshape(300, -1)
     # Small spheres close to a point half way along the last link, half way through the period.
-    middle = 0.25 * (before[:, 83:86] + before[:, tip] + after[:, 83:86] + after[:, tip])
+    points = [s[:, seen].reshape(300, count, 3) for s in (before, after)]
+    middle = 0.25 * sum(
+        p[:, contacts.near_others.start[-1]] + p[:, contacts.near_others.end[-1]] for p in points
+    )
     centre = middle + rng.normal(0, 0.09, (300, 3))
     before[:, 47:50] = after[:, 47:50] = centre
     before[:, 56:65:3] = after[:, 56:65:3] = 0.02
     found = env.task.collided(before, after) > 0
-    columns = [65, 71, 74, 77, 80, 83, tip.start]
-    points = [np.stack([s[:, c : c + 3] for c in columns], axis=1) for s in (before, after)]
     spheres = np.concatenate([before[:, 47:56].reshape(300, 3, 3), np.full((300, 3, 1), 0.02)], axis=-1)
     least = np.full(300, np.inf)
     for share in np.linspace(0, 1, 401):
-        gap = sphere_gaps((1 - share) * points[0] + share * points[1], spheres, RADIUS).min(axis=(1, 2))
+        now = (1 - share) * points[0] + share * points[1]
+        gap = contacts.sphere_gaps(now, spheres).min(axis=(1, 2))
         least = np.minimum(least, gap)
     at_ends = (env.task.collided(before, before) + env.task.collided(after, after)) > 0
     assert (found & ~at_ends).sum() > 5  # some are seen in between only
@@ -350,5 +354,5 @@ def test_tasks_differ_by_their_spheres_only_where_they_should():
     ]
     assert ours.reward_terms == plain.reward_terms and ours.envelope == plain.envelope
     context = PolicyContext.from_env(make(1))
-    assert context.layout is ours.layout
+    assert context.layout == ours.layout
     assert replace(ours, difficulty="easy").goals("test", np.arange(2)).spheres.shape == (2, 3, 4)

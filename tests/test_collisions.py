@@ -189,7 +189,7 @@ def test_nothing_is_jumped_over_between_control_steps(env_id):
         for frame, columns in contacts.columns.items():
             if frame == "half_width":
                 continue
-            points = now[:, columns].reshape(n, contacts.arms, -1, 3)
+            points = now[:, columns].reshape(n, -1, 3)
             if frame == "satellite":
                 gaps = [contacts.satellite_gaps(points)]
             else:
@@ -211,12 +211,10 @@ def test_points_measured_and_computed_are_the_same():
             env.step(action)
         contacts, simulation = env.task.contacts, env.simulation
         frame = "satellite" if "satellite" in contacts.columns else "target"
-        measured = simulation.sensors[:, contacts.columns[frame]].reshape(5, contacts.arms, -1, 3)
+        measured = simulation.sensors[:, contacts.columns[frame]].reshape(5, -1, 3)
         computed = contacts.points(env.task.mechanics, simulation.joint_position)
         if frame == "target":  # the same figure, elsewhere
-            measured, computed = (
-                np.linalg.norm(p[:, :, 1:] - p[:, :, :1], axis=-1) for p in (measured, computed)
-            )
+            measured, computed = (np.linalg.norm(p[:, 1:] - p[:, :1], axis=-1) for p in (measured, computed))
         np.testing.assert_allclose(measured, computed, atol=1e-12)
 
 
@@ -267,7 +265,7 @@ def test_goals_of_the_single_arm_are_reached_clear_of_the_satellite(difficulty):
     env = CaptureVectorEnv(SINGLE, 1, difficulty=difficulty)
     task, robot = env.task, env.task.mechanics
     for split in SPLITS:
-        chosen, scale = goal_configurations("paper", difficulty, split, 1)
+        chosen, scale = goal_configurations(task.robot, difficulty, split, 1)
         path, rate, dt = minimum_jerk(robot.home, chosen, 10.0, 101)
         gaps = task.contacts.satellite_gaps(task.contacts.points(robot, path))
         assert gaps.min() > 0.0

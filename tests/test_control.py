@@ -1,7 +1,7 @@
 """Control modes: momentum, tracking, limits, what each action means, and the recorded metrics' physics."""
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 
 import mujoco
@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from space_envs.control import CONTROL_MODES
-from space_envs.drives import BRAKING, BRAKING_SHARE, STOP_MARGIN
+from space_envs.drives import BRAKING_SHARE, STOP_MARGIN, braking_deceleration
 from space_envs.dynamics import minimum_jerk, roll_out_base
 from space_envs.dynamics.bodies import body_motion, momentum_drift
 from space_envs.dynamics.rotations import angle_between
@@ -19,13 +19,13 @@ from space_envs.envs import CaptureVectorEnv
 from space_envs.envs.braking import braking_load
 from space_envs.errors import ConfigurationError
 from space_envs.registration import ENTRIES, make_task
-from space_envs.robots.parameters import VARIANTS
-from space_envs.tasks.base import CaptureTask
+from space_envs.robots.robot import StepLimits
+from space_envs.robots.zoo import find_robot
 from space_envs.tasks.common import DIFFICULTIES, SPLITS
 from space_envs.tasks.single_arm import SingleArmTask
 
 # Every id in every variant that it has: a name for tests, the id and its keywords.
-ROBOTS = {f"SingleArm-{variant}": {"variant": variant} for variant in VARIANTS}
+ROBOTS = {f"SingleArm-{variant}": {"variant": variant} for variant in ("paper", "physical")}
 ROBOTS |= {name: {} for name in ("DualArmPlanar", "DualArmSpatial")}
 SAME = {"SingleArmCluttered"}  # the robot of SingleArm, in episodes that collisions end; it has its own tests
 HOLDS = (1, 5, 20, 30)  # control steps; long holds bring the arm to full speed and to its stops
@@ -100,8 +100,8 @@ def test_total_momentum_drifts_at_most_1e_6_of_what_a_body_carried(name, mode, n
     overshoot = np.maximum(limits[:, 0] - qpos[..., 7:], qpos[..., 7:] - limits[:, 1])
     assert overshoot.max() < 0.8 * STOP_MARGIN  # nothing ever touches the end of a joint's range
     # Within 5 % nearly always; Coriolis forces at full strokes rarely leave a drive too little torque.
-    assert np.abs(qvel[..., 6:]).max() < 1.2 * env.task.parameters.rate_limit
-    assert np.abs(torques).max() <= env.task.parameters.torque_limit
+    assert (np.abs(qvel[..., 6:]) < 1.2 * env.task.robot.rate_limit).all()
+    assert (np.abs(torques) <= env.task.robot.torque_limit).all()
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -125,18 +125,19 @@ def assert_kept(env, qpos, qvel, scale=1.0):
     assert momentum_drift(motion)[1].max() <= 1e-6
     limits = env.task.mechanics.range
     assert np.minimum(qpos[..., 7:] - limits[:, 0], limits[:, 1] - qpos[..., 7:]).min() > 0.0
-    assert np.abs(qvel[..., 6:]).max() < 1.2 * env.task.parameters.rate_limit
+    assert (np.abs(qvel[..., 6:]) < 1.2 * env.task.robot.rate_limit).all()
 
 
 @pytest.mark.parametrize("mode", CONTROL_MODES)
 @pytest.mark.parametrize("name", ROBOTS)
 def test_the_promise_holds_at_the_largest_control_period_and_step(name, mode):
     task = make_task(f"SpaceCapture/{name.split('-')[0]}-v0", ROBOTS[name])
-    longest = {"control_period": task.largest_control_period, "timestep": task.largest_timestep}
+    steps = task.robot.steps
+    longest = {"control_period": steps.largest_control_period, "timestep": steps.largest_timestep}
     env = endless(name, 8, control_mode=mode, horizon=50, **longest)
     env.reset(seed=0)
     qpos, qvel, _ = recorded(env, every_hold(env, 2))
-    assert np.abs(qvel[..., 6:]).max() > 0.5 * task.parameters.rate_limit
+    assert (np.abs(qvel[..., 6:]) > 0.5 * task.robot.rate_limit).any()
     assert_kept(env, qpos, qvel)
 
 
@@ -146,7 +147,7 @@ def test_the_promise_holds_at_the_largest_control_period_and_step(name, mode):
     [("control_period", 1.5, "largest_control_period"), ("timestep", 2.0, "largest_timestep")],
 )
 def test_what_was_not_shown_to_work_is_refused_with_the_largest_that_does(name, keyword, factor, largest):
-    bound = getattr(make_task(f"SpaceCapture/{name.split('-')[0]}-v0", ROBOTS[name]), largest)
+    bound = getattr(make_task(f"SpaceCapture/{name.split('-')[0]}-v0", ROBOTS[name]).robot.steps, largest)
     for value in (factor * bound, 1.0, 1e6):
         with pytest.raises(ConfigurationError, match=f"{keyword} must .*{bound:g} s"):
             endless(name, 1, **{keyword: value})
@@ -154,21 +155,16 @@ def test_what_was_not_shown_to_work_is_refused_with_the_largest_that_does(name, 
         endless(name, 1, timestep=1e-9)
 
 
-@dataclass(frozen=True)
-class OwnTask(SingleArmTask):
-    """Says nothing about how long its steps may be."""
-
-    control_period: float = 0.16
-    largest_timestep = CaptureTask.largest_timestep
-    largest_control_period = CaptureTask.largest_control_period
-
-
-def test_a_task_of_ones_own_takes_no_longer_steps_than_its_defaults():
-    assert OwnTask().substeps == 8
-    with pytest.raises(ConfigurationError, match="at most 0.16 s"):
-        OwnTask(control_period=0.2)
-    with pytest.raises(ConfigurationError, match="to 0.02 s"):
-        OwnTask(timestep=0.025)
+def test_the_default_control_period_is_one_that_the_drives_of_the_robot_allow():
+    robot = find_robot("shyam2020")
+    for longest, period in ((0.16, 0.1), (0.05, 0.04), (0.02, 0.02)):
+        slower = replace(robot, steps=StepLimits(0.02, 0.02, longest))
+        task = SingleArmTask(robot=slower)
+        assert task.control_period == pytest.approx(period, rel=1e-15)
+        with pytest.raises(ConfigurationError, match=f"at most {longest:g} s"):
+            SingleArmTask(robot=slower, control_period=2 * longest)
+        with pytest.raises(ConfigurationError, match="to 0.02 s"):
+            SingleArmTask(robot=slower, timestep=0.025)
 
 
 # From these angles and rates, each within the braking law of its joint, the arm cannot be braked.
@@ -190,7 +186,9 @@ def fast_starts(env, seed, goals):
     room = np.minimum(rng.uniform(0.0, np.where(anywhere, 2.0 * middle, 1.3), shape), middle)
     upper = rng.random(shape) < 0.5
     position = np.where(upper, limits[:, 1] - STOP_MARGIN - room, limits[:, 0] + STOP_MARGIN + room)
-    fastest = np.minimum(np.sqrt(2.0 * BRAKING * room), env.task.parameters.rate_limit)
+    fastest = np.minimum(
+        np.sqrt(2.0 * braking_deceleration(env.task.robot) * room), env.task.robot.rate_limit
+    )
     velocity = np.where(upper, fastest, -fastest) * np.where(rng.random(shape) < 0.2, rng.random(shape), 1.0)
     load = braking_load(env.task, replace(goals, joint_position=position), velocity).max(axis=1)[:, None]
     return position, (1.0 - 1e-9) * velocity * np.minimum(np.sqrt(BRAKING_SHARE / load), 1.0)
@@ -239,12 +237,12 @@ def test_starts_that_cannot_brake_are_refused_before_anything_moves(name):
     env.reset(seed=0)
     before = env.simulation.qpos.copy()
     position, velocity = fast_starts(env, 0, env.task.goals("train", np.arange(2)))
-    limits, fastest = env.task.mechanics.range, env.task.parameters.rate_limit
+    limits, fastest = env.task.mechanics.range, env.task.robot.rate_limit
     at_end, still, outward = position.copy(), np.zeros_like(velocity), np.zeros_like(velocity)
-    at_end[1, 2], outward[1, 2] = limits[2, 1], fastest  # the example that cost 2e-3 of momentum
+    at_end[1, 2], outward[1, 2] = limits[2, 1], fastest[1]  # the example that cost 2e-3 of momentum
     close, late = position.copy(), velocity.copy()
     close[0, 1] = limits[1, 0] + 0.5 * STOP_MARGIN
-    position[1, 0], late[1, 0] = limits[0, 1] - STOP_MARGIN - 0.01, 1.02 * np.sqrt(2.0 * BRAKING * 0.01)
+    position[1, 0], late[1, 0] = limits[0, 1] - STOP_MARGIN - 0.01, 1.02 * np.sqrt(2.0 * 0.04 * 0.01)
     for start, rate, message in (
         (at_end, outward, "joint 3 starts at"),
         (at_end, still, "the drives stop it 0.1 rad inside"),
@@ -301,7 +299,7 @@ def test_momentum_audit_agrees_with_mujoco(name):
 def test_joint_velocity_servo_tracks_a_minimum_jerk_motion(name):
     env = endless(name, difficulty="hard")
     env.reset(seed=0)
-    robot, limits = env.task.mechanics, env.task.parameters
+    robot, limits = env.task.mechanics, env.task.robot
     start = env.simulation.joint_position.copy()
     goal = start + np.random.default_rng(1).uniform(-1.0, 1.0, start.shape)
     goal = np.clip(goal, robot.range[:, 0] + 0.3, robot.range[:, 1] - 0.3)
@@ -311,7 +309,7 @@ def test_joint_velocity_servo_tracks_a_minimum_jerk_motion(name):
     peak = np.abs(qdot).max(axis=(1, 2))
     error = np.abs(qvel[..., 6:] - qdot).max(axis=(1, 2))
     assert (error <= 0.01 * peak).all()
-    assert np.abs(torques).max() < limits.torque_limit
+    assert (np.abs(torques) < limits.torque_limit).all()
     # The base goes where momentum alone says it goes.
     fine_q, fine_rate, dt = minimum_jerk(start, goal, 10.0, 1001)
     position, quaternion = roll_out_base(robot, fine_q, fine_rate, dt)
@@ -328,7 +326,7 @@ def test_joint_torque_is_applied_as_commanded_within_the_limits(name, share):
     env.reset(seed=0)
     action = np.random.default_rng(0).uniform(-share, share, (20, *env.action_space.shape))
     *_, torques = recorded(env, action)
-    limit = env.task.parameters.torque_limit
+    limit = env.task.robot.torque_limit
     np.testing.assert_allclose(torques, action.swapaxes(0, 1) * limit, atol=1e-12)
 
 

@@ -190,7 +190,7 @@ def test_card_says_what_made_it(made, env_id):
     columns = [at for field in card["observation"] for at in range(field["start"], field["stop"])]
     assert columns == list(range(env.observation_space.shape[0]))
     assert card["action"]["control_mode"] == "joint_velocity"
-    assert card["action"]["scale"] == [env.task.parameters.rate_limit] * env.action_space.shape[0]
+    assert card["action"]["scale"] == env.task.robot.rate_limit.tolist()
     data = Dataset.load(place / "episodes.npz")
     told = card["episodes"]
     assert (told["asked"], told["written"], told["steps"]) == (2, 2, len(data.rewards))

@@ -45,9 +45,9 @@ def test_splits_are_disjoint_and_no_goal_comes_twice(env_id):
     ],
 )
 def test_frozen_draws_are_those_that_the_search_finds(env_id, difficulty):
-    kind = type(task_of(env_id))
-    found = find_attempts(kind, None, difficulty, "test", 0)
-    frozen = frozen_attempts(f"{kind.kind}_{difficulty}_test")
+    task = task_of(env_id, difficulty=difficulty)
+    found = find_attempts(task, "test", 0)
+    frozen = frozen_attempts(f"{task.kind}_{difficulty}_test")
     np.testing.assert_array_equal(found, frozen[:BLOCK])
     assert found.max() > 0  # some draws really are refused
     assert len(frozen) == 512
@@ -88,7 +88,10 @@ def test_difficulty_grades_spin_and_distance_and_ood_lies_beyond(env_id):
             goals = task.goals(split, np.arange(256))
             _, spin, _, _ = at_meeting(task, goals)
             ratio = np.linalg.norm(spin, axis=-1) / draws.spin[level]
-            moved = np.abs(goals.position - np.array(draws.centre)).max(axis=-1) / draws.displacement[level]
+            moved = (
+                np.abs(goals.position - np.array(task.target.position)).max(axis=-1)
+                / draws.displacement[level]
+            )
             width = goals.half_width
             assert draws.half_width[0] <= width.min() < width.max() <= draws.half_width[1]
             if split == "ood":
@@ -221,7 +224,7 @@ def test_options_set_the_target_and_the_joints(env_id):
 def test_what_a_goal_leaves_out_is_nominal(env_id):
     env = CaptureVectorEnv(env_id, 1)
     task, read = env.task, env.task.layout.read
-    centre = task.draws.centre[: 2 if task.kind == "planar" else 3]
+    centre = task.target.position[: 2 if task.kind == "planar" else 3]
     observation, _ = env.reset(seed=0, options={"target_position": centre})
     np.testing.assert_array_equal(read(observation, "joint_position")[0], task.mechanics.home)
     assert not read(observation, "target_angular_velocity").any()
@@ -237,7 +240,7 @@ def test_what_a_goal_leaves_out_is_nominal(env_id):
 def test_one_number_needs_no_brackets(env_id):
     env = CaptureVectorEnv(env_id, 2)
     task = env.task
-    options = {"target_position": task.draws.centre[: 2 if task.kind == "planar" else 3]}
+    options = {"target_position": task.target.position[: 2 if task.kind == "planar" else 3]}
     numbers = {"target_half_width": 0.3} | ({"target_angle": 0.2} if task.kind == "planar" else {})
     given, _ = env.reset(seed=0, options=options | numbers)
     bracketed, _ = env.reset(seed=0, options=options | {name: [value] for name, value in numbers.items()})
@@ -301,7 +304,7 @@ def test_bad_targets_are_refused_before_anything_moves(env_id, options, error, m
 def test_size_by_option_of_one_row_alone(env_id):
     env = CaptureVectorEnv(env_id, 2)
     env.reset(seed=0)
-    centre = env.task.draws.centre[: 2 if env.task.kind == "planar" else 3]
+    centre = env.task.target.position[: 2 if env.task.kind == "planar" else 3]
     mask = np.array([False, True])
     before = env.simulation.state(0)
     options = {"target_position": centre, "target_half_width": [[0.2], [0.37]], "reset_mask": mask}

@@ -66,8 +66,10 @@ def test_motions_through_the_satellite_are_replanned(name: str) -> None:
 def test_without_a_clear_motion_the_arm_rests_with_a_failure(name: str) -> None:
     env, context, observation = begun(SINGLE, 2)
     assert context.contacts is not None
-    large = replace(context.contacts.shape, half=1.2)  # the elbow is within
-    context = replace(context, contacts=replace(context.contacts, shape=large))
+    satellite = replace(context.robot.satellite, box=(1.2, 1.2, 1.2))  # the elbow is within
+    context = replace(
+        context, contacts=replace(context.contacts, robot=replace(context.robot, satellite=satellite))
+    )
     policy = make_policy(name, context, 0)
     action, state = policy.predict(observation)
     np.testing.assert_allclose(action, 0.0, atol=1e-12)
@@ -117,8 +119,10 @@ def test_nmpc_brakes_before_an_obstacle_and_continues_without_it() -> None:
     action, state = policy.predict(observation)
     observation, *_ = env.step(action)
     assert context.contacts is not None and action.any() and state.failures[0] is None
-    large = replace(context.contacts.shape, half=1.2)  # every motion is within
-    large_context = replace(context, contacts=replace(context.contacts, shape=large))
+    satellite = replace(context.robot.satellite, box=(1.2, 1.2, 1.2))  # every motion is within
+    large_context = replace(
+        context, contacts=replace(context.contacts, robot=replace(context.robot, satellite=satellite))
+    )
     action, braking = make_policy("nmpc", large_context, 0).predict(observation, state)
     failure = braking.failures[0]
     assert not action.any() and failure.cause == Cause.CLEARANCE

@@ -57,7 +57,7 @@ class KeepOut:
     def of(cls, context: PolicyContext, observation: Array) -> Self | None:
         """Bodies around motions that start at observations (N, size); None if collisions are not checked."""
         contacts = context.contacts
-        if contacts is None or contacts.shape.half is None:
+        if contacts is None or not (context.robot.satellite.reachable or context.obstacles):
             return None
         return cls(context.arm, contacts, spheres_seen(context, observation))
 
@@ -107,7 +107,7 @@ class KeepOut:
         if gaps.min() > MARGIN:
             return None
         node, place = np.unravel_index(gaps.argmin(), gaps.shape)
-        links = self.contacts.shape.link
+        links = self.contacts.near_satellite.link.tolist()
         pairs = [(link, "the satellite") for link in links]
         spheres = (gaps.shape[1] - len(links)) // self.arm.n_joints
         pairs += [(n + 1, f"obstacle {k + 1}") for n in range(self.arm.n_joints) for k in range(spheres)]

@@ -94,26 +94,28 @@ def capture_section(env: CaptureVectorEnv) -> str:
 
 def _contacts(env: CaptureVectorEnv) -> str:
     """Bodies that a link may not touch, and the geometry of the links."""
-    shape = env.task.contacts.shape
-    bodies = [] if shape.half is None else [f"the satellite, a cube of side {number(2.0 * shape.half)} m"]
+    robot, contacts = env.task.robot, env.task.contacts
+    sides = " x ".join(number(2.0 * side) for side in robot.satellite.box)
+    bodies = [f"the satellite, a box of {sides} m"] if robot.satellite.reachable else []
     target = env.task.target if isinstance(env.task, DualArmTask) else None
     if target is not None:
         sides = " x ".join(number(2.0 * side) for side in target.body)
         bodies.append(f"the target, a box of {sides} m at half width {number(target.half_width)} m")
-    bodies += ["the other arm"] if env.task.contacts.arms == 2 else []
+    bodies += ["the other arm"] if contacts.arms == 2 else []
     bodies += ["the keep-out spheres"] if "obstacle_radius" in env.task.layout.slices else []
+    radius = number(sorted(set(contacts.near_others.radius.tolist())))
     sentences = [
-        f"Links are capsules of radius {number(shape.radius)} m from joint to joint. There are no contact "
-        f"forces; a link that touches {', or '.join(bodies)}, ends the episode as a collision, by distance. "
+        f"Links are capsules of radius {radius} m from joint to joint. There are no contact forces;"
+        f" a link that touches {', or '.join(bodies)}, ends the episode as a collision, by distance. "
         "Distances are evaluated nine times per control period, with linear interpolation. An arm may pass "
         "through itself."
     ]
-    if shape.half is None:
+    if not robot.satellite.reachable:
         sentences.append("The arms move in a plane above the satellite's deck, so that they cannot touch it.")
-    elif shape.satellite[0] == 0.0:
+    elif contacts.near_satellite.satellite[0] == 0.0:
         sentences.append(
-            f"Link {shape.link[0]}, which rotates on the satellite's deck, is checked against it by its "
-            "centre line only, from where it leaves the deck."
+            f"Link {contacts.near_satellite.link[0]}, which rotates on the satellite's deck, is checked "
+            "against it by its centre line only, from where it leaves the deck."
         )
     if target is not None:
         sentences.append(

@@ -1,33 +1,28 @@
 """Sections of an id's page about the robot and its actions."""
 
 import inspect
-from dataclasses import fields
 
 import numpy as np
 
 from docs.reading import (
-    described,
     number,
-    section,
-    summary,
     table,
 )
-from docs.robots import parameters
 from space_envs.control import CONTROL_MODES, MODES
 from space_envs.dynamics.rotations import Array
 from space_envs.envs import CaptureVectorEnv
-from space_envs.robots.parameters import LEAST_TIMESTEP
-from space_envs.robots.single_arm import ModelOptions
 from space_envs.tasks.base import CaptureTask
+from space_envs.tasks.robots import LEAST_TIMESTEP
 
 
 def _steps(task: CaptureTask) -> str:
-    return f"{LEAST_TIMESTEP:g} to {task.largest_timestep:g}"
+    return f"{LEAST_TIMESTEP:g} to {task.robot.steps.largest_timestep:g}"
 
 
 def robot_section(env: CaptureVectorEnv) -> str:
     """Section on the robot."""
     robot, drive, task = env.task.mechanics, env.drive, env.task
+    steps = task.robot.steps
     free = "two slides and a hinge" if env.simulation.planar else "six degrees of freedom"
     rows = [
         ("bodies", f"satellite {robot.mass[0]:g} kg, {robot.n_joints} links {robot.mass[1:].sum():g} kg"),
@@ -41,14 +36,13 @@ def robot_section(env: CaptureVectorEnv) -> str:
             "reach from the centre of mass, m",
             ", ".join(f"{robot.reach(arm):.2f}" for arm in range(len(robot.end_effector_link))),
         ),
-        ("control period, s", f"{number(task.control_period)}; at most {task.largest_control_period:g}"),
+        (
+            "control period, s",
+            f"{number(task.control_period)}; at most {steps.largest_control_period:g}",
+        ),
         ("simulation step, s", f"{number(task.step_size)}, fourth-order Runge-Kutta; {_steps(task)}"),
         ("cameras", ", ".join(f"`{task.render_model.cam(i).name}`" for i in range(task.render_model.ncam))),
     ]
-    variant = []
-    if "variant" in {field.name for field in fields(task)}:
-        meaning = described(section(ModelOptions.__doc__, "Attributes"), ("variant", "timestep", "visual"))
-        variant = [f"Keyword `variant`: {meaning['variant']}"]
     return "\n\n".join(
         [
             "## Robot",
@@ -56,9 +50,8 @@ def robot_section(env: CaptureVectorEnv) -> str:
             "that its total momentum is zero and remains zero. The joints are at `home`, or near it where "
             "the goal includes initial joint angles. Limits are those of the drives, in every mode.",
             table(("", "value"), rows),
-            *variant,
-            f"{summary(type(task.parameters))} Its links are listed in [physics](../physics.md#the-models).",
-            parameters(task.parameters),
+            f"This is `{task.robot.name}`; keyword `robot` takes another one, by name or by its description. "
+            "Its links are listed in [physics](../physics.md#the-models).",
         ]
     )
 

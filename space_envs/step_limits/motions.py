@@ -91,7 +91,7 @@ def fast_starts(robot: Robot, n: int, rng: np.random.Generator) -> tuple[Array, 
     room = np.minimum(rng.uniform(0.0, np.where(anywhere, 2.0 * middle, 1.3), shape), middle)
     upper = rng.random(shape) < 0.5
     position = np.where(upper, limits[:, 1] - STOP_MARGIN - room, limits[:, 0] + STOP_MARGIN + room)
-    stops = JointStops(limits, robot.rate_limit)
+    stops = JointStops(robot)
     low, high = stops.rates(position)
     velocity = np.where(upper, high, low) * (1.0 - 1e-9)
     load = braking_shares(_at(robot, position, velocity), stops).max(axis=1, keepdims=True)
@@ -129,8 +129,7 @@ class ControlledRobot:
     def __init__(self, robot: Robot, n: int, settings: SimulationSettings) -> None:
         self.robot = robot
         self.simulation = Simulation(robot_model(robot, SceneOptions(settings.timestep)), n)
-        limits = robot.rate_limit, robot.acceleration_limit
-        self.drive = Drive(self.simulation, settings.control_period, *limits)
+        self.drive = Drive(self.simulation, settings.control_period, robot)
         self.mode = MODES[settings.mode](self.drive)
         self._substeps = round(settings.control_period / settings.timestep)
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any, ClassVar, cast
 
@@ -19,6 +19,7 @@ from space_envs.robots.models import SceneOptions, robot_mechanics, robot_model
 from space_envs.robots.robot import Robot
 from space_envs.robots.zoo import find_robot
 from space_envs.simulation import Simulation
+from space_envs.step_limits.measured import measured_steps
 from space_envs.tasks.common import (
     DIFFICULTIES,
     REWARDS,
@@ -93,21 +94,22 @@ class CaptureTask:
         ):
             if not isinstance(value, str) or value not in valid:
                 raise unknown_name(kind, value, valid)
+        steps = self.robot.steps
         if self.control_period is None:
-            object.__setattr__(self, "control_period", usual_period(self.robot.steps))
+            object.__setattr__(self, "control_period", usual_period(steps))
         for name in ("control_period", "attitude_limit", "c"):
             object.__setattr__(self, name, positive(name, getattr(self, name), LARGEST.get(name)))
         if self.timestep is not None:
             object.__setattr__(self, "timestep", positive("timestep", self.timestep))
-            if not LEAST_TIMESTEP <= self.timestep <= self.robot.steps.largest_timestep:
+            if not LEAST_TIMESTEP <= self.timestep <= steps.largest_timestep:
                 raise ConfigurationError(
-                    f"timestep must lie in {LEAST_TIMESTEP:g} to {self.robot.steps.largest_timestep:g} s, the largest "
+                    f"timestep must lie in {LEAST_TIMESTEP:g} to {steps.largest_timestep:g} s, the largest "
                     f"that conserves momentum to the published bound; got {self.timestep!r}"
                 )
-        if self.control_period > self.robot.steps.largest_control_period:
+        if self.control_period > steps.largest_control_period:
             raise ConfigurationError(
-                f"control_period must be at most {self.robot.steps.largest_control_period:g} s, the largest at which the "
-                f"drives are stable; got {self.control_period!r}"
+                f"control_period must be at most {steps.largest_control_period:g} s, the largest at which "
+                f"the drives are stable; got {self.control_period!r}"
             )
         object.__setattr__(self, "horizon", positive_integer("horizon", self.horizon, MOST_STEPS))
         flag("collisions", self.collisions)
@@ -133,7 +135,8 @@ class CaptureTask:
         Raises:
             ConfigurationError: if there is no such robot, or it is not one for this task.
         """
-        robot = find_robot(self.own_robot if self.robot is None else self.robot, self.variant)
+        source = self.own_robot if self.robot is None else self.robot
+        robot = find_robot(source, self.variant, measured_steps)
         check_robot(robot, self.arms, self.planar, type(self).__name__)
         object.__setattr__(self, "robot", robot)
         object.__setattr__(self, "variant", robot.variant)
@@ -219,7 +222,7 @@ class CaptureTask:
             own = find_robot(self.own_robot, self.variant)
         except ConfigurationError:  # the robot's variant is not one of the id's own robot
             return False
-        return self.robot.digest == own.digest
+        return replace(self.robot, steps=own.steps).digest == own.digest
 
     @cached_property
     def contacts(self) -> Contacts:

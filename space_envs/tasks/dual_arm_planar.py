@@ -96,7 +96,7 @@ class DualArmPlanarTask(TumblingTargetTask):
         super().__post_init__()
         if self.mounts is not None:
             object.__setattr__(self, "robot", mounted(self.robot, self.mounts))
-            object.__setattr__(self, "mounts", tuple(arm.links[0].position[:2] for arm in self.robot.arms))
+            object.__setattr__(self, "mounts", None)  # they are the robot's
 
     @cached_property
     def layout(self) -> ObservationLayout:
@@ -174,7 +174,8 @@ def mounted(robot: Robot, mounts: Sequence[Sequence[float]]) -> Robot:
     points = numbers(mounts)
     if points is None or points.shape != (2, 2) or not (np.abs(points) <= FARTHEST_MOUNT).all():
         raise ConfigurationError(
-            f"mounts must be two points (x, y) within {FARTHEST_MOUNT:g} m of the satellite, got {shown(mounts)}"
+            f"mounts must be two points (x, y) within {FARTHEST_MOUNT:g} m of the satellite, got "
+            f"{shown(mounts)}"
         )
     arms = []
     for arm, (x, y) in zip(robot.arms, points.tolist(), strict=True):

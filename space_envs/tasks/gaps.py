@@ -232,7 +232,7 @@ class ArmGaps:
         return distance - (near.target if gripper else np.maximum(near.target, near.radius))
 
     def arm_gaps(self, points: Array) -> Array:
-        """Gaps (..., S1, S2) between the capsules of arm 1 and those of arm 2, m, negative where they overlap.
+        """Gaps (..., S1, S2) between capsules of arm 1 and of arm 2, m, negative where they overlap.
 
         Args:
             points: (..., P, 3) m, in any frame.

@@ -28,8 +28,8 @@ def check_robot(robot: Robot, arms: int, planar: bool, task: str) -> None:
     for arm in robot.arms:
         if len(arm.links) < least:
             raise ConfigurationError(
-                f"an arm {'in the plane' if planar else 'in space'} needs at least {least} joints, {robot.name!r} "
-                f"has one of {len(arm.links)}"
+                f"an arm {'in the plane' if planar else 'in space'} needs at least {least} joints, "
+                f"{robot.name!r} has one of {len(arm.links)}"
             )
     room = np.abs(robot.joint_range - robot.home[:, None]).min(axis=1)
     outside = (robot.home <= robot.joint_range[:, 0]) | (robot.home >= robot.joint_range[:, 1])

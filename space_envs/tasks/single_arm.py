@@ -35,7 +35,7 @@ _TINY = 1e-300  # avoids 0 / 0
 
 @lru_cache(maxsize=16)
 def pose_layout(joints: int) -> ObservationLayout:
-    """Observation of an arm with a number of joints; all but the errors and the time are sensors, in order."""
+    """Observation of an arm with a number of joints; sensors, in order, before the errors and the time."""
     return ObservationLayout(
         (
             Field("joint_position", joints, 20.0, "joint angles, rad"),

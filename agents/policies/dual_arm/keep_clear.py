@@ -57,7 +57,7 @@ def _gaps(
     """
     n, joints = q.shape
     moved = np.concatenate([np.zeros((1, joints)), _STEP * np.eye(joints), np.zeros((1, joints))])
-    points = contacts.points(reader.context.arm, q[:, None] + moved)  # (N, joints + 2, A, P, 3)
+    points = contacts.points(reader.context.arm, q[:, None] + moved)  # (N, joints + 2, P, 3)
     to_base, target = (
         conjugate(reader.quaternion(observation, "base")),
         reader.quaternion(observation, "target"),
@@ -68,9 +68,9 @@ def _gaps(
     spin[:, -1] = _STEP * reader.vector(observation, "target_angular_velocity")
     attitude = multiply(to_base[:, None], multiply(exponential(spin), target[:, None]))
     shift = moved @ carried.swapaxes(-1, -2) - centre[:, None]
-    local = rotate(conjugate(attitude)[:, :, None, None], points + shift[:, :, None, None])
+    local = rotate(conjugate(attitude)[:, :, None], points + shift[:, :, None])
     grapple = rotate(conjugate(target), reader.vectors(observation, "goal_position")[:, 0] - middle)
-    half = np.abs(grapple).max(axis=1, keepdims=True) * contacts.shape.body
+    half = np.abs(grapple).max(axis=1, keepdims=True) * contacts.target_shape
     gap = contacts.all_gaps(points[:, 0], local[:, 0], half)
     row, pair = np.nonzero(gap < NEAR)
     varied = contacts.chosen_gaps(pair, points[row], local[row], half[row])

@@ -77,7 +77,7 @@ def within_drives(reader: Reader, observation: Array, rate: Array) -> Array:
     context = reader.context
     now, q = reader.field(observation, "joint_velocity"), reader.field(observation, "joint_position")
     room = np.where(rate > 0.0, context.joint_limits[:, 1] - q, q - context.joint_limits[:, 0])
-    fastest = braking_rates(np.maximum(room, 0.0), context.rate_limit)
+    fastest = braking_rates(context.robot, np.maximum(room, 0.0))
     rate = rate / np.maximum((np.abs(rate) / np.maximum(fastest, 1e-9)).max(axis=1, keepdims=True), 1.0)
     # The current rates are reactionless at the current joint angles; here they become so at the next ones.
     rotating = context.arm.base_map(q + context.control_period * now)[:, 3:]

@@ -1,7 +1,7 @@
 """Configuration of a task, and the hash that records of equal configurations share."""
 
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from typing import Any
 
 from space_envs.system.digests import json_digest
@@ -10,9 +10,13 @@ from space_envs.tasks.base import CaptureTask
 
 def configuration(env_id: str, control_mode: str, task: CaptureTask) -> dict[str, Any]:
     """Everything that defines a task, apart from its split, as plain values."""
-    settings = {**asdict(task), "timestep": task.step_size}
-    del settings["split"]
-    return {"env_id": env_id, "task_version": task.version, "control_mode": control_mode, **settings}
+    settings = {field.name: getattr(task, field.name) for field in fields(task)}
+    for name in ("split", "robot"):
+        del settings[name]
+    settings |= {"timestep": task.step_size, "envelope": asdict(task.envelope)}
+    robot = {"robot": task.robot.name, "robot_digest": task.robot.digest}
+    about = {"env_id": env_id, **robot, "task_version": task.version, "control_mode": control_mode}
+    return {**about, **settings}
 
 
 def configuration_hash(config: Mapping[str, Any]) -> str:

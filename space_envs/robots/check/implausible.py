@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from space_envs.control import DAMPING
-from space_envs.drives import BRAKING, STOP_MARGIN
+from space_envs.drives import BRAKING_RATIO, STOP_MARGIN, braking_deceleration
 from space_envs.robots.check.figures.masses import LinkFigures
 from space_envs.robots.check.figures.robot_figures import RobotFigures
 from space_envs.robots.check.figures.simulated import CONTROL_PERIOD
@@ -128,14 +128,13 @@ def _weak_drive(figures: RobotFigures) -> Iterator[str]:
 
 
 def _weak_brakes(figures: RobotFigures) -> Iterator[str]:
-    for index, able in enumerate(figures.torques.together):
-        limit = figures.robot.joints[index].acceleration_limit
-        if min(able, limit) < BRAKING:
-            yield (
-                f"{_joint(figures, index)} can brake by {min(able, limit):.3g} rad/s^2 while all joints "
-                f"brake, less than the {BRAKING:g} rad/s^2 with which drives stop joints before the ends of "
-                "their ranges"
-            )
+    braking, usual = braking_deceleration(figures.robot), BRAKING_RATIO * figures.robot.acceleration_limit
+    for index in np.flatnonzero(braking < usual):
+        yield (
+            f"{_joint(figures, index)} brakes by {braking[index]:.3g} rad/s^2 before the ends of its range, "
+            f"not by {BRAKING_RATIO:g} of its acceleration limit, since the torques cannot brake all joints "
+            "faster"
+        )
 
 
 def _rates(figures: RobotFigures) -> Iterator[str]:

@@ -162,7 +162,7 @@ def draw_scenes(
             displacement[row] *= rng.uniform(*OOD_RADIUS) / np.abs(displacement[row]).max()
             mass_scale[row] = rng.uniform(*OOD_MASS)
         order[row] = rng.permutation(COUNT)
-        # Time, capsule (not the first, if there are more), point on the capsule; displacement from that point.
+        # Time, capsule (not the first, if there are more), point on it; displacement from that point.
         place[row] = rng.uniform([0.2, 2.0, 0.0], [0.8, 2.0 + max(last, 1), 1.0], (m, 3))
         place[row, : BLOCKING // 2, 1] = 1 + last  # the last one goes farthest
         radius[row] = scale * rng.uniform(*(OOD_SPHERE_RADIUS if ood else SPHERE_RADIUS), m)

@@ -141,9 +141,10 @@ def find_draws(robot: Robot, difficulty: str, split: str, block: int) -> NDArray
     bar.close()
     if len(remaining):
         raise GoalError(
-            f"{len(remaining)} of {BLOCK} goals of split {split!r}, difficulty {difficulty!r}, could not be drawn "
-            f"for {robot.name!r}: in {ATTEMPTS} scenes no motion reaches the goal clear of the spheres within its "
-            "limits. Choose a home with more room around the arm, or higher limits of rate and acceleration"
+            f"{len(remaining)} of {BLOCK} goals of split {split!r}, difficulty {difficulty!r}, could not be "
+            f"drawn for {robot.name!r}: in {ATTEMPTS} scenes no motion reaches the goal clear of the spheres "
+            "within its limits. Choose a home with more room around the arm, or higher limits of rate and "
+            "acceleration"
         )
     return found
 

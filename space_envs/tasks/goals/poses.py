@@ -77,10 +77,11 @@ def goal_configurations(robot: Robot, difficulty: str, split: str, block: int) -
         if not len(remaining):
             return chosen, mass_scale
     raise GoalError(
-        f"{len(remaining)} of {BLOCK} goals of split {split!r}, difficulty {difficulty!r}, could not be drawn "
-        f"for {robot.name!r}: in {CANDIDATES} configurations within {RADIUS[difficulty]:g} rad of home the "
-        "end-effector is close to the satellite or to its start, or the motion there touches the satellite. "
-        "Choose a home farther from the satellite and from the ends of the joint ranges, or another mount"
+        f"{len(remaining)} of {BLOCK} goals of split {split!r}, difficulty {difficulty!r}, could not be "
+        f"drawn for {robot.name!r}: in {CANDIDATES} configurations within {RADIUS[difficulty]:g} rad of home "
+        "the end-effector is close to the satellite or to its start, or the motion there touches the "
+        "satellite. Choose a home farther from the satellite and from the ends of the joint ranges, or "
+        "another mount"
     )
 
 

@@ -106,9 +106,10 @@ def _unreachable(task: DualArmTask, split: str, what: str) -> GoalError:
     """Error of goals that cannot be drawn, with a remedy."""
     place = [round(value, 3) for value in task.target.position]
     return GoalError(
-        f"goals of split {split!r}, difficulty {task.difficulty!r}, could not be drawn for {task.robot.name!r}: "
-        f"{what} in reach from rest without rotating the satellite. Give a goal to reset, or choose mounts, home "
-        f"or target.position so that both hands are near the nominal target at {place} m and clear of it"
+        f"goals of split {split!r}, difficulty {task.difficulty!r}, could not be drawn for "
+        f"{task.robot.name!r}: {what} in reach from rest without rotating the satellite. Give a goal to "
+        "reset, or choose mounts, home or target.position so that both hands are near the nominal target at "
+        f"{place} m and clear of it"
     )
 
 
