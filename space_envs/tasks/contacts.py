@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from space_envs.dynamics.capsules import box_distance, segment_distance
 from space_envs.dynamics.rotations import Array
-from space_envs.tasks.gaps import ArmGaps, Capsules
+from space_envs.robots.gaps import ArmGaps, Capsules
 
 SHARES = np.linspace(0.0, 1.0, 9)  # of a control period, at which links are checked
 _ROOT_3 = 3.0**0.5  # largest length of a vector whose components are at most 1

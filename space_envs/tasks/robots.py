@@ -1,4 +1,4 @@
-"""What a task asks of a robot, and its time steps for it."""
+"""Checks that a robot is one for a task, and its default control period."""
 
 import numpy as np
 

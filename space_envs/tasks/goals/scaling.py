@@ -1,4 +1,4 @@
-"""How goals are drawn around the home of any robot: within its joint ranges, at distances that it can reach.
+"""Draws around the home of any robot: within its joint ranges, at distances that it can reach.
 
 For the robots that the distances were chosen for, all factors are 1.
 """
