@@ -335,7 +335,6 @@ KEYWORDS = [
     ({"timestep": 0.009}, "multiple of timestep"),
     ({"timestep": float("nan")}, "timestep must be a finite positive number"),
     ({"timestep": 0}, "timestep must be"),
-    ({"control_period": None}, "control_period must be"),
     ({"c": "1"}, "c must be"),
     ({"c": float("inf")}, "c must be"),
     ({"hold_time": float("inf")}, "finite positive"),
@@ -370,7 +369,6 @@ def test_bad_keywords_name_the_nearest_valid_one():
 @every_id
 def test_keywords_of_one_id_are_refused_by_the_others(env_id):
     for keyword, value, bad, owner in (
-        ("variant", "paper", "papre", "SingleArm"),
         ("orientation_tolerance", 3.0, -1.0, "SingleArm"),
         ("angular_velocity_tolerance", 3.0, "a", "SingleArm"),
         ("mounts", [[0.5, 0.2], [-0.5, 0.2]], [[0.5, 0.2]], "DualArmPlanar"),
