@@ -102,7 +102,7 @@ def test_a_description_without_steps_is_measured_once(tmp_path: Path, cache: Pat
 
 
 def test_faster_motions_take_smaller_steps(six_joints: Robot) -> None:
-    fast = with_joints(six_joints, rate_limit=2.0, acceleration_limit=8.0)
+    fast = with_joints(six_joints, rate_limit=2.0, acceleration_limit=4.0)
     slow, steps = measured_steps(six_joints), measured_steps(fast)
     assert steps.largest_timestep < slow.largest_timestep
     assert steps.largest_control_period < slow.largest_control_period
@@ -131,7 +131,7 @@ def with_joints(robot: Robot, **limits: float) -> Robot:
 def test_fast_starts_can_just_be_braked(six_joints: Robot) -> None:
     robot = replace(six_joints, steps=UNMEASURED)
     position, velocity = fast_starts(robot, 60, np.random.default_rng(0))
-    stops = JointStops(robot.joint_range, robot.rate_limit)
+    stops = JointStops(robot)
     low, high = stops.rates(position)
     assert ((velocity >= low) & (velocity <= high)).all()
     assert (np.abs(velocity) > 0.99 * 0.4).any()
@@ -158,7 +158,7 @@ def test_reduced_masses_are_those_of_the_drives() -> None:
     simulation = Simulation(robot_model(robot), 1)
     simulation.reset(np.arange(1))
     simulation.refresh()
-    drive = Drive(simulation, 0.1, robot.rate_limit, robot.acceleration_limit)
+    drive = Drive(simulation, 0.1, robot)
     drive.reset(np.arange(1))
     drive.begin()
     wanted = np.full((1, 7), 1e-3)
