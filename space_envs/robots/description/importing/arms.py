@@ -93,7 +93,9 @@ def read_robot_file(source: ArmSource) -> FileTree:
         ConfigurationError: if it cannot be read.
     """
     kind, root = read_document(source.file)
-    return read_urdf(source.file, root, source.packages) if kind == "urdf" else read_mjcf(source.file)
+    tree = read_urdf(source.file, root, source.packages) if kind == "urdf" else read_mjcf(source.file)
+    tree.check_numbers()
+    return tree
 
 
 def _check_disjoint(chains: Sequence[JointChain]) -> None:

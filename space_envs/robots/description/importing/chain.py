@@ -9,6 +9,8 @@ from space_envs.robots.description.importing.files.tree import HINGE, SLIDE, Fil
 from space_envs.robots.description.importing.source import ArmSource
 from space_envs.robots.pose import Pose
 
+_SHOWN = 8  # names of possible tools
+
 
 class JointChain(NamedTuple):
     """An arm in a file.
@@ -132,14 +134,24 @@ def _named_tool(tree: FileTree, source: ArmSource) -> Frame:
 
 def _only_tool(tree: FileTree, root: int, prefix: str) -> Frame:
     below = [place for place in _subtree(tree, root) if tree.bodies[place].name.startswith(prefix)]
-    leaves = [place for place in below if not tree.children(place)]
-    if len(leaves) != 1:
-        names = ", ".join(repr(tree.bodies[leaf].name) for leaf in leaves) or "none"
-        raise ConfigurationError(
-            f"the tool must be named, since several links are last in their branches: {names}. Write one of "
-            'the links as tool = "..."'
-        )
-    return Frame(leaves[0], Pose.of())
+    leaves = {place: _moving_between(tree, root, place) for place in below if not tree.children(place)}
+    moved = [place for place, count in leaves.items() if count]
+    if len(moved) == 1:
+        return Frame(moved[0], Pose.of())
+    farthest = sorted(moved or leaves, key=lambda place: -leaves[place])
+    names = ", ".join(repr(tree.bodies[place].name) for place in farthest[:_SHOWN])
+    more = f" and {len(farthest) - _SHOWN} others" if len(farthest) > _SHOWN else ""
+    raise ConfigurationError(
+        f"the tool must be named, since several links are last in their branches: {names}{more}. Write one "
+        "of "
+        'the links as tool = "..."'
+    )
+
+
+def _moving_between(tree: FileTree, root: int, body: int) -> int:
+    """Number of joints between the root and a body."""
+    path = tree.path_to(body)
+    return sum(len(tree.bodies[place].joints) for place in path[path.index(root) + 1 :])
 
 
 def _tool_name(tree: FileTree, tool: Frame, source: ArmSource) -> str:

@@ -102,11 +102,13 @@ def _capsules(
 def _target_radius(segment: Segment, tool: Vector3) -> float:
     """Radius of a capsule of the last link in checks against the target, which its gripper touches.
 
-    The centre line alone; nothing if it runs past the tool, into what is grasped.
+    The centre line alone; nothing if it runs past the tool, seen from the joint, into what is grasped.
     """
-    along = segment.end - segment.start
-    share = (np.array(tool) - segment.start) @ along / (along @ along)
-    return UNCHECKED if 0.0 < share < 1.0 else 0.0
+    point = np.array(tool)
+    middle = (segment.start + segment.end) / 2
+    toward = point if np.linalg.norm(point) > _SHORT else point - middle
+    beyond = max((end - point) @ toward for end in (segment.start, segment.end))
+    return UNCHECKED if beyond > 0.0 else 0.0
 
 
 def _satellite_radii(

@@ -4,11 +4,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from space_envs.dynamics.rotations import Array
+from space_envs.errors import ConfigurationError
 from space_envs.robots.pose import Pose
 from space_envs.robots.robot import Inertial, Visual
 
 HINGE, SLIDE = "hinge", "prismatic"
+LARGEST = 1e9  # of a number, in any unit
 _EXAMPLES = {
     "urdf": '<inertial> <origin xyz="0 0 0.1"/> <mass value="2.0"/> <inertia ixx="0.02" iyy="0.02" '
     'izz="0.01" ixy="0" ixz="0" iyz="0"/> </inertial>',
@@ -134,3 +138,15 @@ class FileTree:
             path.insert(0, place)
             place = self.bodies[place].parent
         return path
+
+    def check_numbers(self) -> None:
+        """Raise ConfigurationError for a pose or a mass that is no number, or beyond all measure."""
+        for body in self.bodies:
+            mass = () if body.inertial is None else (body.inertial.mass, *body.inertial.moments)
+            centre = () if body.inertial is None else body.inertial.centre
+            points = [joint.at for joint in body.joints]
+            values = np.concatenate([*body.pose, mass, centre, *points])
+            if not (np.abs(values) <= LARGEST).all():
+                raise ConfigurationError(
+                    f"a position, mass or inertia of body {body.name!r} is no number of at most {LARGEST:g}"
+                )

@@ -1,13 +1,12 @@
 """Inertias and joints of URDF elements, as numbers with their errors."""
 
-import math
 import xml.etree.ElementTree as ET
 
 import numpy as np
 
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError, shown
-from space_envs.robots.description.importing.files.tree import HINGE, SLIDE, FileJoint, Mimic
+from space_envs.robots.description.importing.files.tree import HINGE, LARGEST, SLIDE, FileJoint, Mimic
 from space_envs.robots.inertias import principal
 from space_envs.robots.robot import Inertial
 
@@ -95,9 +94,9 @@ def _numbers(
         values = tuple(float(part) for part in (text or "").split())
     except ValueError:
         values = ()
-    if len(values) != count or not all(map(math.isfinite, values)):
-        wanted = "a finite number" if count == 1 else f"{count} finite numbers"
-        raise ConfigurationError(f"{where}: {key} must be {wanted}, got {shown(text)}")
+    if len(values) != count or not all(abs(value) <= LARGEST for value in values):
+        wanted = "a number" if count == 1 else f"{count} numbers"
+        raise ConfigurationError(f"{where}: {key} must be {wanted} of at most {LARGEST:g}, got {shown(text)}")
     return values
 
 
