@@ -6,6 +6,7 @@ from functools import lru_cache
 from space_envs.control import CONTROL_MODES
 from space_envs.drives import STOP_MARGIN
 from space_envs.errors import ConfigurationError
+from space_envs.robots.accelerations import reduced_masses
 from space_envs.robots.robot import Robot, StepLimits
 from space_envs.step_limits.motions import RobotMotion, SimulationSettings, full_range_motion
 from space_envs.step_limits.storage import read_steps, write_steps
@@ -54,11 +55,14 @@ def _measure(robot: Robot) -> StepLimits:
         found = _steps_at(robot, period)
         if found is not None:
             return found
+    own = reduced_masses(robot).diagonal(axis1=1, axis2=2).min(axis=0)
+    joint = int(own.argmin())
     raise ConfigurationError(
         f"robot {robot.name!r} cannot be simulated with any time step from {STEPS[-1][1]:g} to "
         f"{STEPS[0][1]:g} s and control period from {PERIODS[-1]:g} to {PERIODS[0]:g} s: its drives do not "
-        "keep the joints within their rate limits and ranges. Lower rates, larger torques or other inertias "
-        "may help"
+        "keep the joints within their rate limits and ranges. The least inertia that a joint moves is "
+        f"{own[joint]:.1e} kg m^2, of {robot.joints[joint].name!r}; geared drives have more than 0.01 kg m^2 "
+        "of their own, which rotor_inertia adds. Lower rate limits or larger torque limits may help too"
     )
 
 

@@ -21,6 +21,7 @@ GYRATION = (0.03, 0.6)  # of a link's length: a rod has 0.29, a bar with all mas
 SATELLITE_GYRATION = (0.1, 0.9)  # of its longest side: a homogeneous cube has 0.41, a hollow one 0.53
 CENTRE = 1.0  # m by which a link's centre of mass may lie beyond its length
 ARM_SHARE = 1.0  # of the satellite's mass; a heavier arm carries the satellite
+ROTOR = 0.01  # kg m^2, of a small motor behind a gear
 HOME_ROOM = 0.3 + STOP_MARGIN  # rad around home from which even easy goals are drawn
 NARROW = 2.0 * HOME_ROOM  # rad
 START_TIMES = (CONTROL_PERIOD, 20.0)  # s from rest to the rate limit
@@ -137,6 +138,16 @@ def _weak_brakes(figures: RobotFigures) -> Iterator[str]:
         )
 
 
+def _rotors(figures: RobotFigures) -> Iterator[str]:
+    for index, joint in enumerate(figures.robot.joints):
+        least = joint.torque_limit / figures.torques.alone[index]
+        if least < ROTOR:
+            yield (
+                f"{_joint(figures, index)} moves {least:.1e} kg m^2 at least, where geared drives have more "
+                f"than {ROTOR:g} kg m^2 of their own; rotor_inertia adds it"
+            )
+
+
 def _rates(figures: RobotFigures) -> Iterator[str]:
     for index, joint in enumerate(figures.robot.joints):
         if joint.rate_limit > FASTEST:
@@ -215,6 +226,7 @@ RULES: dict[str, Rule] = {
     "satellite inertia": _satellite_inertia,
     "weak drive": _weak_drive,
     "weak brakes": _weak_brakes,
+    "rotor inertia": _rotors,
     "joint rate": _rates,
     "joint range": _ranges,
     "singular home": _singular_home,

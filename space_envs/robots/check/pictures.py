@@ -1,6 +1,6 @@
 """Pictures of a robot at home and with its arms stretched."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -8,12 +8,16 @@ from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import RenderingError
+from space_envs.rendering import Renderer
 from space_envs.robots.check.figures.conditioning import random_configurations
-from space_envs.robots.models import SceneOptions, robot_model
+from space_envs.robots.inertias import vector
+from space_envs.robots.models import SceneOptions, robot_spec
+from space_envs.robots.models.drawing import default_view
 from space_envs.robots.robot import Robot
 from space_envs.step_limits.motions import mechanics
 
 WIDTH, HEIGHT = 720, 540
+_FARTHER = 1.6  # times as far as at home, from where a stretched robot is seen
 SWEEPS, ANGLES = 4, 25  # of each joint in turn, and the angles tried in a sweep
 
 
@@ -27,22 +31,31 @@ class RobotPicture:
 
 def robot_pictures(robot: Robot) -> tuple[list[RobotPicture], str]:
     """Pictures of a robot, and a note where there are none since this machine cannot draw."""
-    from space_envs.rendering import Renderer  # OpenGL may be missing, and is not needed without pictures
-
-    model = robot_model(robot, SceneOptions(visual=True))
-    data = mujoco.MjData(model)
-    mujoco.mj_resetDataKeyframe(model, data, 0)
-    state = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_INTEGRATION))
-    first, pictures = 3 if robot.planar else 7, []
+    poses = (("At home", robot.home, 1.0), ("Stretched", stretched(robot), _FARTHER))
     try:
-        with Renderer(model, width=WIDTH, height=HEIGHT) as renderer:
-            for title, q in (("At home", robot.home), ("Stretched", stretched(robot))):
-                data.qpos[first : first + robot.n_joints] = q
-                mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
-                pictures.append(RobotPicture(title, renderer.render(state)))
+        return [RobotPicture(title, _drawn(_seen_from(robot, away), q)) for title, q, away in poses], ""
     except RenderingError as error:
         return [], f"There are no pictures: {error}"
-    return pictures, ""
+
+
+def _seen_from(robot: Robot, away: float) -> Robot:
+    """The robot with its camera so many times as far away."""
+    view = robot.view or default_view(robot)
+    position, toward = (np.array(point) for point in view.overview)
+    moved = toward + away * (position - toward)
+    return replace(robot, view=replace(view, overview=(vector(moved), view.overview[1])))
+
+
+def _drawn(robot: Robot, q: Array) -> NDArray[np.uint8]:
+    """Picture of a robot at joint angles (n,), rad."""
+    model = robot_spec(robot, SceneOptions(visual=True)).compile()
+    data, first = mujoco.MjData(model), 3 if robot.planar else 7
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    data.qpos[first : first + robot.n_joints] = q
+    state = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_INTEGRATION))
+    mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
+    with Renderer(model, width=WIDTH, height=HEIGHT) as drawing:
+        return drawing.render(state)
 
 
 def stretched(robot: Robot) -> Array:

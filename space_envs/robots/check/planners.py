@@ -6,6 +6,7 @@ its own, as a user would, and the shares are read from the records that it leave
 
 import subprocess
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -21,7 +22,7 @@ from space_envs.registration import ENTRIES, make_task
 from space_envs.robots.robot import Robot
 
 EVALUATE = ("-m", "agents.commands.evaluate")
-SPLIT, POLICIES = "validation", "experts"
+SPLIT = "validation"
 
 
 @dataclass(frozen=True)
@@ -58,11 +59,14 @@ def task_of(robot: Robot) -> str:
     raise ConfigurationError(f"no task takes robot {robot.name!r}: {'; '.join(reasons)}")
 
 
-def planner_figures(source: str, env_id: str, goals: int, variant: str | None = None) -> list[PlannerFigures]:
-    """Figures of each built-in planner that fits a task, the best first, with progress on standard error.
+def planner_figures(
+    source: str, env_id: str, goals: int, policies: Sequence[str] = ("experts",), variant: str | None = None
+) -> list[PlannerFigures]:
+    """Figures of planners on the validation goals of a task, the best first; progress is on standard error.
 
     Args:
-        source: name or file of the robot. variant: of it; None is the first.
+        source: name or file of the robot. policies: planners, or `experts` for all of them that fit.
+        variant: of the robot; None is the first.
 
     Raises:
         SpaceEnvsError: if the evaluation fails; the message is in its own words.
@@ -70,7 +74,7 @@ def planner_figures(source: str, env_id: str, goals: int, variant: str | None = 
     with TemporaryDirectory() as folder:
         output = Path(folder) / "evaluation"
         command = [
-            *(sys.executable, *EVALUATE, "--env", env_id, "--robot", source, "--policy", POLICIES),
+            *(sys.executable, *EVALUATE, "--env", env_id, "--robot", source, "--policy", *policies),
             *("--split", SPLIT, "--episodes", str(goals), "--no-pictures", "--output", str(output)),
         ]
         command += ["--variant", variant] if variant else []

@@ -64,9 +64,9 @@ def headline(figures: RobotFigures) -> list[tuple[str, str, str]]:
     masses, conditioning = figures.masses, figures.conditioning
     return [
         ("Mass", f"{masses.total:.4g}", "kg"),
-        ("Arms and satellite", f"{100 * masses.arms / masses.satellite:.3g}", "%"),
+        ("Arms, of the satellite's mass", f"{100 * masses.arms / masses.satellite:.3g}", "%"),
         ("Reach from the centre of mass", " and ".join(f"{reach:.3g}" for reach in masses.reach), "m"),
-        ("Centre of mass", ", ".join(f"{x:.3g}" for x in np.round(masses.centre, 6) + 0.0), "m"),
+        ("Centre of mass from the satellite's", f"{np.linalg.norm(masses.centre):.3g}", "m"),
         ("Reaction null space", str(conditioning.null_space), f"of {figures.robot.n_joints} dimensions"),
         ("Momentum drift", f"{figures.drift:.1e}", "of 1e-6"),
         ("Largest time step", f"{1e3 * figures.measured.largest_timestep:g}", "ms, measured"),
@@ -169,7 +169,7 @@ def _model_errors(figures: RobotFigures) -> FigureTable:
         ("joint rates, of the largest rate", f"{track.rate:.1e}"),
         ("position of the satellite, mm", f"{1e3 * track.position:.2g}"),
         ("attitude of the satellite, deg", f"{np.rad2deg(track.angle):.2g}"),
-        ("largest torque, of its limit", f"{track.torque:.2f}"),
+        ("largest torque, of its limit", f"{track.torque:.2g}"),
         ("attitude under random actions, mode reactionless, deg", f"{np.rad2deg(attitude.reactionless):.2g}"),
         ("the same, mode joint_velocity, deg", f"{np.rad2deg(attitude.joint_velocity):.3g}"),
     )
