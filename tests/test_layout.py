@@ -42,8 +42,17 @@ from space_envs.evaluation.report.page.scores import all_scores
 from space_envs.evaluation.report.plots.all_plots import make_plots
 from space_envs.evaluation.results.result import EvaluationResult
 from space_envs.registration import ENTRIES
+from space_envs.robots.check.figures.robot_figures import robot_figures
+from space_envs.robots.check.implausible import implausible
+from space_envs.robots.check.page import RobotReport
+from space_envs.robots.check.page import write_page as write_robot_page
+from space_envs.robots.check.pictures import RobotPicture
+from space_envs.robots.check.planners import PlannerFigures
+from space_envs.robots.check.tables import figure_tables, planner_table, verification_table
+from space_envs.robots.check.verification import Verification
+from space_envs.robots.zoo import find_robot
 
-TEMPLATES = {"report.html.j2", "page.html.j2"}
+TEMPLATES = {"report.html.j2", "page.html.j2", "robot.html.j2"}
 
 
 def test_there_is_no_other_page() -> None:
@@ -156,6 +165,27 @@ def test_everything_of_a_plot_and_every_tab_is_on_a_phone(browser: Browser, repo
     })""")
     assert min(sizes) > 4.5 and np.quantile(sizes, 0.5) > 7.0
     page.close()
+
+
+# The check of a robot
+
+
+def test_check_of_a_robot(browser: Browser, tmp_path: Path) -> None:
+    robot = replace(find_robot("shyam2020"), name=HOSTILE, notes=("a note about joint_7. " * 20,))
+    figures = robot_figures(robot)
+    findings = implausible(figures)
+    assert len(findings) > 5
+    planners = [
+        PlannerFigures(name, "joint_velocity", 20, reached, reached / 20, "no_plan: " + "words " * 12)
+        for name, reached in (("promp_optimal_kept", 20), ("my_package.planners:Planner", 0))
+    ]
+    tests = [Verification("momentum, joint_velocity", passed, "3e-08") for passed in (True, False, None)]
+    tables = [*figure_tables(figures), verification_table(tests), planner_table(planners, "validation")]
+    pictures = [RobotPicture(title, make_picture(0.5)) for title in ("At home", "Stretched")]
+    path = tmp_path / "check.html"
+    write_robot_page(RobotReport(figures, findings, tables, pictures, "", "python -m x " * 20), path)
+    assert layout_faults(browser, path.as_uri()) == []
+    assert HOSTILE not in path.read_text()
 
 
 # Pages of the papers

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from robot_descriptions import SIX_JOINTS
 
 from space_envs.codegen.cache import CACHE_VARIABLE
 from space_envs.control import CONTROL_MODES
@@ -19,27 +20,6 @@ from space_envs.step_limits.measured import UNMEASURED, measured_steps
 from space_envs.step_limits.motions import SimulationSettings, fast_starts, full_range_motion
 from space_envs.step_limits.storage import read_steps
 
-SIX_JOINTS = """
-[satellite]
-mass = 150.0
-size = 0.8
-[[arm]]
-mount = { position = [0.0, 0.0, 0.4] }
-radius = 0.05
-home = [0.0, -1.2, 1.6, 0.3, 0.9, 0.0]
-links = [
-  { alpha = 1.5707963267948966, d = 0.3, mass = 5.0 },
-  { a = 0.6, mass = 7.0 },
-  { a = 0.5, mass = 5.0 },
-  { alpha = 1.5707963267948966, d = 0.12, mass = 2.0 },
-  { alpha = -1.5707963267948966, d = 0.12, mass = 2.0 },
-  { d = 0.15, mass = 1.5 },
-]
-[arm.limits]
-rate = 0.4
-torque = [60.0, 60.0, 40.0, 15.0, 15.0, 10.0]
-range = [[-3.0, 3.0], [-3.0, 3.0], [-3.0, 3.0], [-3.0, 3.0], [-3.0, 3.0], [-3.0, 3.0]]
-"""
 BUILT_IN = (
     *(("shyam2020", "paper"), ("shyam2020", "physical")),
     *(("shah2013", None), ("spatial_dual_arm", None)),
