@@ -13,7 +13,15 @@ from tqdm import tqdm
 
 from benchmarks.arguments import seed, whole
 from benchmarks.machine import machine_class, markdown_table
-from benchmarks.simulated import ROBOTS, SimulatedRobot, environment, held_actions, simulate, unlimited
+from benchmarks.simulated import (
+    ROBOT_HELP,
+    SimulatedRobot,
+    environment,
+    held_actions,
+    simulate,
+    simulated_robots,
+    unlimited,
+)
 from space_envs.control import CONTROL_MODES
 from space_envs.dynamics.bodies import body_motion, momentum_drift
 from space_envs.dynamics.rotations import Array
@@ -82,9 +90,11 @@ def main(arguments: list[str] | None = None) -> None:
     parser = Parser(prog="python -m benchmarks.limits", description=__doc__)
     parser.add_argument("--episodes", type=whole, default=10, help="episodes for each figure (default 10)")
     parser.add_argument("--seed", type=seed, default=0, help="of actions and goals (default 0)")
+    parser.add_argument("--robot", nargs="+", default=[], metavar="NAME|FILE", help=ROBOT_HELP)
     options = parser.parse_args(arguments)
+    robots = simulated_robots(options.robot)
     rows = []
-    for robot, period in tqdm([(r, p) for r in ROBOTS for p in PERIODS], unit="cell"):
+    for robot, period in tqdm([(r, p) for r in robots for p in PERIODS], unit="cell"):
         steps = make_task(robot.env_id, robot.keywords).robot.steps
         step = steps.largest_timestep
         tried = unlimited(robot)

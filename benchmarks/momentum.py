@@ -15,7 +15,15 @@ from tqdm import tqdm
 
 from benchmarks.arguments import seed, whole
 from benchmarks.machine import machine_class, markdown_table
-from benchmarks.simulated import ROBOTS, SimulatedRobot, environment, held_actions, simulate, unlimited
+from benchmarks.simulated import (
+    ROBOT_HELP,
+    SimulatedRobot,
+    environment,
+    held_actions,
+    simulate,
+    simulated_robots,
+    unlimited,
+)
 from space_envs.control import CONTROL_MODES
 from space_envs.dynamics.bodies import body_motion, momentum_drift
 from space_envs.dynamics.rotations import Array, angle_between
@@ -91,10 +99,12 @@ def main(arguments: list[str] | None = None) -> None:
     parser = Parser(prog="python -m benchmarks.momentum", description=__doc__)
     parser.add_argument("--episodes", type=whole, default=64, help="episodes for each cell (default 64)")
     parser.add_argument("--seed", type=seed, default=0, help="of actions and goals (default 0)")
+    parser.add_argument("--robot", nargs="+", default=[], metavar="NAME|FILE", help=ROBOT_HELP)
     options = parser.parse_args(arguments)
+    robots = simulated_robots(options.robot)
     rows = []
     references: dict[str, tuple[ModeResult, np.ndarray, np.ndarray]] = {}
-    for robot, timestep in tqdm([(r, t) for r in ROBOTS for t in STEPS], unit="cell"):
+    for robot, timestep in tqdm([(r, t) for r in robots for t in STEPS], unit="cell"):
         tried = unlimited(robot)
         results = {m: run(tried, m, timestep, options.episodes, options.seed) for m in CONTROL_MODES}
         if robot.name not in references:

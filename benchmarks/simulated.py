@@ -1,6 +1,6 @@
 """Robots and episodes that always last until their horizon, for benchmarks of the simulation."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -10,7 +10,10 @@ from numpy.typing import NDArray
 from space_envs.dynamics.rotations import Array
 from space_envs.envs import CaptureVectorEnv
 from space_envs.registration import make_task
+from space_envs.robots.check.planners import task_of
 from space_envs.robots.robot import StepLimits
+from space_envs.robots.zoo import find_robot
+from space_envs.step_limits.measured import measured_steps
 
 
 class SimulatedRobot(NamedTuple):
@@ -27,6 +30,21 @@ ROBOTS = (
     SimulatedRobot("dual arm, planar", "SpaceCapture/DualArmPlanar-v0", {}),
     SimulatedRobot("dual arm, spatial", "SpaceCapture/DualArmSpatial-v0", {}),
 )
+
+
+def simulated_robots(sources: Sequence[str]) -> tuple[SimulatedRobot, ...]:
+    """Robots by name or description file, each in the first task that takes it; the built-in ones for none.
+
+    Raises:
+        ConfigurationError: for an unknown name, a file that is not valid, or a robot for no task.
+    """
+    if not sources:
+        return ROBOTS
+    robots = [find_robot(source, measure=measured_steps) for source in sources]
+    return tuple(SimulatedRobot(robot.name, task_of(robot), {"robot": robot}) for robot in robots)
+
+
+ROBOT_HELP = "robots by name or description file (default: the built-in ones of every id)"
 
 
 class SimulatedMotion(NamedTuple):
