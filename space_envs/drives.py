@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array
-from space_envs.robots.accelerations import reduced_masses
+from space_envs.robots.models.accelerations import reduced_masses
 from space_envs.robots.robot import Robot
 from space_envs.simulation import Simulation
 

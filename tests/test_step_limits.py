@@ -11,8 +11,8 @@ from space_envs.codegen.cache import CACHE_VARIABLE
 from space_envs.control import CONTROL_MODES
 from space_envs.drives import STOP_MARGIN, Drive, JointStops
 from space_envs.errors import ConfigurationError
-from space_envs.robots.accelerations import default_acceleration, reduced_masses
 from space_envs.robots.models import robot_model
+from space_envs.robots.models.accelerations import default_acceleration, reduced_masses
 from space_envs.robots.robot import Robot, StepLimits
 from space_envs.robots.zoo import find_robot
 from space_envs.simulation import Simulation

@@ -6,7 +6,7 @@ from functools import lru_cache
 from space_envs.control import CONTROL_MODES
 from space_envs.drives import STOP_MARGIN
 from space_envs.errors import ConfigurationError
-from space_envs.robots.accelerations import reduced_masses
+from space_envs.robots.models.accelerations import reduced_masses
 from space_envs.robots.robot import Robot, StepLimits
 from space_envs.step_limits.motions import RobotMotion, SimulationSettings, full_range_motion
 from space_envs.step_limits.storage import read_steps, write_steps

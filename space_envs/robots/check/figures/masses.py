@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from space_envs.dynamics.rotations import Array
-from space_envs.robots.accelerations import reduced_masses
+from space_envs.robots.models.accelerations import reduced_masses
 from space_envs.robots.robot import Arm, Link, Robot
 from space_envs.step_limits.motions import mechanics
 
