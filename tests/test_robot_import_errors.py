@@ -314,7 +314,7 @@ MJCF: dict[str, tuple[str, dict[str, Any], str]] = {
         r"constraint \(connect\) closes a chain at body 'l1'",
     ),
     "several robots": (
-        changed("</worldbody>", '<body name="other"><freejoint/><geom size="1"/></body></worldbody>'),
+        changed("</worldbody>", '<body name="other"><joint/><geom size="1"/></body></worldbody>'),
         {},
         r"several robots, 'l0', 'other': write which: root",
     ),

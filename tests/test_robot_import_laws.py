@@ -199,6 +199,7 @@ def test_collada_is_read_with_its_nodes_units_and_colours(tmp_path, monkeypatch)
     assert converted(file)[1].path.stat().st_mtime_ns == changed
 
 
+HOME = (0.1, 0.2, 0.3)
 MODEL = """<mujoco model="arm"><compiler angle="radian" autolimits="true"/>
 <asset><mesh name="wedge" vertex="0 0 0  .1 0 0  0 .1 0  0 0 .4"/></asset>
 <worldbody><geom type="plane" size="1 1 1"/>
@@ -268,3 +269,21 @@ def test_packages_are_found_where_they_are_looked_for(tmp_path, monkeypatch):
     monkeypatch.delenv("AMENT_PREFIX_PATH")
     table = '\n[packages]\nmy_arm = "../elsewhere/my_arm_v2"\n'
     assert described(tmp_path / "work", text + table).digest == digest
+
+
+SCENE = MODEL.replace(
+    "</worldbody>",
+    '<body name="table" pos="1 0 0"><geom type="box" size=".5 .5 .5"/></body><body name="cube" pos="0 0 9">'
+    '<freejoint/><geom type="box" size=".1 .1 .1"/></body></worldbody>',
+).replace("<asset>", '<asset><texture name="t" type="2d" file="lost.png"/><material name="m" texture="t"/>')
+
+
+def test_scenery_and_images_of_an_mjcf_file_are_left_out(tmp_path):
+    arm = {"file": "arm.xml", "tool": "tool", "limits": LIMITS}
+    (tmp_path / "arm.xml").write_text(MODEL)
+    alone = imported(arm, folder=tmp_path)[0]
+    (tmp_path / "arm.xml").write_text(SCENE)
+    (there,) = imported({**arm, "home": list(HOME)}, folder=tmp_path)
+    assert there.links == alone.links
+    assert there.root is None
+    assert there.root_visuals == ()

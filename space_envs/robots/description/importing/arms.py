@@ -36,7 +36,7 @@ def imported_arms(tables: Sequence[DescriptionTable], packages: Packages) -> lis
             says what was found, where, and what to write.
     """
     sources = [arm_source(table, packages) for table in tables]
-    if len(sources) == 2 and sources[0].robot == sources[1].robot:
+    if len(sources) == 2 and sources[1].is_branch_of(sources[0]):
         return _branches(sources)
     return [arm for source in sources for arm in _branches([source])]
 

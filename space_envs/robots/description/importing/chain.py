@@ -109,13 +109,22 @@ def _default_root(tree: FileTree) -> int:
     """The root of a URDF; in MJCF, what carries the only robot: its base, or the world."""
     if tree.format == "urdf":
         return 0
-    tops = [top for top in tree.children(0) if any(tree.bodies[b].joints for b in _subtree(tree, top))]
+    tops = [top for top in tree.children(0) if _has_arm(tree, top)]
     if len(tops) > 1:
         names = ", ".join(repr(tree.bodies[top].name) for top in tops)
         raise ConfigurationError(f'the world carries several robots, {names}: write which: root = "..."')
-    if not tops or any(joint.kind in (HINGE, SLIDE) for joint in tree.bodies[tops[0]].joints):
+    if not tops or _has_single_joint(tree, tops[0]):
         return 0
     return tops[0]
+
+
+def _has_arm(tree: FileTree, top: int) -> bool:
+    """Whether a body of the world carries hinges or slides; others are scenery."""
+    return any(_has_single_joint(tree, body) for body in _subtree(tree, top))
+
+
+def _has_single_joint(tree: FileTree, body: int) -> bool:
+    return any(joint.kind in (HINGE, SLIDE) for joint in tree.bodies[body].joints)
 
 
 def _subtree(tree: FileTree, top: int) -> list[int]:

@@ -25,6 +25,9 @@ def _joint_notes(parts: RigidParts) -> list[str]:
         for joint in tree.bodies[body].joints
         if joint.name not in parts.moving
     ]
+    above = [joint.name for joint in tree.bodies[parts.root].joints]
+    if above:
+        notes.append(f"the root is fixed to the satellite: the joint {above[0]} above it is left out.")
     if locked := [f"{j.name} at {parts.value(j):g}" for j in still if j.name in parts.values]:
         notes.append(f"locked joints: {', '.join(locked)}.")
     if other := [f"{j.name} at {parts.value(j):g}" for j in still if j.name not in parts.values]:
@@ -57,4 +60,6 @@ def drawing_notes(problems: Sequence[str]) -> list[str]:
     """A sentence about drawings that are missing, with the reason for the first."""
     if not problems:
         return []
-    return [f"{len(problems)} drawings are replaced by contact geometry, or left out: {problems[0]}."]
+    return [
+        f"drawings that contact geometry replaces, or nothing: {len(problems)}; the first: {problems[0]}."
+    ]

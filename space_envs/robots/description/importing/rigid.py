@@ -74,12 +74,13 @@ def assemble(tree: FileTree, root: int, moving: Collection[str], values: Mapping
     """The rigid parts below a root, whose own joint is left out.
 
     Args:
-        moving: names of the joints that move. values: of the others, rad or m; zero or the nearest value in
-            the range where there is none.
+        moving: names of the joints that move. values: of the others, rad or m; where there is none, that of
+            the file's pose, or the nearest in the range.
     """
     placed, frames = {root: Placed(root, Pose.of())}, {}
+    scenery = _scenery(tree, moving) if root == 0 else []
     for place, body in enumerate(tree.bodies):
-        if body.parent not in placed or place == root:
+        if body.parent not in placed or place == root or place in scenery:
             continue
         above = placed[body.parent]
         carrier, pose = above.carrier, above.pose @ body.pose
@@ -94,6 +95,18 @@ def assemble(tree: FileTree, root: int, moving: Collection[str], values: Mapping
     return RigidParts(tree, root, placed, frames, values, moving)
 
 
+def _scenery(tree: FileTree, moving: Collection[str]) -> list[int]:
+    """Bodies of the world of MJCF that carry none of the joints that move."""
+    if tree.format == "urdf":
+        return []
+    robots = {
+        tree.path_to(place)[1]
+        for place, body in enumerate(tree.bodies)
+        if any(joint.name in moving for joint in body.joints)
+    }
+    return [place for place in tree.children(0) if place not in robots]
+
+
 def value_of(tree: FileTree, joint: FileJoint, values: Mapping[str, float]) -> float:
     """Value that a joint which does not move is fixed at."""
     if joint.name in values:
@@ -103,8 +116,8 @@ def value_of(tree: FileTree, joint: FileJoint, values: Mapping[str, float]) -> f
         leader = joints[joint.mimic.leader]
         if leader.mimic is None:
             return joint.mimic.multiplier * value_of(tree, leader, values) + joint.mimic.offset
-    low, high = joint.range or (0.0, 0.0)
-    return float(np.clip(0.0, low, high))
+    low, high = joint.range or (joint.zero, joint.zero)
+    return float(np.clip(joint.zero, low, high))
 
 
 def _displacement(joint: FileJoint, value: float) -> Pose:

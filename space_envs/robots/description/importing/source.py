@@ -32,10 +32,21 @@ class ArmSource:
     prefix: str
     lock: Mapping[str, Any]
 
-    @property
-    def robot(self) -> tuple[Any, ...]:
-        """The same for two arms that are branches of one robot, and not two copies of it."""
-        return self.file.resolve(), self.root, repr(self.table.get("mount", None))
+    def is_branch_of(self, other: "ArmSource") -> bool:
+        """Whether this arm and another one are branches of one robot, and not two copies of it.
+
+        Raises:
+            ConfigurationError: if one of two branches has no mount.
+        """
+        if (self.file.resolve(), self.root) != (other.file.resolve(), other.root):
+            return False
+        mounts = [source.table.get("mount", None) for source in (other, self)]
+        if mounts.count(None) == 1 and (self.prefix, self.tool) != (other.prefix, other.tool):
+            raise self.table.error(
+                "has the file and the root of the other arm but another tool: write the same mount for both "
+                "if they are branches of one robot, or two mounts for two copies"
+            )
+        return mounts[0] == mounts[1]
 
 
 def arm_source(table: DescriptionTable, packages: Packages) -> ArmSource:

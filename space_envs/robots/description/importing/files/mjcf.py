@@ -30,6 +30,7 @@ def read_mjcf(path: Path) -> FileTree:
     try:
         spec = mujoco.MjSpec.from_file(str(path))
         _drop_drawings_without_files(path, spec)
+        _drop_textures(spec)
         model = spec.compile()
     except (ValueError, OSError) as error:
         reason = " ".join(str(error).split())
@@ -45,7 +46,7 @@ def read_mjcf(path: Path) -> FileTree:
             joints=tuple(
                 joint_of(model, joint) for joint in range(model.njnt) if int(model.jnt_bodyid[joint]) == body
             ),
-            shapes=tuple(_shapes(path, spec, model, body)),
+            shapes=tuple(_shapes(path, spec, model, body)) if body else (),
         )
         for body, name in enumerate(names)
     ]
@@ -95,7 +96,7 @@ def _shapes(path: Path, spec: mujoco.MjSpec, model: mujoco.MjModel, body: int) -
             x, y, z = (float(value) for value in model.mesh_scale[mesh])
             name = spec.mesh(model.mesh(mesh).name).file
             file = _mesh_path(path, spec, name) if name else None
-            vertices = None if file else original_vertices(model, mesh)
+            vertices = original_vertices(model, mesh)
             visual = replace(
                 visual, size=(x, y, z), position=place.vector, orientation=place.quaternion, mesh=file
             )
@@ -119,3 +120,12 @@ def _drop_drawings_without_files(path: Path, spec: mujoco.MjSpec) -> None:
     for mesh in list(spec.meshes):
         if mesh.name in lost - used:
             spec.delete(mesh)
+
+
+def _drop_textures(spec: mujoco.MjSpec) -> None:
+    """Replace images, which nothing here draws and which may be missing, by a plain colour."""
+    for texture in spec.textures:
+        texture.file = ""
+        texture.cubefiles = [""] * 6
+        texture.builtin = mujoco.mjtBuiltin.mjBUILTIN_FLAT
+        texture.width = texture.height = 6

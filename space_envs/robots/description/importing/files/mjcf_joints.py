@@ -87,6 +87,10 @@ def ignored(spec: mujoco.MjSpec, model: mujoco.MjModel) -> list[str]:
         notes.append("gravity compensation is not simulated: there is no gravity.")
     if model.nu:
         notes.append(f"{model.nu} actuators of the file are not used: every joint has a motor of its own.")
+    if np.any(model.eq_active0):
+        notes.append("equality constraints, which couple no joint between root and tool, are not simulated.")
+    if model.ntendon:
+        notes.append("tendons are not simulated.")
     computed = [b.name for b in spec.bodies if b.name != "world" and not b.explicitinertial and b.geoms]
     if computed:
         notes.append(f"inertias computed from geometry by MuJoCo: {', '.join(computed)}.")

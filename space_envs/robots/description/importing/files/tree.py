@@ -64,7 +64,7 @@ class Shape(NamedTuple):
     Attributes:
         visual: its form and place; of a mesh without a readable file, only the place.
         drawn, solid: whether it is for drawings, and for contacts.
-        vertices: (k, 3) m, of a mesh that is written in the file itself, in the visual's own frame.
+        vertices: (k, 3) m, of a mesh, in the visual's own frame; None where they are in its file.
         problem: why the mesh's file cannot be named; None if it can.
     """
 
