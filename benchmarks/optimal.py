@@ -10,11 +10,11 @@ import numpy as np
 from joblib import Parallel, delayed
 from tqdm import tqdm
 
-from agents.demonstrations.optimal.library import model_limits
+from agents.demonstrations.optimal.library import robot_limits
 from agents.planners.common.plans import Failure, Limits
 from agents.planners.single_arm.check import check
 from agents.planners.single_arm.collocation.ocp import plan_ocp
-from agents.planners.single_arm.library import shipped_library
+from agents.planners.single_arm.library import library_of
 from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.promp.optimal import OptimalPlanner, predicted_costs
 from agents.planners.single_arm.weights.functions import ArmFunctions
@@ -43,7 +43,7 @@ class ReachSetting:
     @property
     def limits(self) -> Limits:
         """Limits of the model, or none."""
-        return model_limits() if self.limited else Limits()
+        return robot_limits(SingleArmTask().robot) if self.limited else Limits()
 
     @property
     def cells(self) -> list[str]:
@@ -65,9 +65,9 @@ class ReachSetting:
 
 def best_known(setting: ReachSetting, reach: Reach, number: int, collocation: bool) -> tuple[float, float]:
     """Lowest costs, m^2/s, in the weights from many initial guesses and by collocation; inf if none."""
-    robot = SingleArmTask().mechanics
-    library = shipped_library(setting.keep_attitude, setting.limited)
-    planner = OptimalPlanner(robot, setting.limits, library)
+    task = SingleArmTask()
+    library = library_of(task.robot, setting.keep_attitude, setting.limited)
+    planner = OptimalPlanner(task.mechanics, setting.limits, library)
     space, bounds, rows = planner.setting(reach)
     near = library.nearest(reach, 3 * NEAR)
     near = near[np.argsort(predicted_costs(space, near, reach.keep_attitude), kind="stable")[:NEAR]]
@@ -78,8 +78,11 @@ def best_known(setting: ReachSetting, reach: Reach, number: int, collocation: bo
         minimise(space, bounds, guess, reach.keep_attitude, rows, tolerance=FINE) for guess in [*near, *drawn]
     ]
     costs = [solution.cost for solution in found if solution.goal_error < GOAL_TOLERANCE]
-    plan = plan_ocp(single_arm_model(), robot, reach, setting.limits) if collocation else None
-    return min(costs, default=np.inf), plan.cost if isinstance(plan, ReachPlan) else np.inf
+    best = min(costs, default=np.inf)
+    if not collocation:
+        return best, np.inf
+    plan = plan_ocp(task.model, task.mechanics, reach, setting.limits, library=library)
+    return best, plan.cost if isinstance(plan, ReachPlan) else np.inf
 
 
 def timed(
@@ -149,7 +152,9 @@ def table_of_goals(goals: dict[str, int], split: str, jobs: int, collocation: bo
                 setting = ReachSetting(difficulty, keep_attitude, limited)
                 reaches = setting.reaches(split, count)
                 planner = OptimalPlanner(
-                    SingleArmTask().mechanics, setting.limits, shipped_library(keep_attitude, limited)
+                    SingleArmTask().mechanics,
+                    setting.limits,
+                    library_of(SingleArmTask().robot, keep_attitude, limited),
                 )
                 plans, times = timed(planner.plan, reaches)
                 work = (
@@ -178,7 +183,7 @@ def table_of_initial_guesses(count: int) -> None:
     for keep_attitude in (False, True):
         setting = ReachSetting("medium", keep_attitude, True)
         reaches = setting.reaches("validation", count)
-        library, robot = shipped_library(keep_attitude), SingleArmTask().mechanics
+        library, robot = library_of(SingleArmTask().robot, keep_attitude), SingleArmTask().mechanics
         planners = {
             "none stored": OptimalPlanner(robot, setting.limits),
             "nearest": OptimalPlanner(robot, setting.limits, library, candidates=1, improved=1),

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.demonstrations.optimal.library import model_limits
-from agents.planners.single_arm.library import shipped_library
+from agents.demonstrations.optimal.library import robot_limits
+from agents.planners.single_arm.library import library_of
 from agents.planners.single_arm.problem import Reach
 from agents.planners.single_arm.promp.demonstrated import DemonstratedPlanner
 from agents.planners.single_arm.weights.functions import ArmFunctions
@@ -144,7 +144,9 @@ def main() -> None:
     options = parser.parse_args()
     check_goals("SpaceCapture/SingleArm-v0", "validation", options.goals)
     task = SingleArmTask()
-    planner = DemonstratedPlanner(task.mechanics, model_limits(), shipped_library(True))
+    planner = DemonstratedPlanner(
+        task.mechanics, robot_limits(SingleArmTask().robot), library_of(task.robot, True)
+    )
     figures: dict[tuple[str, str], list[LawErrors]] = {}
     goals = task.goals("validation", np.arange(options.goals))
     used = 0

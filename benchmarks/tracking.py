@@ -11,7 +11,6 @@ from benchmarks.arguments import check_goals, whole
 from benchmarks.machine import machine_class, markdown_table
 from space_envs.envs import CaptureVectorEnv
 from space_envs.policy import PolicyContext
-from space_envs.robots.dual_arm import DualArmOptions
 from space_envs.system.command_line import Parser, exit_status
 
 SETTINGS = (
@@ -41,7 +40,7 @@ def main() -> None:
         found = [method.plan(one) for one in method(PolicyContext.from_env(env)).inputs(observation)]
         plans = [plan for plan in found if not isinstance(plan, Failure)]
         for tracking in SETTINGS:
-            done = [track(plan, DualArmOptions(task.lower()), tracking) for plan in plans]
+            done = [track(plan, env.task.robot, tracking) for plan in plans]
             rows.append(
                 [
                     task.lower(),

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from agents.policies.single_arm.promp import shipped_prior
+from agents.policies.single_arm.promp import prior_of
 from docs.pictures import IMAGES
 from docs.primer_motions import (
     LINE,
@@ -24,6 +24,7 @@ from promp import ProMP, ViaPoint
 from space_envs.evaluation.report.drawing.look import BLUE, GREEN, VERMILION
 from space_envs.evaluation.report.drawing.panel import INK, LONE, draw_panel
 from space_envs.robots.parameters import DUAL_ARM_PLANAR
+from space_envs.robots.zoo import find_robot
 from space_envs.system.command_line import Parser, exit_status, output_path
 from space_envs.system.files import atomic_write_text
 
@@ -133,7 +134,7 @@ def nonholonomy(figure: Figure) -> None:
 
 def movement_primitives(figure: Figure) -> None:
     """A ProMP before and after conditioning on a goal, for one joint."""
-    prior = shipped_prior()
+    prior = prior_of(find_robot("shyam2020"))
     goal = prior.position(1.0)[JOINT] + GOAL
     conditioned = prior.condition_on([ViaPoint(1.0, [goal], dofs=[JOINT])])
     both = figure.subplots(1, 2, sharex=True, sharey=True)

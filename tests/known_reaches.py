@@ -7,10 +7,13 @@ import numpy as np
 
 from agents.planners.common.plans import Limits
 from agents.planners.single_arm.problem import Reach
+from agents.policies.clearance import link_radii
 from space_envs.dynamics import FloatingRobot
+from space_envs.robots.zoo import find_robot
 from space_envs.tasks.single_arm import SingleArmTask
 
 # Goals and the least costs, m^2/s, with the attitude free and kept.
+ROBOT = find_robot("shyam2020")
 KNOWN = json.loads((Path(__file__).parent / "data" / "single_arm_goals.json").read_text())
 
 
@@ -24,4 +27,5 @@ def drives() -> Limits:
 
 def reach_of(number: int, keep_attitude: bool = False) -> Reach:
     position, quaternion = (np.array(KNOWN[number][name]) for name in ("position", "quaternion"))
-    return Reach(robot().home, position, quaternion, keep_attitude=keep_attitude)
+    radii = link_radii(ROBOT)
+    return Reach(robot().home, position, quaternion, keep_attitude=keep_attitude, link_radius=radii)

@@ -22,15 +22,16 @@ from agents.demonstrations.elastic_bands import (
 )
 from agents.demonstrations.prior import fit_prior
 from agents.demonstrations.variations import BANDS, KINDS, DemonstratorConfig
-from agents.policies.single_arm.promp import shipped_prior
+from agents.policies.single_arm.promp import prior_of
 from promp import ProMP
 from space_envs.dynamics import roll_out_base, trajectory_cost
 from space_envs.dynamics.rotations import angle_between, from_matrix, multiply, rotate
 from space_envs.errors import ConfigurationError, PlanningError
-from space_envs.robots.parameters import SINGLE_ARM
+from space_envs.robots.zoo import find_robot
 from space_envs.tasks.single_arm import SingleArmTask
 
 CONFIG = DemonstratorConfig()
+ROBOT = find_robot("shyam2020")
 
 
 def equal(a: Demonstrations, b: Demonstrations) -> bool:
@@ -39,7 +40,7 @@ def equal(a: Demonstrations, b: Demonstrations) -> bool:
 
 @pytest.fixture(scope="module", params=BANDS)
 def made(request: pytest.FixtureRequest) -> Demonstrations:
-    return demonstrate(dataclasses.replace(CONFIG, bands=request.param), 0, 0, 30)
+    return demonstrate(ROBOT, dataclasses.replace(CONFIG, bands=request.param), 0, 0, 30)
 
 
 def test_demonstrations_go_from_home_to_their_goals_and_rest(made: Demonstrations) -> None:
@@ -55,8 +56,8 @@ def test_demonstrations_go_from_home_to_their_goals_and_rest(made: Demonstration
     assert np.linalg.norm(at - goals.position, axis=1).max() < 1e-4
     turned = multiply(quaternion[:, -1], from_matrix(rotation))
     assert np.rad2deg(angle_between(turned, goals.quaternion)).max() < 0.01
-    assert np.abs(made.velocity).max() < SINGLE_ARM.rate_limit
-    assert np.abs(np.diff(made.velocity, axis=1)).max() / 0.1 < SINGLE_ARM.acceleration_limit
+    assert (np.abs(made.velocity) < ROBOT.rate_limit).all()
+    assert (np.abs(np.diff(made.velocity, axis=1)) / 0.1 < ROBOT.acceleration_limit).all()
     np.testing.assert_array_equal(
         made.cost, trajectory_cost(task.mechanics, made.position, made.velocity, 0.1)
     )
@@ -90,16 +91,16 @@ def test_goals_spread_over_the_train_split() -> None:
 @pytest.mark.parametrize("bands", BANDS)
 def test_a_demonstration_is_the_same_alone(bands: str) -> None:
     config = dataclasses.replace(CONFIG, bands=bands)
-    together = demonstrate(config, 0, 12, 3)
+    together = demonstrate(ROBOT, config, 0, 12, 3)
     for number in (12, 13, 14):
-        alone = demonstrate(config, 0, number, 1)
+        alone = demonstrate(ROBOT, config, 0, number, 1)
         np.testing.assert_array_equal(alone.position[0], together.position[number - 12])
-    assert np.abs(demonstrate(config, 1, 12, 1).position - together.position[:1]).max() > 1e-3
+    assert np.abs(demonstrate(ROBOT, config, 1, 12, 1).position - together.position[:1]).max() > 1e-3
 
 
 def test_bands_in_task_space_vary_the_elastic_band_kind_alone() -> None:
     """The paper's obstacles lie between the end-effector's points; those of the shipped prior do not."""
-    joint, task = (demonstrate(dataclasses.replace(CONFIG, bands=bands), 0, 0, 9) for bands in BANDS)
+    joint, task = (demonstrate(ROBOT, dataclasses.replace(CONFIG, bands=bands), 0, 0, 9) for bands in BANDS)
     apart = np.abs(task.position - joint.position).max(axis=(1, 2))
     assert (apart[joint.kind != KINDS.index("elastic_band")] == 0).all()
     assert (apart[joint.kind == KINDS.index("elastic_band")] > 0.02).all()
@@ -107,7 +108,7 @@ def test_bands_in_task_space_vary_the_elastic_band_kind_alone() -> None:
 
 def test_what_cannot_be_drawn_is_an_error() -> None:
     with pytest.raises(PlanningError, match=r"\[0, 1\].*failed"):
-        demonstrate(dataclasses.replace(CONFIG, rest=1e-12), 0, 0, 2)
+        demonstrate(ROBOT, dataclasses.replace(CONFIG, rest=1e-12), 0, 0, 2)
     with pytest.raises(ConfigurationError, match="Did you mean 'medium'"):
         DemonstratorConfig(difficulty="medum")
     with pytest.raises(ConfigurationError, match="unknown space of elastic bands 'tsk'.*Did you mean 'task'"):
@@ -169,28 +170,30 @@ def small_parts(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("small_parts")
 def test_jobs_and_interruptions_change_nothing(tmp_path: Path) -> None:
-    serial = store.generate(tmp_path / "serial", 7, seed=5)
-    parallel = store.generate(tmp_path / "parallel", 7, seed=5, jobs=2)
+    serial = store.generate(tmp_path / "serial", ROBOT, 7, seed=5)
+    parallel = store.generate(tmp_path / "parallel", ROBOT, 7, seed=5, jobs=2)
     assert equal(serial, parallel)
     parts = sorted((tmp_path / "serial" / "parts").iterdir())
     assert [part.name for part in parts] == ["000000-003.npz", "000003-003.npz", "000006-001.npz"]
     assert not [path for path in tmp_path.rglob("*") if path.name.startswith(".")]
     kept = parts[0].stat().st_mtime_ns
     parts[1].unlink()
-    assert equal(store.generate(tmp_path / "serial", 7, seed=5), serial)
+    assert equal(store.generate(tmp_path / "serial", ROBOT, 7, seed=5), serial)
     assert parts[0].stat().st_mtime_ns == kept
     # More of the same goes on from what is there.
-    more = store.generate(tmp_path / "serial", 9, seed=5)
+    more = store.generate(tmp_path / "serial", ROBOT, 9, seed=5)
     assert parts[0].stat().st_mtime_ns == kept
     np.testing.assert_array_equal(more.position[:7], serial.position)
     loaded, origin = store.load(tmp_path / "serial" / "demonstrations.npz")
     assert equal(loaded, more)
     assert origin["seed"] == 5 and origin["config"]["difficulty"] == "medium"
-    assert origin["command"] == "python -m agents.demonstrations --count 9 --seed 5 --difficulty medium"
+    assert origin["command"] == (
+        "python -m agents.demonstrations --robot shyam2020 --count 9 --seed 5 --difficulty medium"
+    )
 
 
 def test_files_that_were_changed_are_refused(tmp_path: Path) -> None:
-    store.generate(tmp_path, 1)
+    store.generate(tmp_path, ROBOT, 1)
     path = next((tmp_path / "parts").iterdir())
     whole = path.read_bytes()
     changed = bytearray(whole)
@@ -200,7 +203,7 @@ def test_files_that_were_changed_are_refused(tmp_path: Path) -> None:
         with pytest.raises(ConfigurationError, match=path.name):
             store.load(path)
         with pytest.raises(ConfigurationError, match=path.name):
-            store.generate(tmp_path, 1)
+            store.generate(tmp_path, ROBOT, 1)
     # A whole archive whose numbers are others than those that were written.
     path.write_bytes(whole)
     with np.load(path) as archive:
@@ -215,25 +218,25 @@ def test_files_that_were_changed_are_refused(tmp_path: Path) -> None:
     np.savez(path, position=np.zeros(3))
     with pytest.raises(ConfigurationError, match="expected space-capture-demonstrations"):
         store.load(path)
-    assert len(store.generate(tmp_path, 1, resume=False).kind) == 1
+    assert len(store.generate(tmp_path, ROBOT, 1, resume=False).kind) == 1
 
 
 def test_parts_of_another_recipe_are_refused(tmp_path: Path) -> None:
-    store.generate(tmp_path, 1)
+    store.generate(tmp_path, ROBOT, 1)
     with pytest.raises(ConfigurationError, match="another seed or config"):
-        store.generate(tmp_path, 1, seed=1)
+        store.generate(tmp_path, ROBOT, 1, seed=1)
     with pytest.raises(ConfigurationError, match="another seed or config"):
-        store.generate(tmp_path, 1, config=DemonstratorConfig(difficulty="easy"))
+        store.generate(tmp_path, ROBOT, 1, config=DemonstratorConfig(difficulty="easy"))
     for wrong in ({"count": 0}, {"seed": -1}, {"jobs": 0}, {"count": 1.5}):
         with pytest.raises(ConfigurationError, match=next(iter(wrong))):
-            store.generate(tmp_path, **{"count": 1, **wrong})  # type: ignore[arg-type]
+            store.generate(tmp_path, ROBOT, **{"count": 1, **wrong})  # type: ignore[arg-type]
 
 
 def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder, prior = tmp_path / "out", tmp_path / "prior.npz"
     common = ["--output", str(folder), "--count", "3"]
     assert main([*common, "--fit", str(prior)]) == 0
-    assert "3 demonstrations in" in capsys.readouterr().out
+    assert "3 demonstrations of shyam2020 in" in capsys.readouterr().out
     assert ProMP.load(prior).n_dof == 7
     origin = json.loads(prior.with_suffix(".json").read_text())
     assert origin["sha256"] == hashlib.sha256(prior.read_bytes()).hexdigest()
@@ -247,11 +250,11 @@ def test_shipped_prior_is_what_its_command_makes(tmp_path: Path) -> None:
     origin = json.loads((data / "promp_prior.json").read_text())
     assert origin["sha256"] == hashlib.sha256((data / "promp_prior.npz").read_bytes()).hexdigest()
     assert origin["config"] == CONFIG.as_dict()
-    made = store.generate(tmp_path, jobs=2, seed=origin["seed"])
-    assert origin["command"] == store.provenance(CONFIG, origin["seed"], len(made.kind))["command"]
+    made = store.generate(tmp_path, ROBOT, jobs=2, seed=origin["seed"])
+    assert origin["command"] == store.provenance(ROBOT, CONFIG, origin["seed"], len(made.kind))["command"]
     # All kinds are among them, and few had to be drawn anew.
     assert np.bincount(made.kind).tolist() == [180, 180, 180]
     assert (made.attempt > 0).mean() < 0.3
-    again, shipped = fit_prior(made), shipped_prior()
+    again, shipped = fit_prior(made), prior_of(ROBOT)
     np.testing.assert_allclose(again.mean, shipped.mean, atol=1e-4)
     np.testing.assert_allclose(again.covariance, shipped.covariance, atol=1e-4)

@@ -26,12 +26,13 @@ from agents.planners.common.linear_quadratic import (
 from agents.policies.registry import POLICIES, control_mode, make_policy
 from agents.policies.single_arm.minimum_jerk import MinimumJerk, minimum_jerk_profile
 from agents.policies.single_arm.mpc import ModelPredictive
-from agents.policies.single_arm.promp import ConditionedPrior, ProMPPolicy, shipped_prior
+from agents.policies.single_arm.promp import ConditionedPrior, ProMPPolicy, prior_of
 from promp import ViaPoint
 from space_envs.dynamics import minimum_jerk, roll_out_base, trajectory_cost
 from space_envs.dynamics.rotations import Array, angle_between, from_matrix, multiply, rotate
 from space_envs.errors import ConfigurationError, PolicyError
 from space_envs.policy import PolicyContext, load_policy_class
+from space_envs.robots.zoo import find_robot
 from space_envs.tasks.common import ObservationLayout
 from space_envs.tasks.single_arm import SingleArmTask
 
@@ -353,7 +354,7 @@ def test_only_rows_that_start_are_planned_anew(observed: tuple[PolicyContext, Ar
 
 def test_gain_is_that_of_the_primitive(observed: tuple[PolicyContext, Array]) -> None:
     context, _ = observed
-    prior, times = shipped_prior(), np.arange(101) * 0.1
+    prior, times = prior_of(find_robot("shyam2020")), np.arange(101) * 0.1
     rng = np.random.default_rng(6)
     home, goal = context.arm.home, context.arm.home + rng.uniform(-0.5, 0.5, 7)
     expected = prior.condition_on(

@@ -9,7 +9,7 @@ import pytest
 
 import space_envs  # noqa: F401  (registers the ids)
 from agents.planners.common.plans import Cause, Failure, Limits
-from agents.planners.single_arm.library import shipped_library
+from agents.planners.single_arm.library import library_of
 from agents.planners.single_arm.nmpc.controller import Controller
 from agents.planners.single_arm.nmpc.objective import Objective
 from agents.planners.single_arm.nmpc.problem import ArmState, Horizon, Weights, coasting
@@ -29,13 +29,15 @@ from space_envs.dynamics.rotations import (
     to_matrix,
 )
 from space_envs.policy import PolicyContext
+from space_envs.robots.zoo import find_robot
 from space_envs.tasks.single_arm import SingleArmTask
 
 TASK = SingleArmTask()
 ARM = TASK.mechanics
 RATE, ACCELERATION = 0.3, 0.25
 LIMITS = Limits(ARM.range, RATE, ACCELERATION, 60.0)
-LIBRARY = shipped_library(True, limited=False)
+ROBOT = find_robot("shyam2020")
+LIBRARY = library_of(ROBOT, True, limited=False)
 STILL = np.array([1.0, 0.0, 0.0, 0.0])
 GOALS = (0, 8)  # of the validation split
 

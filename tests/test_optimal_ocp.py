@@ -5,7 +5,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-from known_reaches import KNOWN, drives, reach_of, robot
+from known_reaches import KNOWN, ROBOT, drives, reach_of, robot
 
 from agents.planners.common.plans import Cause, Failure, Limits
 from agents.planners.common.solutions import Solution
@@ -16,7 +16,7 @@ from agents.planners.single_arm.collocation.model import SingleArm
 from agents.planners.single_arm.collocation.ocp import plan_ocp
 from agents.planners.single_arm.collocation.program import ReachProgram
 from agents.planners.single_arm.collocation.solver import ReachSolver
-from agents.planners.single_arm.library import shipped_library
+from agents.planners.single_arm.library import library_of
 from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.promp.optimal import OptimalPlanner
 from agents.policies.single_arm.optimal import OptimalControl
@@ -31,7 +31,8 @@ MODEL = single_arm_model()
 
 
 def planned(reach: Reach, limits: Limits = Limits(), starts: int = 3) -> ReachPlan:
-    motion = plan_ocp(MODEL, robot(), reach, limits, starts=starts)
+    library = library_of(ROBOT, reach.keep_attitude, limits.rate is not None)
+    motion = plan_ocp(MODEL, robot(), reach, limits, library=library, starts=starts)
     assert isinstance(motion, ReachPlan), motion
     return motion
 
@@ -193,7 +194,7 @@ def test_derivatives_of_the_program_agree_with_differences(loads: tuple[bool, ..
 def test_no_motion_in_weights_costs_less(number: int) -> None:
     """The one that it starts from is fitted closely, base included, and improved."""
     reach = reach_of(number, True).checked(robot())
-    weights = OptimalPlanner(robot(), drives(), shipped_library(True)).plan(reach)
+    weights = OptimalPlanner(robot(), drives(), library_of(ROBOT, True)).plan(reach)
     assert isinstance(weights, ReachPlan)
     solver = ReachSolver(robot(), reach, drives())
     begin = solver.fitted(weights)

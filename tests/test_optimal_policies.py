@@ -4,15 +4,17 @@ import numpy as np
 import pytest
 
 from agents.planners.common.plans import Cause, Failure
-from agents.planners.single_arm.library import shipped_library
+from agents.planners.single_arm.library import library_of
 from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.policies.single_arm.optimal import OptimalPolicy
 from agents.policies.single_arm.weights import PrompOptimal, PrompOptimalKept
 from space_envs.dynamics.rotations import multiply, rotate
 from space_envs.envs import CaptureVectorEnv
 from space_envs.policy import PolicyContext
+from space_envs.robots.zoo import find_robot
 
 ID = "SpaceCapture/SingleArm-v0"
+ROBOT = find_robot("shyam2020")
 
 
 def played(policy: OptimalPolicy, env: CaptureVectorEnv, goals: int) -> dict[str, np.ndarray]:
@@ -80,7 +82,7 @@ def test_failures_reach_the_record_and_the_arm_rests() -> None:
 
 @pytest.mark.parametrize("keep_attitude", [False, True])
 def test_stored_motions_are_of_train_goals_only(keep_attitude: bool) -> None:
-    library = shipped_library(keep_attitude)
+    library = library_of(ROBOT, keep_attitude)
     env = CaptureVectorEnv(ID, 256)
     for split in ("validation", "test"):
         goals = env.task.goals(split, np.arange(256))

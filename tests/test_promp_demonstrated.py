@@ -6,14 +6,15 @@ from functools import cache
 import numpy as np
 import pytest
 
-from agents.demonstrations.optimal.library import model_limits
+from agents.demonstrations.optimal.library import robot_limits
 from agents.planners.common.plans import Cause, Failure
 from agents.planners.single_arm.check import check
-from agents.planners.single_arm.library import shipped_library
+from agents.planners.single_arm.inequalities.spheres import Spheres
+from agents.planners.single_arm.library import library_of
 from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.promp.avoiding import AvoidingPlanner
 from agents.planners.single_arm.promp.demonstrated import GROUP, DemonstratedPlanner
-from agents.planners.single_arm.weights.inequalities import Spheres
+from agents.policies.clearance import link_radii
 from agents.policies.single_arm.promp import ProMPPolicy
 from agents.policies.single_arm.weights import PrompAvoiding, PrompDemonstrated
 from promp import ProMP, ViaPoint
@@ -22,11 +23,12 @@ from space_envs.dynamics.rotations import Array
 from space_envs.dynamics.spheres import link_ends, sphere_gaps
 from space_envs.envs import CaptureVectorEnv
 from space_envs.policy import PolicyContext
-from space_envs.robots.parameters import SINGLE_ARM
 from space_envs.robots.single_arm import single_arm_model
+from space_envs.robots.zoo import find_robot
 from space_envs.tasks.single_arm import SingleArmTask
 from space_envs.tasks.single_arm_cluttered import SingleArmClutteredTask
 
+ROBOT = find_robot("shyam2020")
 GOALS = 6
 
 
@@ -36,7 +38,7 @@ def robot() -> FloatingRobot:
 
 @cache
 def planner(keep_attitude: bool = False) -> DemonstratedPlanner:
-    return DemonstratedPlanner(robot(), model_limits(), shipped_library(keep_attitude))
+    return DemonstratedPlanner(robot(), robot_limits(ROBOT), library_of(ROBOT, keep_attitude))
 
 
 def reach_of(number: int, keep_attitude: bool = False) -> Reach:
@@ -48,12 +50,13 @@ def reach_of(number: int, keep_attitude: bool = False) -> Reach:
 def cluttered(number: int) -> Reach:
     goals = SingleArmClutteredTask().goals("validation", np.arange(GOALS))
     start, place, turn = goals.joint_position, goals.position, goals.quaternion
-    return Reach(start[number], place[number], turn[number], spheres=goals.spheres[number])
+    near = {"spheres": goals.spheres[number], "link_radius": link_radii(ROBOT)}
+    return Reach(start[number], place[number], turn[number], **near)
 
 
 def measured(reach: Reach, plan: ReachPlan | Failure) -> ReachPlan:
     assert isinstance(plan, ReachPlan), plan
-    return check(single_arm_model(), robot(), reach.checked(robot()), model_limits(), plan)
+    return check(single_arm_model(), robot(), reach.checked(robot()), robot_limits(ROBOT), plan)
 
 
 def assert_within_limits(plan: ReachPlan) -> None:
@@ -61,9 +64,9 @@ def assert_within_limits(plan: ReachPlan) -> None:
     assert violation["position_error"] < 1e-3
     assert violation["rotation_error"] < np.deg2rad(0.05)
     assert violation["position"] <= 0.0
-    assert violation["rate"] <= 0.03 * SINGLE_ARM.rate_limit
-    assert violation["acceleration"] <= 0.03 * SINGLE_ARM.acceleration_limit
-    assert violation["torque"] <= 0.03 * SINGLE_ARM.torque_limit
+    assert violation["rate"] <= 0.03 * ROBOT.rate_limit.min()
+    assert violation["acceleration"] <= 0.03 * ROBOT.acceleration_limit.min()
+    assert violation["torque"] <= 0.03 * ROBOT.torque_limit.min()
     assert violation["start"] < 1e-9
     assert violation["end_rate"] < 1e-9
 
@@ -100,7 +103,7 @@ def test_attitude_constraint_is_satisfied() -> None:
 
 def test_samples_are_worth_drawing_and_several_groups_too() -> None:
     def costs(**changes: int) -> Array:
-        made = DemonstratedPlanner(robot(), model_limits(), shipped_library(False), **changes)
+        made = DemonstratedPlanner(robot(), robot_limits(ROBOT), library_of(ROBOT, False), **changes)
         plans = [made.plan(reach_of(number)) for number in range(GOALS)]
         return np.array([plan.cost if isinstance(plan, ReachPlan) else np.inf for plan in plans])
 
@@ -148,18 +151,18 @@ def test_clearances_agree_with_an_independent_roll_out() -> None:
     space, _, _ = planner().planner.setting(reach)
     assert reach.spheres is not None
     y = 0.02 * np.random.default_rng(0).standard_normal((3, 7, space.free))
-    gaps = Spheres(space, robot(), reach.spheres, SINGLE_ARM.link_radius).gaps(y)
+    gaps = Spheres(space, robot(), reach.spheres, link_radii(ROBOT)).gaps(y)
     fine = np.linspace(0.0, 1.0, 401)
     basis = space.shapes.basis
     for one, gap in zip(space.weights(y), gaps, strict=True):
         q, qdot = basis.value(fine) @ one.T, basis.derivative(fine) @ one.T / 10.0
         ends = link_ends(robot(), q, *roll_out_base(robot(), q, qdot, 10.0 / 400))
-        expected = sphere_gaps(ends, reach.spheres, SINGLE_ARM.link_radius)
+        expected = sphere_gaps(ends, reach.spheres, link_radii(ROBOT))
         np.testing.assert_allclose(gap, expected[:: 400 // (len(gap) - 1)], atol=3e-3)
 
 
 def test_motions_around_spheres_are_clear_and_within_limits() -> None:
-    avoiding = AvoidingPlanner(robot(), model_limits(), shipped_library(False))
+    avoiding = AvoidingPlanner(robot(), robot_limits(ROBOT), library_of(ROBOT, False))
     blind = []
     for number in range(3):
         reach = cluttered(number)
@@ -173,7 +176,7 @@ def test_motions_around_spheres_are_clear_and_within_limits() -> None:
 def test_a_sphere_around_the_goal_is_a_typed_collision() -> None:
     reach = reach_of(3)
     blocked = replace(reach, spheres=np.append(reach.position, 0.2)[None])
-    failure = AvoidingPlanner(robot(), model_limits(), shipped_library(False)).plan(blocked)
+    failure = AvoidingPlanner(robot(), robot_limits(ROBOT), library_of(ROBOT, False)).plan(blocked)
     assert isinstance(failure, Failure)
     assert failure.cause in (Cause.CLEARANCE, Cause.SOLVER)
 
@@ -204,4 +207,4 @@ def test_the_avoiding_policy_sees_the_spheres() -> None:
     assert reach.spheres is not None
     base = roll_out_base(robot(), state.position[0], state.rate[0], policy.context.control_period)
     ends = link_ends(robot(), state.position[0], *base)
-    assert sphere_gaps(ends, reach.spheres, SINGLE_ARM.link_radius).min() > 2e-3
+    assert sphere_gaps(ends, reach.spheres, link_radii(ROBOT)).min() > 2e-3

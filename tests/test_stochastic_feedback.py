@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from agents.demonstrations.optimal.library import model_limits
-from agents.planners.single_arm.library import shipped_library
+from agents.demonstrations.optimal.library import robot_limits
+from agents.planners.single_arm.library import library_of
 from agents.planners.single_arm.problem import Reach
 from agents.planners.single_arm.promp.demonstrated import DemonstratedPlanner
 from agents.policies.single_arm.stochastic_feedback import StochasticFeedback
@@ -12,7 +12,10 @@ from benchmarks.stochastic_feedback import DURATION, PERIOD, SETTINGS, computed_
 from promp import ProMP, ViaPoint
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError
+from space_envs.robots.zoo import find_robot
 from space_envs.tasks.single_arm import SingleArmTask
+
+ROBOT = find_robot("shyam2020")
 
 
 def promp_of(scale: float = 1.0) -> ProMP:
@@ -98,7 +101,7 @@ def test_bad_settings_are_refused(changes: dict) -> None:
 def test_both_laws_bring_the_arm_to_the_goal_in_simulation() -> None:
     task = SingleArmTask()
     goals = task.goals("validation", np.array([2]))
-    planner = DemonstratedPlanner(task.mechanics, model_limits(), shipped_library(True))
+    planner = DemonstratedPlanner(task.mechanics, robot_limits(ROBOT), library_of(ROBOT, True))
     reach = Reach(task.mechanics.home, goals.position[0], goals.quaternion[0], keep_attitude=True)
     reach = reach.checked(task.mechanics)
     space, bounds, _ = planner.planner.setting(reach)

@@ -37,6 +37,7 @@ from space_envs.errors import ConfigurationError
 from space_envs.registration import make_task
 from space_envs.robots.dual_arm import DualArmOptions
 from space_envs.robots.single_arm import ModelOptions, single_arm_model
+from space_envs.robots.zoo import find_robot
 from space_envs.tasks.rewards import RewardTerm
 from space_envs.tasks.single_arm import PoseEnvelope
 
@@ -106,7 +107,9 @@ def target(**values: Any) -> PoseTarget:
 
 
 def recipe(**values: Any) -> LibraryRecipe:
-    return LibraryRecipe(**{"keep_attitude": True, "limited": True, **values})
+    return LibraryRecipe(
+        **{"robot": find_robot("shyam2020"), "keep_attitude": True, "limited": True, **values}
+    )
 
 
 def reward_term(**values: Any) -> RewardTerm:

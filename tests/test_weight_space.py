@@ -8,16 +8,17 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from known_reaches import KNOWN, drives, reach_of, robot
+from known_reaches import KNOWN, ROBOT, drives, reach_of, robot
 
 from agents.planners.common.plans import Cause, Failure, Limits
 from agents.planners.single_arm.check import check
-from agents.planners.single_arm.library import Library, shipped_library
+from agents.planners.single_arm.inequalities.spheres import Spheres
+from agents.planners.single_arm.inequalities.torques import Torques
+from agents.planners.single_arm.library import Library, library_of
 from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.promp.optimal import OptimalPlanner
 from agents.planners.single_arm.weights.bounds import Bounds
 from agents.planners.single_arm.weights.functions import ArmFunctions
-from agents.planners.single_arm.weights.inequalities import Spheres, Torques
 from agents.planners.single_arm.weights.quadratic import QuadraticProgram
 from agents.planners.single_arm.weights.shapes import INTERVALS
 from agents.planners.single_arm.weights.sqp import minimise
@@ -191,7 +192,8 @@ def test_contradicting_bounds_have_no_step() -> None:
 @cache
 def planner(keep_attitude: bool, limited: bool) -> OptimalPlanner:
     limits = drives() if limited else Limits()
-    return OptimalPlanner(robot(), limits, shipped_library(keep_attitude, limited), candidates=16, improved=4)
+    library = library_of(ROBOT, keep_attitude, limited)
+    return OptimalPlanner(robot(), limits, library, candidates=16, improved=4)
 
 
 @pytest.mark.parametrize("keep_attitude", [False, True])
@@ -230,7 +232,7 @@ def test_torque_limit_is_active_and_satisfied() -> None:
     assert isinstance(bare, ReachPlan)
     most = 60.0 + check(model, robot(), reach_of(1), drives(), bare).violation["torque"]
     limits = replace(drives(), torque=0.8 * most)
-    plan = OptimalPlanner(robot(), limits, shipped_library(False)).plan(reach_of(1))
+    plan = OptimalPlanner(robot(), limits, library_of(ROBOT, False)).plan(reach_of(1))
     assert isinstance(plan, ReachPlan)
     assert plan.cost > bare.cost
     assert check(model, robot(), reach_of(1), limits, plan).violation["torque"] < 0.01 * most
@@ -255,7 +257,7 @@ def plans_to_goals(keep_attitude: bool) -> list[tuple[Reach, ReachPlan]]:
     found = []
     for position, quaternion in zip(goals.position, goals.quaternion, strict=True):
         reach = Reach(robot().home, position, quaternion, keep_attitude=keep_attitude).checked(robot())
-        plan = OptimalPlanner(robot(), drives(), shipped_library(keep_attitude)).plan(reach)
+        plan = OptimalPlanner(robot(), drives(), library_of(ROBOT, keep_attitude)).plan(reach)
         assert isinstance(plan, ReachPlan)
         found.append((reach, plan))
     return found
@@ -321,7 +323,7 @@ def test_bad_problems_are_refused_before_work(changes: dict, message: str) -> No
 
 
 def test_library_file_is_checked(tmp_path: Path) -> None:
-    library = shipped_library(True)
+    library = library_of(ROBOT, True)
     path = tmp_path / "library.npz"
     library.save(path)
     again = Library.load(path)
@@ -337,7 +339,7 @@ def test_library_file_is_checked(tmp_path: Path) -> None:
 
 def test_shipped_motions_lead_to_their_goals() -> None:
     for keep_attitude in (False, True):
-        library = shipped_library(keep_attitude)
+        library = library_of(ROBOT, keep_attitude)
         for number in range(0, len(library.cost), len(library.cost) // 5):
             turn = to_matrix(library.quaternion[number])
             space = WeightSpace(

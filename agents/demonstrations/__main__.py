@@ -3,11 +3,13 @@
 import argparse
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 from agents.demonstrations.prior import fit_prior, save_prior
+from agents.demonstrations.robots import add_robot_options, chosen_robot, print_use
 from agents.demonstrations.storage import COUNT, generate, provenance
 from agents.demonstrations.variations import BANDS, DemonstratorConfig
+from agents.planners.common.robot_files import robot_folder
+from agents.policies.single_arm.promp import PRIOR
 from space_envs.system.command_line import Parser, check_replaceable, exit_status, output_path
 from space_envs.system.output import held
 from space_envs.tasks.common import DIFFICULTIES
@@ -19,10 +21,10 @@ def parser() -> Parser:
         prog="python -m agents.demonstrations",
         description="Make demonstrations and learn a ProMP prior from them.",
     )
+    add_robot_options(out)
     out.add_argument("--count", type=int, default=COUNT, help="how many (default %(default)s)")
-    out.add_argument(
-        "--output", type=output_path, default=Path("demonstrations"), help="folder (default %(default)s)"
-    )
+    text = "folder of the demonstrations (default: in that of the robot, where the policies find the prior)"
+    out.add_argument("--output", type=output_path, metavar="FOLDER", help=text)
     out.add_argument("--jobs", type=int, default=1, help="processes (default %(default)s)")
     out.add_argument("--seed", type=int, default=0, help="default %(default)s")
     out.add_argument("--difficulty", choices=DIFFICULTIES, default="medium", help="of the goals")
@@ -34,9 +36,8 @@ def parser() -> Parser:
         default=True,
         help="continue from existing demonstrations",
     )
-    out.add_argument(
-        "--fit", type=output_path, metavar="PATH", help="write the ProMP prior there (npz and json)"
-    )
+    text = "write the ProMP prior there, npz and json (default: to the robot's folder)"
+    out.add_argument("--fit", type=output_path, metavar="PATH", help=text)
     out.add_argument("--overwrite", action="store_true", help="replace the prior that is there")
     return out
 
@@ -50,26 +51,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Make demonstrations, and fit the prior if `--fit` is given.
+    """Make demonstrations of a robot, and fit its prior.
 
     Raises:
-        SpaceEnvsError: as in `generate`, or if a prior exists already.
+        SpaceEnvsError: as in `generate`, for a robot that is not found or has two arms, or if a prior exists
+            already.
     """
+    robot = chosen_robot(options)
     config = DemonstratorConfig(difficulty=options.difficulty, bands=options.bands)
-    if options.fit is not None:
-        for path in (options.fit, options.fit.with_suffix(".json")):
-            check_replaceable(path, options.overwrite)
-    with held(options.output, "demonstrations"):
+    folder = options.output or robot_folder(robot) / "demonstrations"
+    prior = options.fit or robot_folder(robot) / PRIOR
+    for path in (prior, prior.with_suffix(".json")):
+        check_replaceable(path, options.overwrite)
+    with held(folder, "demonstrations"):
         made = generate(
-            options.output, options.count, options.seed, config, options.jobs, options.resume, True
+            folder, robot, options.count, options.seed, config, options.jobs, options.resume, True
         )
-    if options.fit is not None:
-        save_prior(options.fit, fit_prior(made), provenance(config, options.seed, options.count))
-    print(f"{len(made.kind)} demonstrations in {options.output / 'demonstrations.npz'}")
+    save_prior(prior, fit_prior(made), provenance(robot, config, options.seed, options.count))
+    print(f"{len(made.kind)} demonstrations of {robot.name} in {folder / 'demonstrations.npz'}")
     print(f"{made.attempt.sum()} drawn motions were not usable and were replaced")
     print(f"mean base disturbance (eq. 20): {1e4 * made.cost.mean():.1f} cm^2/s (c = 1 m/rad)")
-    if options.fit is not None:
-        print(f"prior in {options.fit}")
+    print(f"prior in {prior}")
+    print_use(robot)
 
 
 if __name__ == "__main__":

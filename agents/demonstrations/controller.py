@@ -24,12 +24,12 @@ from agents.planners.common.damped_search import JointGoals, Rows
 from agents.planners.common.inverse_kinematics import JointMotion, floating_inverse_kinematics
 from agents.planners.common.linear_quadratic import closed_loop, receding_gains
 from agents.policies.single_arm.mpc import CONTROL_WEIGHT, POSITION_WEIGHT
-from agents.policies.single_arm.reaching import DURATION
+from agents.policies.single_arm.reaching import motion_duration
 from space_envs.drives import STOP_MARGIN
 from space_envs.dynamics import FloatingRobot, trajectory_cost
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import PlanningError
-from space_envs.robots.parameters import SINGLE_ARM
+from space_envs.robots.robot import Robot
 from space_envs.tasks.single_arm import SPLIT_SIZE, SingleArmTask
 
 ATTEMPTS = 40  # attempts to draw one demonstration
@@ -58,8 +58,12 @@ class Demonstrations:
     cost: Array
 
 
-def demonstrate(config: DemonstratorConfig, seed: int, first: int, count: int) -> Demonstrations:
-    """Demonstrations first ... first + count - 1 of the seed; each depends on the seed and its number only.
+def demonstrate(
+    robot: Robot, config: DemonstratorConfig, seed: int, first: int, count: int
+) -> Demonstrations:
+    """Demonstrations first ... first + count - 1 of a robot with one arm.
+
+    Each depends on the robot, the config, the seed and its number only.
 
     Raises:
         PlanningError: if one cannot be drawn in `ATTEMPTS` attempts.
@@ -68,7 +72,7 @@ def demonstrate(config: DemonstratorConfig, seed: int, first: int, count: int) -
     parts: dict[int, tuple[Demonstrations, int]] = {}
     remaining = number
     for attempt in range(ATTEMPTS):
-        tried, good = _attempt(config, seed, remaining, attempt)
+        tried, good = _attempt(robot, config, seed, remaining, attempt)
         for row in np.flatnonzero(good):
             parts[int(remaining[row])] = tried, int(row)
         remaining = remaining[~good]
@@ -87,12 +91,12 @@ def demonstrate(config: DemonstratorConfig, seed: int, first: int, count: int) -
 
 
 def _attempt(
-    config: DemonstratorConfig, seed: int, number: NDArray[np.int64], attempt: int
+    robot: Robot, config: DemonstratorConfig, seed: int, number: NDArray[np.int64], attempt: int
 ) -> tuple[Demonstrations, NDArray[np.bool_]]:
     """Demonstrations by number, drawn for the attempt-th time, and whether each is one to learn from."""
-    task = SingleArmTask(difficulty=config.difficulty, variant=config.variant)
+    task = SingleArmTask(difficulty=config.difficulty, robot=robot)
     arm = task.mechanics
-    time = np.arange(round(DURATION / config.dt) + 1) * config.dt
+    time = np.arange(round(motion_duration(robot) / config.dt) + 1) * config.dt
     kind = number % len(KINDS)
     index = (number // config.per_goal * STRIDE) % SPLIT_SIZE["train"]
     goals = task.goals("train", index)
@@ -142,7 +146,7 @@ def _attempt(
         orientation_residual=found.orientation_residual,
         cost=trajectory_cost(arm, motion.position, motion.velocity, config.dt),
     )
-    return made, found.converged & _usable(made, limits, config)
+    return made, found.converged & _usable(made, robot, limits, config)
 
 
 def _detour(
@@ -164,12 +168,14 @@ def _detour(
     return joint_detour(start, goal, BandObstacles(centre, draws.obstacle_radius), progress, config.dt)
 
 
-def _usable(made: Demonstrations, limits: Array, config: DemonstratorConfig) -> NDArray[np.bool_]:
+def _usable(
+    made: Demonstrations, robot: Robot, limits: Array, config: DemonstratorConfig
+) -> NDArray[np.bool_]:
     """Whether each is within the limits of angle, rate and acceleration, and at rest at the end."""
     acceleration = np.diff(made.velocity, axis=1) / config.dt
     inside = ((made.position >= limits[:, 0]) & (made.position <= limits[:, 1])).all(axis=(1, 2))
-    slow = (np.abs(made.velocity) < SINGLE_ARM.rate_limit).all(axis=(1, 2))
-    gentle = (np.abs(acceleration) < SINGLE_ARM.acceleration_limit).all(axis=(1, 2))
+    slow = (np.abs(made.velocity) < robot.rate_limit).all(axis=(1, 2))
+    gentle = (np.abs(acceleration) < robot.acceleration_limit).all(axis=(1, 2))
     resting = np.abs(made.velocity[:, -1]).max(axis=1) < config.rest
     return inside & slow & gentle & resting
 

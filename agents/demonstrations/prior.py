@@ -1,13 +1,12 @@
 """The ProMP prior that is learned from demonstrations."""
 
-import json
 from pathlib import Path
 from typing import Any
 
 from agents.demonstrations.controller import Demonstrations
 from promp import ProMP
 from space_envs.system.digests import file_digest
-from space_envs.system.files import atomic_write_text
+from space_envs.system.files import write_json
 
 # rad, of every weight. All demonstrations start at home, at rest; the noise lets a plan start elsewhere.
 WEIGHT_NOISE = 1e-3
@@ -24,10 +23,9 @@ def fit_prior(demonstrations: Demonstrations) -> ProMP:
     )
 
 
-def save_prior(path: str | Path, prior: ProMP, origin: dict[str, Any]) -> None:
+def save_prior(path: Path, prior: ProMP, origin: dict[str, Any]) -> None:
     """Write a prior to `path`, and its origin to the same name with suffix .json."""
-    path = Path(path)
     prior.save(path)
     digest = file_digest(path)
     origin = origin | {"file": path.name, "sha256": digest, "weight_noise": WEIGHT_NOISE}
-    atomic_write_text(path.with_suffix(".json"), json.dumps(origin, indent=2, sort_keys=True) + "\n")
+    write_json(path.with_suffix(".json"), dict(sorted(origin.items())))

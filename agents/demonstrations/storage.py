@@ -14,8 +14,10 @@ from tqdm import tqdm
 
 from agents.demonstrations.controller import Demonstrations, demonstrate
 from agents.demonstrations.variations import DemonstratorConfig
+from agents.planners.common.robot_files import described_robot, refuse_other_robot, robot_options
 from promp.storage import checksum
 from space_envs.errors import ConfigurationError
+from space_envs.robots.robot import Robot
 from space_envs.system.files import write_arrays
 from space_envs.system.parallel import here
 from space_envs.system.reading import parse_json, read_arrays
@@ -68,26 +70,28 @@ def load(path: str | Path) -> tuple[Demonstrations, dict[str, Any]]:
     return Demonstrations(*[stored[name] for name in names]), provenance
 
 
-def recipe(config: DemonstratorConfig, seed: int) -> dict[str, Any]:
+def recipe(robot: Robot, config: DemonstratorConfig, seed: int) -> dict[str, Any]:
     """Values that determine demonstrations: two files of one recipe belong together."""
-    return {"seed": seed, "config": config.as_dict()}
+    return {"robot": described_robot(robot), "seed": seed, "config": config.as_dict()}
 
 
-def provenance(config: DemonstratorConfig, seed: int, count: int) -> dict[str, Any]:
+def provenance(robot: Robot, config: DemonstratorConfig, seed: int, count: int) -> dict[str, Any]:
     """The recipe, the command that repeats it and the versions it ran on."""
     command = (
-        f"python -m agents.demonstrations --count {count} --seed {seed} --difficulty {config.difficulty}"
+        f"python -m agents.demonstrations {robot_options(robot)} --count {count} --seed {seed} "
+        f"--difficulty {config.difficulty}"
     )
     if config.bands != DemonstratorConfig().bands:
         command += f" --bands {config.bands}"
     versions = {"python": platform.python_version()} | {
         name: version(name) for name in ("numpy", "scipy", "mujoco")
     }
-    return recipe(config, seed) | {"command": command, "versions": versions}
+    return recipe(robot, config, seed) | {"command": command, "versions": versions}
 
 
 def generate(
     output: str | Path,
+    robot: Robot,
     count: int = COUNT,
     seed: int = 0,
     config: DemonstratorConfig | None = None,
@@ -95,16 +99,17 @@ def generate(
     resume: bool = True,
     progress: bool = False,
 ) -> Demonstrations:
-    """Make `count` demonstrations into the folder `output`, and demonstrations.npz of all of them.
+    """Make `count` demonstrations of a robot into the folder `output`, and demonstrations.npz of all of them.
 
-    Each is determined by its number, the seed and the config, whatever `jobs` and however often interrupted.
+    Each is determined by the robot, its number, the seed and the config, whatever `jobs` and however often
+    interrupted.
 
     Args:
         jobs: processes. resume: keep the parts that are there. progress: show a bar.
 
     Raises:
         ConfigurationError: for a count, seed or jobs that is not valid, or if `resume` meets a part that is
-            damaged or of another recipe.
+            damaged, or of another robot or recipe.
         PlanningError: if a demonstration cannot be drawn.
     """
     for name, value, least in (("count", count, 1), ("seed", seed, 0), ("jobs", jobs, 1)):
@@ -117,8 +122,8 @@ def generate(
         for first in range(0, count, CHUNK)
         for size in [min(CHUNK, count - first)]
     }
-    missing = [path for path in parts if not (resume and _belongs(path, config, seed))]
-    work = (delayed(_make_part)(path, config, seed, *parts[path]) for path in missing)
+    missing = [path for path in parts if not (resume and _belongs(path, robot, config, seed))]
+    work = (delayed(_make_part)(path, robot, config, seed, *parts[path]) for path in missing)
     with here(), tqdm(total=count, unit="demonstration", disable=not progress) as bar:
         bar.update(count - sum(parts[path][1] for path in missing))
         for made in Parallel(n_jobs=jobs, return_as="generator_unordered")(work):
@@ -132,24 +137,26 @@ def generate(
             if f.name != "time"
         ],
     )
-    save(folder / "demonstrations.npz", merged, provenance(config, seed, count))
+    save(folder / "demonstrations.npz", merged, provenance(robot, config, seed, count))
     return merged
 
 
-def _belongs(path: Path, config: DemonstratorConfig, seed: int) -> bool:
+def _belongs(path: Path, robot: Robot, config: DemonstratorConfig, seed: int) -> bool:
     """Whether a part is there already."""
     if not path.exists():
         return False
     found = load(path)[1]
-    if {key: found.get(key) for key in ("seed", "config")} != recipe(config, seed):
+    refuse_other_robot(str(path), found.get("robot"), robot)
+    expected = recipe(robot, config, seed)
+    if any(found.get(key) != expected[key] for key in ("seed", "config")):
         raise ConfigurationError(
             f"{path}: made from another seed or config; take another folder or do not resume"
         )
     return True
 
 
-def _make_part(path: Path, config: DemonstratorConfig, seed: int, first: int, size: int) -> int:
+def _make_part(path: Path, robot: Robot, config: DemonstratorConfig, seed: int, first: int, size: int) -> int:
     with threadpool_limits(1):  # several threads of BLAS give other bits
-        made = demonstrate(config, seed, first, size)
-    save(path, made, provenance(config, seed, first + size))
+        made = demonstrate(robot, config, seed, first, size)
+    save(path, made, provenance(robot, config, seed, first + size))
     return size

@@ -11,7 +11,6 @@ from space_envs.checks import non_negative
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError, positive, positive_integer, unknown_name
-from space_envs.robots.parameters import VARIANTS
 from space_envs.tasks.common import DIFFICULTIES
 
 KINDS = ("cost_matrices", "elastic_band", "noise")
@@ -24,7 +23,7 @@ class DemonstratorConfig:
     """Settings of the variations.
 
     Attributes:
-        difficulty, variant: of the task, whose train split gives the goals.
+        difficulty: of the task, whose train split gives the goals.
         per_goal: demonstrations of one goal, cycling through the kinds.
         weight_decades: kind cost_matrices: half-width of the log-uniform factors on the joints' position
             weights, powers of ten; the control weights vary by half as many.
@@ -42,7 +41,6 @@ class DemonstratorConfig:
     """
 
     difficulty: str = "medium"
-    variant: str = "paper"
     dt: float = 0.1
     per_goal: int = 3
     weight_decades: float = 1.0
@@ -61,13 +59,11 @@ class DemonstratorConfig:
     def __post_init__(self) -> None:
         if self.difficulty not in DIFFICULTIES:
             raise unknown_name("difficulty", self.difficulty, DIFFICULTIES)
-        if self.variant not in VARIANTS:
-            raise unknown_name("model variant", self.variant, VARIANTS)
         if self.bands not in BANDS:
             raise unknown_name("space of elastic bands", self.bands, BANDS)
         for name, value in vars(self).items():
             numbers = value if isinstance(value, tuple) else (value,)
-            for one in () if name in ("difficulty", "variant", "bands") else numbers:
+            for one in () if name in ("difficulty", "bands") else numbers:
                 non_negative(f"demonstrations: {name}", one)
         positive("dt", self.dt)
         positive_integer("per_goal", self.per_goal, 1000)

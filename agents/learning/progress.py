@@ -9,6 +9,7 @@ from tqdm import tqdm
 
 from agents.learning.runs.session import Session
 from agents.learning.validation import Validation, Validator
+from agents.planners.common.robot_files import variant_name
 from agents.policies.learned.features import FeatureView
 from agents.policies.learned.learned_policy import NetworkPolicy
 from agents.policies.learned.network import Network
@@ -104,7 +105,7 @@ class Progress:
         self.logger.close()
 
     def _policy_file(self, steps: int, network: Network, result: Validation) -> PolicyFile:
-        settings = self.settings
+        settings, robot = self.settings, self._validate.env.task.robot
         notes = {
             "algorithm": settings.algorithm,
             "difficulty": settings.difficulty,
@@ -116,6 +117,7 @@ class Progress:
         return PolicyFile(
             env_id=self._validate.env.env_id,
             control_mode=settings.control_mode,
+            robots={robot.digest: variant_name(robot)},
             network=network,
             features=self.view.table,
             home=tuple(self.view.home.tolist()),

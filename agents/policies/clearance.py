@@ -3,7 +3,6 @@
 By the same distances by which the simulation ends an episode; a plan keeps a little farther away.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
@@ -14,15 +13,28 @@ from numpy.typing import NDArray
 from agents.planners.common.plans import Cause, Failure
 from space_envs.dynamics import FloatingRobot, roll_out_base
 from space_envs.dynamics.rotations import Array, conjugate, rotate
-from space_envs.dynamics.spheres import link_ends, sphere_gaps
 from space_envs.policy import PolicyContext
-from space_envs.robots.parameters import SINGLE_ARM
+from space_envs.robots.robot import Robot
 from space_envs.tasks.contacts import Contacts
 
 MARGIN = 0.002  # m, added to the clearance that the simulation requires, for errors of the drives
 SPHERE_MARGIN = 0.004  # m, by which optimisers enlarge spheres, so that their plans satisfy `MARGIN`
 COARSE = 5  # every so many samples one is checked where a motion is only selected
 CHUNK = 10  # motions checked at once
+
+
+def link_radii(robot: Robot) -> Array:
+    """Radii (n,) of the links from joint to joint: of the thickest capsule of each, m.
+
+    A link without a capsule, which hardly has a length, has that of the thickest of all.
+    """
+    thickest = max(capsule.radius for arm in robot.arms for capsule in arm.capsules)
+    radii = []
+    for arm in robot.arms:
+        for number in range(1, len(arm.links) + 1):
+            own = [capsule.radius for capsule in arm.capsules if capsule.link == number]
+            radii.append(max(own, default=thickest))
+    return np.array(radii)
 
 
 def spheres_seen(context: PolicyContext, observation: Array) -> Array | None:
@@ -45,7 +57,7 @@ class KeepOut:
     """Bodies that the links of a single arm may not touch in N motions.
 
     Attributes:
-        arm: the robot. contacts: of its links and the satellite.
+        arm: the robot. contacts: of its links with other bodies.
         spheres: (N, K, 4) from `spheres_seen` at the start of the motions; None without.
     """
 
@@ -57,16 +69,17 @@ class KeepOut:
     def of(cls, context: PolicyContext, observation: Array) -> Self | None:
         """Bodies around motions that start at observations (N, size); None if collisions are not checked."""
         contacts = context.contacts
-        if contacts is None or not (context.robot.satellite.reachable or context.obstacles):
+        spheres = spheres_seen(context, observation)
+        if contacts is None or not (context.robot.satellite.reachable or spheres is not None):
             return None
-        return cls(context.arm, contacts, spheres_seen(context, observation))
+        return cls(context.arm, contacts, spheres)
 
     def take(self, rows: NDArray[Any]) -> Self:
         """Bodies of the selected rows, by number or mask."""
         return self if self.spheres is None else replace(self, spheres=self.spheres[rows])
 
     def gaps(self, path: Array, rate: Array, dt: float) -> Array:
-        """Gaps (N, T, S + n K) in m: of S capsules and the satellite, then of n links and K spheres.
+        """Gaps (N, T, S + R K) in m: of S capsules and the satellite, then of R capsules and K spheres.
 
         Those to the satellite depend on the joint angles alone; spheres are static while the satellite moves,
         with zero total momentum.
@@ -75,12 +88,13 @@ class KeepOut:
             path, rate: (N, T, n) rad and rad/s. dt: s, between samples.
         """
         points = self.contacts.points(self.arm, path)
-        found = _flat(self.contacts.satellite_gaps(points))
+        found = self.contacts.satellite_gaps(points)
         if self.spheres is None:
             return found
-        ends = link_ends(self.arm, path, *roll_out_base(self.arm, path, rate, dt))
-        gaps = sphere_gaps(ends, self.spheres[:, None], SINGLE_ARM.link_radius)
-        return np.concatenate([found, _flat(gaps)], axis=-1)
+        position, quaternion = roll_out_base(self.arm, path, rate, dt)
+        points = position[..., None, :] + rotate(quaternion[..., None, :], points)
+        gaps = self.contacts.sphere_gaps(points, self.spheres[:, None])
+        return np.concatenate([found, gaps.reshape(*gaps.shape[:2], -1)], axis=-1)
 
     def clear(self, path: Array, rate: Array, dt: float) -> NDArray[np.bool_]:
         """Whether each motion (N,) has a clearance of at least `MARGIN`; arguments as in `gaps`."""
@@ -107,15 +121,13 @@ class KeepOut:
         if gaps.min() > MARGIN:
             return None
         node, place = np.unravel_index(gaps.argmin(), gaps.shape)
-        links = self.contacts.near_satellite.link.tolist()
-        pairs = [(link, "the satellite") for link in links]
-        spheres = (gaps.shape[1] - len(links)) // self.arm.n_joints
-        pairs += [(n + 1, f"obstacle {k + 1}") for n in range(self.arm.n_joints) for k in range(spheres)]
-        link, body = pairs[place]
-        reason = f"link {link} would be {gaps.min():.3f} m from {body} at t = {node * dt:.2f} s"
+        names, contacts = self.contacts.link_names, self.contacts
+        pairs = [f"{link} would be {{gap}} from the satellite" for link in names(contacts.near_satellite)]
+        count = 0 if self.spheres is None else self.spheres.shape[1]
+        pairs += [
+            f"{link} would be {{gap}} from obstacle {k + 1}"
+            for link in names(contacts.near_others)
+            for k in range(count)
+        ]
+        reason = f"{pairs[place].format(gap=f'{gaps.min():.3f} m')} at t = {node * dt:.2f} s"
         return Failure(method, Cause.CLEARANCE, reason)
-
-
-def _flat(gaps: Array) -> Array:
-    """Gaps (N, T, ...) as (N, T, M), also where there are none."""
-    return gaps.reshape(*gaps.shape[:2], math.prod(gaps.shape[2:]))

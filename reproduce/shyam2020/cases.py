@@ -10,6 +10,7 @@ import numpy as np
 
 from agents.planners.common.plans import Limits
 from agents.planners.single_arm.problem import Reach
+from agents.policies.clearance import link_radii
 from space_envs.dynamics.rotations import Array
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError
@@ -40,7 +41,13 @@ class GoalCase:
     def reach(self, keep_attitude: bool = False, spheres: Array | None = None) -> Reach:
         """Planning problem for the optimal planners."""
         return Reach(
-            self.start, self.position, self.quaternion, keep_attitude=keep_attitude, spheres=spheres, c=C
+            self.start,
+            self.position,
+            self.quaternion,
+            keep_attitude=keep_attitude,
+            spheres=spheres,
+            link_radius=link_radii(context().robot),
+            c=C,
         )
 
     @property

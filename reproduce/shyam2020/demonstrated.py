@@ -46,8 +46,9 @@ def cover(seed: int, count: int = COUNT) -> DemonstratedWorkspace:
     Raises:
         PlanningError: if one cannot be drawn.
     """
-    arm = context().arm
-    made = {bands: demonstrate(replace(DemonstratorConfig(), bands=bands), seed, 0, count) for bands in BANDS}
+    robot, arm = context().robot, context().arm
+    configs = {bands: replace(DemonstratorConfig(), bands=bands) for bands in BANDS}
+    made = {bands: demonstrate(robot, config, seed, 0, count) for bands, config in configs.items()}
     paths = {}
     for bands, each in made.items():
         base, attitude = roll_out_base(arm, each.position, each.velocity, float(each.time[1]))

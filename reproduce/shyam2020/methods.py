@@ -7,7 +7,7 @@ from functools import cache
 from agents.planners.common.inverse_kinematics import JointMotion
 from agents.planners.common.plans import Cause, Failure
 from agents.planners.single_arm.collocation.ocp import STARTS, plan_ocp
-from agents.planners.single_arm.library import shipped_library
+from agents.planners.single_arm.library import library_of
 from agents.planners.single_arm.problem import ReachPlan
 from agents.planners.single_arm.promp.optimal import OptimalPlanner
 from agents.policies.single_arm.joint_goals import JointGoalPolicy
@@ -56,12 +56,14 @@ def _planned(kind: type[JointGoalPolicy]) -> Callable[[GoalCase, int], Found]:
 @cache
 def planner(keep_attitude: bool) -> OptimalPlanner:
     """Planner in the weights of a ProMP, with the shipped library of initial guesses."""
-    return OptimalPlanner(context().arm, limits(), shipped_library(keep_attitude))
+    return OptimalPlanner(context().arm, limits(), library_of(context().robot, keep_attitude))
 
 
 def optimal_control(case: GoalCase, keep_attitude: bool = False, starts: int = STARTS) -> ReachPlan | Failure:
     """Optimal control with the limits of the drives."""
-    return plan_ocp(context().model, context().arm, case.reach(keep_attitude), limits(), starts=starts)
+    at, library = context(), library_of(context().robot, keep_attitude)
+    reach = case.reach(keep_attitude)
+    return plan_ocp(at.model, at.arm, reach, limits(), library=library, starts=starts)
 
 
 METHODS = {

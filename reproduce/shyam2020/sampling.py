@@ -11,7 +11,7 @@ from agents.planners.common.inverse_kinematics import (
     JointMotion,
     floating_inverse_kinematics,
 )
-from agents.policies.single_arm.promp import SAMPLES, ConditionedPrior, shipped_prior
+from agents.policies.single_arm.promp import SAMPLES, ConditionedPrior, prior_of
 from agents.policies.single_arm.reaching import motion_times
 from reproduce.shyam2020.cases import GoalCase, context
 from reproduce.shyam2020.measures import IDENTITY
@@ -24,7 +24,7 @@ SHOWN = 20  # samples in the paper's figures 3 and 4
 @cache
 def prior() -> ConditionedPrior:
     """The shipped ProMP, ready to be conditioned on any start and goal."""
-    return ConditionedPrior(shipped_prior(), motion_times(context()))
+    return ConditionedPrior(prior_of(context().robot), motion_times(context()))
 
 
 @dataclass(frozen=True, eq=False)

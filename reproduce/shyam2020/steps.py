@@ -13,7 +13,7 @@ from agents.planners.common.inverse_kinematics import (
 )
 from agents.planners.common.plans import Failure
 from agents.policies.single_arm.minimum_jerk import minimum_jerk_profile
-from agents.policies.single_arm.promp import shipped_prior
+from agents.policies.single_arm.promp import prior_of
 from agents.policies.single_arm.reaching import motion_times
 from promp import ProMP, ViaPoint
 from reproduce.shyam2020.cases import GoalCase, context
@@ -33,7 +33,7 @@ BEND = 0.1  # rad, of every joint at the via-point, away from the mean
 
 def via_point_figures(case: GoalCase, goal: Array) -> dict[str, float]:
     """Largest error, rad, of a ProMP conditioned on start, goal and a via-point, at these."""
-    bare, rest = shipped_prior(), np.zeros_like(goal)
+    bare, rest = prior_of(context().robot), np.zeros_like(goal)
     duration = float(prior().times[-1])
     ends = [ViaPoint(0.0, case.start, rest, duration), ViaPoint(1.0, goal, rest, duration)]
     between = bare.condition_on(ends).position(0.5) + BEND
@@ -65,7 +65,7 @@ def encoding_figures(motion: JointMotion) -> dict[str, float]:
     weights have.
     """
     positions, velocities = motion.position[None], motion.velocity[None]
-    basis, duration = shipped_prior().basis, motion.dt * (len(motion.position) - 1)
+    basis, duration = prior_of(context().robot).basis, motion.dt * (len(motion.position) - 1)
     fitted = ProMP.fit(positions, velocities, duration=duration, basis=basis)
     error = fitted.position(np.linspace(0.0, 1.0, len(motion.position))) - motion.position
     size = np.abs(motion.position - motion.position[0]).max()

@@ -9,7 +9,7 @@ import numpy as np
 from agents.demonstrations.controller import demonstrate
 from agents.demonstrations.prior import fit_prior
 from agents.demonstrations.variations import DemonstratorConfig
-from agents.policies.single_arm.promp import shipped_prior
+from agents.policies.single_arm.promp import prior_of
 from promp import ViaPoint
 from reproduce.shyam2020.cases import GoalCase, context
 from reproduce.shyam2020.sampling import SAMPLES, joint_goal, prior
@@ -40,9 +40,9 @@ def step_times(case: GoalCase, seed: int) -> StepTimes:
         PlanningError: for a goal without a joint goal.
     """
     started = perf_counter()
-    demonstrations = demonstrate(DemonstratorConfig(), seed, 0, DEMONSTRATIONS)
+    demonstrations = demonstrate(context().robot, DemonstratorConfig(), seed, 0, DEMONSTRATIONS)
     making = (perf_counter() - started) / DEMONSTRATIONS
-    at, bare, arm = prior(), shipped_prior(), context().arm
+    at, bare, arm = prior(), prior_of(context().robot), context().arm
     goal = joint_goal(case)
     if goal is None:
         raise PlanningError(f"goal {case.index} has no joint goal to time the steps with")

@@ -23,13 +23,14 @@ def link_ends(robot: FloatingRobot, q: Array, base_position: Array, base_quatern
     return base_position[..., None, :] + rotate(base_quaternion[..., None, :], points)
 
 
-def sphere_gaps(ends: Array, spheres: Array, link_radius: float) -> Array:
+def sphere_gaps(ends: Array, spheres: Array, link_radius: Array | float) -> Array:
     """Gaps (..., n, K) between links and spheres, m; negative where a link is inside.
 
     Links are capsules of radius `link_radius` around straight segments.
 
     Args:
         ends: (..., n + 1, 3) of the links, m. spheres: (..., K, 4) centres and radii, m.
+        link_radius: m, (n,) or one for all.
     """
     radius = np.full(ends.shape[-2] - 1, link_radius)
     return capsule_sphere_gaps(ends[..., :-1, :], ends[..., 1:, :], spheres, radius)

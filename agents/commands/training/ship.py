@@ -2,21 +2,32 @@
 
 import argparse
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from agents.learning.runs.folder import RunFolder
 from agents.learning.runs.settings import Settings
 from agents.learning.validation import Validator
-from agents.policies.learned.learned_policy import LearnedPolicy, load_shipped, shipped_path
+from agents.planners.common.robot_files import SHIPPED, shipped_file, variant_name
+from agents.policies.learned.learned_policy import (
+    LearnedPolicy,
+    load_shipped,
+    shipped_path,
+    shipped_policies,
+)
 from agents.policies.learned.policy_file import PolicyFile, load_policy_file
 from space_envs.errors import ConfigurationError
+from space_envs.registration import make_task
+from space_envs.robots.robot import Robot
 from space_envs.system.command_line import Parser, exit_status
 from space_envs.system.files import write_json
 from space_envs.system.reading import parse_json
 
 TEST_EPISODES = 512
+VARIANTS = (None, "physical")  # of the ids' robots; those that a robot lacks are left out
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -26,8 +37,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         description="Evaluate a finished run's policy on the test split, once, and put it with its "
         "provenance into agents/data/policies of this checkout.",
     )
-    parser.add_argument("run", help="folder of a finished run; with --again, the id that the policy is for")
-    parser.add_argument("name", help="name of the policy, as the registry has it")
+    text = "folder of a finished run; with --again, the id that the policy is for"
+    parser.add_argument("run", nargs="?", help=text)
+    parser.add_argument("name", nargs="?", help="name of the policy, as the registry has it")
+    text = "only write the digests of the ids' robots into what ships, after a change of a robot"
+    parser.add_argument("--stamp", action="store_true", help=text)
     parser.add_argument(
         "--again",
         action="store_true",
@@ -37,6 +51,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(parsed: argparse.Namespace) -> None:
+    if parsed.stamp:
+        return stamp()
+    if parsed.run is None or parsed.name is None:
+        raise ConfigurationError("give a run and the name of its policy, or --stamp")
     if parsed.again:
         written = evaluate_again(parsed.run, parsed.name)
     else:
@@ -87,6 +105,25 @@ def evaluate_again(env_id: str, name: str) -> dict[str, Any]:
     provenance["test"] = _tested(file, Settings(**provenance["settings"]))
     write_json(path, provenance)
     return provenance
+
+
+def stamp() -> None:
+    """Write the digests of the robots that the shipped files are for into these, after a change of them."""
+    robots: dict[str, str] = {}
+    for folder in sorted(shipped_file("policies").iterdir()):
+        env_id = f"SpaceCapture/{folder.name}"
+        known = {robot.digest: variant_name(robot) for robot in _own_robots(env_id)}
+        for name in shipped_policies(env_id):
+            replace(load_shipped(env_id, name), robots=known).save(shipped_path(env_id, name))
+        robots |= known
+    write_json(shipped_file(SHIPPED), robots)
+
+
+def _own_robots(env_id: str) -> Iterator[Robot]:
+    """The robot of an id in all its variants."""
+    for variant in VARIANTS:
+        with suppress(ConfigurationError):
+            yield make_task(env_id, {} if variant is None else {"variant": variant}).robot
 
 
 def _tested(file: PolicyFile, settings: Settings) -> dict[str, Any]:

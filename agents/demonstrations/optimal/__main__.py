@@ -7,7 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from agents.demonstrations.optimal.library import LibraryRecipe, generate
+from agents.demonstrations.optimal.library import COUNTS, LibraryRecipe, generate, goal_counts
+from agents.demonstrations.robots import add_robot_options, chosen_robot, print_use
+from agents.planners.common.robot_files import robot_folder
 from space_envs.system.command_line import AppendValues, Parser, exit_status
 
 ATTITUDES = ("unconstrained", "constrained")  # final base attitudes
@@ -18,9 +20,11 @@ def parser() -> Parser:
     out = Parser(
         prog="python -m agents.demonstrations.optimal", description="Make the libraries of optimal motions."
     )
-    out.add_argument(
-        "--output", type=Path, default=Path("demonstrations/optimal"), help="default %(default)s"
-    )
+    add_robot_options(out)
+    text = "folder (default: that of the robot, where the policies find its libraries)"
+    out.add_argument("--output", type=Path, metavar="FOLDER", help=text)
+    text = "about how many goals of the train split (default %(default)s)"
+    out.add_argument("--goals", type=int, default=sum(COUNTS.values()), metavar="N", help=text)
     out.add_argument("--jobs", type=int, default=1, help="processes (default %(default)s)")
     out.add_argument("--seed", type=int, default=0, help="default %(default)s")
     out.add_argument(
@@ -37,7 +41,7 @@ def parser() -> Parser:
         action=AppendValues,
         nargs="+",
         default=["limited", "wide"],
-        help="the model's limits, or none (default both)",
+        help="the robot's limits, or none (default both)",
     )
     return out
 
@@ -50,13 +54,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Make the libraries that the options name; errors as in `generate`."""
+    """Make the libraries that the options name; errors as in `generate` and `chosen_robot`."""
+    robot, counts = chosen_robot(options), goal_counts(options.goals)
+    folder = options.output or robot_folder(robot)
     for limits in options.limits:
         for attitude in options.attitude:
-            recipe = LibraryRecipe(attitude == "constrained", limits == "limited", options.seed)
-            made = generate(options.output, recipe, jobs=options.jobs, progress=True)
+            recipe = LibraryRecipe(robot, attitude == "constrained", limits == "limited", options.seed)
+            made = generate(folder, recipe, counts, jobs=options.jobs, progress=True)
             cost = f"median base disturbance (eq. 20) {1e4 * np.median(made.cost):.2f} cm^2/s"
-            print(f"{options.output / recipe.name}: {len(made.cost)} motions, {cost}")
+            print(f"{folder / recipe.name}: {len(made.cost)} motions, {cost}")
+    print_use(robot)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,9 @@
 """A library of optimal motions, made in parallel and resumable: each goal is improved from its neighbours."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from joblib import Parallel, delayed
@@ -10,15 +11,18 @@ from tqdm import tqdm
 
 from agents.demonstrations.optimal.search import first_motion, improved_motion
 from agents.planners.common.plans import Limits
-from agents.planners.single_arm.library import NAMES, Library, library_name
+from agents.planners.common.robot_files import described_robot, refuse_other_robot
+from agents.planners.single_arm.library import NAMES, Library, library_command, library_name
 from agents.planners.single_arm.problem import Reach
 from agents.planners.single_arm.promp.optimal import OptimalPlanner
+from agents.policies.single_arm.reaching import motion_duration
 from space_envs.checks import count, flag
 from space_envs.dynamics.rotations import Array
-from space_envs.errors import ConfigurationError
-from space_envs.robots.parameters import SINGLE_ARM
+from space_envs.errors import ConfigurationError, positive_integer
+from space_envs.robots.robot import Robot
 from space_envs.system.files import write_json
 from space_envs.system.provenance import commit, machine, versions
+from space_envs.system.reading import read_object
 from space_envs.system.threads import on_one_thread
 from space_envs.tasks.single_arm import SingleArmTask
 
@@ -32,10 +36,11 @@ class LibraryRecipe:
     """Settings that determine a library.
 
     Attributes:
-        keep_attitude: whether the final attitude equals the initial one. limited: whether motions satisfy the
-            model's limits. seed: of the initial guesses.
+        robot: with one arm. keep_attitude: whether the final attitude equals the initial one. limited:
+            whether motions satisfy the robot's limits. seed: of the initial guesses.
     """
 
+    robot: Robot
     keep_attitude: bool
     limited: bool
     seed: int = 0
@@ -50,27 +55,45 @@ class LibraryRecipe:
         """Name of the library's file."""
         return library_name(self.keep_attitude, self.limited)
 
+    def as_dict(self) -> dict[str, Any]:
+        """All settings as JSON values."""
+        settings = {name: getattr(self, name) for name in ("keep_attitude", "limited", "seed")}
+        return {"robot": described_robot(self.robot), **settings}
 
-def model_limits() -> Limits:
-    """Limits of the single arm's model, as the environment's drives have them."""
-    position = SingleArmTask().mechanics.range
-    return Limits(position, SINGLE_ARM.rate_limit, SINGLE_ARM.acceleration_limit, SINGLE_ARM.torque_limit)
+
+def robot_limits(robot: Robot) -> Limits:
+    """Limits of a robot, as the environment's drives have them."""
+    limits = robot.rate_limit, robot.acceleration_limit, robot.torque_limit
+    return Limits(robot.joint_range, *limits)
 
 
-def goals(counts: dict[str, int] = COUNTS) -> tuple[Array, Array]:
-    """Positions (L, 3) m and quaternions (L, 4) of train goals."""
+def goals(robot: Robot, counts: Mapping[str, int] = COUNTS) -> tuple[Array, Array]:
+    """Positions (L, 3) m and quaternions (L, 4) of train goals of a robot."""
     position, quaternion = [], []
     for difficulty, many in counts.items():
-        drawn = SingleArmTask(difficulty=difficulty).goals("train", np.arange(many))
+        drawn = SingleArmTask(difficulty=difficulty, robot=robot).goals("train", np.arange(many))
         position.append(drawn.position)
         quaternion.append(drawn.quaternion)
     return np.concatenate(position), np.concatenate(quaternion)
 
 
+def goal_counts(total: int) -> dict[str, int]:
+    """Goals of each difficulty for a library of about `total` motions, in the usual proportions.
+
+    Raises:
+        ConfigurationError: if the total is not positive.
+    """
+    whole = sum(COUNTS.values())
+    shares = {
+        name: positive_integer("goals", total, 3 * whole) * many / whole for name, many in COUNTS.items()
+    }
+    return {name: max(1, round(share)) for name, share in shares.items()}
+
+
 def generate(
     output: str | Path,
     recipe: LibraryRecipe,
-    counts: dict[str, int] = COUNTS,
+    counts: Mapping[str, int] = COUNTS,
     jobs: int = 1,
     progress: bool = False,
 ) -> Library:
@@ -79,13 +102,14 @@ def generate(
     The result does not depend on the number of jobs nor on interruptions.
 
     Raises:
-        ConfigurationError: if jobs is not positive, or a part is of other goals.
+        ConfigurationError: if jobs is not positive, or parts are of another robot, recipe or other goals.
         StorageError: if a part is damaged.
     """
     if jobs < 1:
         raise ConfigurationError(f"jobs must be at least 1, got {jobs}")
-    position, quaternion = goals(counts)
     folder = Path(output) / Path(recipe.name).stem
+    _begin(folder, recipe)
+    position, quaternion = goals(recipe.robot, counts)
     total = len(position) * (ROUNDS + 1)
     with tqdm(total=total, unit="goal", desc=folder.name, disable=not progress) as bar:
         library = _round(folder, recipe, position, quaternion, 0, None, jobs, bar)
@@ -95,10 +119,9 @@ def generate(
     solved = replace(solved, coordinates=solved.coordinates.astype(np.float32))
     path = Path(output) / recipe.name
     solved.save(path)
-    origin = {
-        "command": "python -m agents.demonstrations.optimal",
-        "seed": recipe.seed,
-        "train goals": counts,
+    origin = recipe.as_dict() | {
+        "command": library_command(recipe.robot, recipe.keep_attitude, recipe.limited),
+        "train goals": dict(counts),
         "motions": len(solved.cost),
         "commit": commit(),
         "versions": versions(),
@@ -106,6 +129,18 @@ def generate(
     }
     write_json(path.with_suffix(".json"), origin)
     return solved
+
+
+def _begin(folder: Path, recipe: LibraryRecipe) -> None:
+    """Note the recipe in a folder of parts; ConfigurationError if the parts there are of another one."""
+    path, expected = folder / "recipe.json", recipe.as_dict()
+    if not path.exists():
+        write_json(path, expected)
+        return
+    found = read_object(path)
+    refuse_other_robot(str(folder), found.get("robot"), recipe.robot)
+    if found != expected:
+        raise ConfigurationError(f"{folder} holds parts of another recipe; take another folder")
 
 
 def _round(
@@ -158,13 +193,12 @@ def _part(
 ) -> int:
     """Write one file of a round; returns the number of its goals."""
     on_one_thread()  # several threads of BLAS give other bits
-    robot = SingleArmTask().mechanics
-    planner = OptimalPlanner(robot, model_limits() if recipe.limited else Limits())
+    robot, duration = SingleArmTask(robot=recipe.robot).mechanics, motion_duration(recipe.robot)
+    planner = OptimalPlanner(robot, robot_limits(recipe.robot) if recipe.limited else Limits())
     rows = []
     for number, goal_position, goal_quaternion in zip(numbers, position, quaternion, strict=True):
-        reach = Reach(robot.home, goal_position, goal_quaternion, keep_attitude=recipe.keep_attitude).checked(
-            robot
-        )
+        goal = goal_position, goal_quaternion, duration
+        reach = Reach(robot.home, *goal, keep_attitude=recipe.keep_attitude).checked(robot)
         if before is None:
             rows.append(first_motion(planner, reach, np.random.default_rng([recipe.seed, number])))
         else:

@@ -9,6 +9,7 @@ from typing import Any
 
 from agents.learning.runs.hyperparameters import AnyHyperparameters, from_json, to_json
 from agents.learning.runs.settings import Settings
+from agents.planners.common.robot_files import described_robot, refuse_other_robot
 from agents.policies.learned.learned_policy import POLICY_FILE
 from space_envs.errors import ConfigurationError, no_path
 from space_envs.system.files import write_json
@@ -50,6 +51,7 @@ class RunFolder:
             )
         config = {
             "settings": asdict(settings),
+            "robot": described_robot(settings.task().robot),
             "hyperparameters": to_json(parameters),
             "created": datetime.now(UTC).isoformat(timespec="seconds"),
             "versions": versions(),
@@ -85,18 +87,23 @@ class RunFolder:
             raise no_path("run's folder", self.path, runs) from None
         except (OSError, ValueError) as error:
             raise ConfigurationError(f"{self.path / CONFIG} cannot be read: {error}") from None
-        if not {"settings", "hyperparameters", "commands"} <= config.keys():
+        if not {"settings", "robot", "hyperparameters", "commands"} <= config.keys():
             raise ConfigurationError(f"{self.path / CONFIG} is not the configuration of a run")
         return config
 
     def restore(self) -> tuple[Settings, AnyHyperparameters]:
-        """Settings and hyperparameters of the run that is here; errors as in `config`."""
+        """Settings and hyperparameters of the run that is here.
+
+        Raises:
+            ConfigurationError: as in `config`, or if the robot's description has changed since the run began.
+        """
         config = self.config()
         given: Mapping[str, Any] = config["settings"]
         names = {field.name for field in fields(Settings)}
         if not isinstance(given, dict) or set(given) != names:
             raise ConfigurationError(f"{self.path / CONFIG}: settings must be {sorted(names)}")
         settings = Settings(**given)
+        refuse_other_robot(str(self.path), config["robot"], settings.task().robot)
         return settings, from_json(settings.algorithm, config["hyperparameters"])
 
     def checkpoint(self) -> dict[str, Any] | None:

@@ -27,9 +27,10 @@ def starting_policy(path: str, context: PolicyContext, parameters: PPO) -> Polic
     """The policy of a run's folder or file, checked against what ppo will train.
 
     Raises:
-        PolicyError: if there is none, or it was trained for another task or network.
+        PolicyError: if there is none, or it was trained for another task, robot or network.
     """
     file = load_policy_file(policy_path(path))
+    file.check_robot(context.robot)
     for name, got, expected in (
         ("environment id", file.env_id, context.env_id),
         ("control mode", file.control_mode, context.control_mode),

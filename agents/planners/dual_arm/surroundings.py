@@ -1,7 +1,7 @@
 """Obstacles of the two arms: each other, the satellite's body and a moving target."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
@@ -25,8 +25,9 @@ class Surroundings:
         radius: m, of the links.
         margin: m, least clearance of plans between surfaces.
         arms: whether the arms are obstacles to each other.
-        bus: (3,) m, half sides of the satellite's box about the base's origin; None for no obstacle, as for
-            the planar arms, which rotate in a plane in front of the satellite's deck.
+        bus: (3,) m, half sides of the satellite's box; None for no obstacle, as for planar arms, which
+            rotate in a plane in front of the satellite's deck. bus_centre: (3,) m, of that box in the base
+            frame.
         standing: number of links at the root of each arm that may touch the satellite.
         target: (3,) m, half sides of the target's box; None for no target.
         motion: of the target.
@@ -40,6 +41,7 @@ class Surroundings:
     margin: float = 0.02
     arms: bool = True
     bus: Array | None = None
+    bus_centre: Array = field(default_factory=lambda: np.zeros(3))
     standing: int = 2
     target: Array | None = None
     motion: TargetMotion | None = None
@@ -52,6 +54,7 @@ class Surroundings:
             non_negative(name, getattr(self, name))
         flag("arms", self.arms)
         count("standing", self.standing, 100)
+        object.__setattr__(self, "bus_centre", finite_array("bus_centre", self.bus_centre, (3,)))
         for name in ("bus", "target"):
             sides = getattr(self, name)
             if sides is not None:

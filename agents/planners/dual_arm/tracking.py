@@ -4,7 +4,7 @@ It measures the base rate independently: that of a plan is zero by construction,
 over a control period, the base floats freely, and momentum is simulated.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -15,7 +15,8 @@ from space_envs.checks import non_negative
 from space_envs.dynamics.reactionless import reactionless_projection
 from space_envs.dynamics.rotations import Array, rotation_angle
 from space_envs.errors import ConfigurationError, positive
-from space_envs.robots.dual_arm import DualArmOptions, dual_arm_model
+from space_envs.robots.models import SceneOptions, robot_model
+from space_envs.robots.robot import Robot
 from space_envs.simulation import Simulation
 
 
@@ -84,7 +85,7 @@ class Tracked:
 
 def track(
     plan: CapturePlan,
-    options: DualArmOptions = DualArmOptions(),
+    robot: Robot,
     how: Tracking = Tracking(),
     *,
     progress: bool = False,
@@ -96,9 +97,9 @@ def track(
     the middle of the period, extrapolated from the last two.
 
     Args:
-        plan: of the robot that `options` name; their time step is replaced.
+        plan: of a robot with two arms. robot: the same.
     """
-    model = dual_arm_model(replace(options, timestep=how.timestep, visual=False))
+    model = robot_model(robot, SceneOptions(timestep=how.timestep))
     simulation = _started(model, plan.position[0])
     n, b, period = simulation.n_joints, simulation.n_base, how.control_period
     periods = max(1, round(plan.time[-1] / period))

@@ -10,7 +10,6 @@ from agents.planners.single_arm.problem import Reach, ReachPlan
 from space_envs.dynamics import FloatingRobot, attitude_cost, roll_out_base
 from space_envs.dynamics.rotations import Array, angle_between, from_matrix, multiply, rotate
 from space_envs.dynamics.spheres import link_ends, sphere_gaps
-from space_envs.robots.parameters import SINGLE_ARM
 
 SAMPLES = 1001  # of the roll-out
 TORQUE_STRIDE = 5  # samples for one at which torques are evaluated
@@ -36,7 +35,7 @@ def check(
     violation = _boundary_errors(robot, reach, state, base) | _excess(model, limits, state, twist)
     if reach.spheres is not None and len(reach.spheres):
         ends = link_ends(robot, state[0], *base)
-        violation["clearance"] = -float(sphere_gaps(ends, reach.spheres, SINGLE_ARM.link_radius).min())
+        violation["clearance"] = -float(sphere_gaps(ends, reach.spheres, reach.link_radius).min())
     weight = np.ones(SAMPLES)
     weight[[0, -1]] = 0.5  # trapezoidal rule
     cost = float(attitude_cost(twist * np.sqrt(weight)[:, None], dt, reach.c))

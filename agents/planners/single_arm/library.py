@@ -1,23 +1,23 @@
-"""Libraries of optimal motions over the goals of the train split, to start from.
+"""Libraries of optimal motions of one robot over the goals of the train split, to start from.
 
-`python -m agents.demonstrations.optimal` generates the shipped files. Each goal is solved from several
-starts, and then again from the solutions of neighbouring goals, which are often in the basin of a better
-optimum.
+`python -m agents.demonstrations.optimal` makes them. Each goal is solved from several starts, and then again
+from the solutions of neighbouring goals, which are often in the basin of a better optimum.
 """
 
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.planners.common.robot_files import robot_file, robot_options
 from agents.planners.single_arm.problem import Reach
 from promp.storage import load_arrays, save_arrays
 from space_envs.dynamics.rotations import Array, angle_between
 from space_envs.errors import ConfigurationError
+from space_envs.robots.robot import Robot
 
 NAMES = ("position", "quaternion", "coordinates", "cost", "attempts")
 
@@ -64,23 +64,44 @@ class Library:
 
 
 def library_name(keep_attitude: bool, limited: bool) -> str:
-    """File name of a shipped library."""
+    """File name of a library."""
     return f"library_{'kept' if keep_attitude else 'free'}_{'limited' if limited else 'wide'}.npz"
 
 
-@lru_cache(maxsize=4)
-def shipped_library(keep_attitude: bool, limited: bool = True) -> Library:
-    """Load a library of the single arm: motions from home at rest in 10 s.
+def library_command(robot: Robot, keep_attitude: bool, limited: bool = True) -> str:
+    """Command that makes a library of a robot."""
+    attitude, limits = "constrained" if keep_attitude else "unconstrained", "limited" if limited else "wide"
+    options = f"{robot_options(robot)} --attitude {attitude} --limits {limits}"
+    return f"python -m agents.demonstrations.optimal {options}"
+
+
+def find_library(robot: Robot, keep_attitude: bool, limited: bool = True) -> Library | None:
+    """A robot's library of motions from home at rest, if it was made.
 
     Args:
         keep_attitude: whether its motions end with the initial base attitude. limited: whether they keep the
-            limits of the model.
+            limits of the robot.
 
     Raises:
-        ConfigurationError: if the file is not there.
+        ConfigurationError: if what is there was made for another robot. StorageError: if it is damaged.
     """
-    name = library_name(keep_attitude, limited)
-    with as_file(files("agents") / "data" / name) as path:
-        if not path.exists():
-            raise ConfigurationError(f"{name} is missing; python -m agents.demonstrations.optimal makes it")
-        return Library.load(path)
+    path = robot_file(robot, library_name(keep_attitude, limited))
+    return None if path is None else _loaded(path, path.stat().st_mtime_ns)
+
+
+def library_of(robot: Robot, keep_attitude: bool, limited: bool = True) -> Library:
+    """A robot's library, arguments and errors as of `find_library`.
+
+    Raises:
+        ConfigurationError: also if there is none, naming the command that makes it.
+    """
+    found = find_library(robot, keep_attitude, limited)
+    if found is None:
+        command = library_command(robot, keep_attitude, limited)
+        raise ConfigurationError(f"there is no library of the robot {robot.name!r}; `{command}` makes it")
+    return found
+
+
+@lru_cache(maxsize=8)
+def _loaded(path: Path, changed: int) -> Library:
+    return Library.load(path)

@@ -7,7 +7,7 @@ from typing import Self
 import numpy as np
 
 from agents.planners.common.plans import JointPath
-from space_envs.checks import finite_array, flag
+from space_envs.checks import finite_array, flag, non_negative
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError, positive
@@ -26,6 +26,8 @@ class Reach:
         keep_attitude: whether the base has its initial attitude at T; it is unconstrained otherwise.
         c: angular to linear conversion of eq. 20, m/rad.
         spheres: (K, 4) centre m and radius m of keep-out spheres, inertial frame; None for none.
+        link_radius: m, of the links, which are capsules from joint to joint, in checks against spheres: (n,),
+            or one for all.
     """
 
     start: Array
@@ -36,13 +38,15 @@ class Reach:
     keep_attitude: bool = False
     c: float = 1.0
     spheres: Array | None = None
+    link_radius: Array | float = 0.0
 
     def checked(self, robot: FloatingRobot) -> Self:
         """Return a copy with float64 arrays and a unit quaternion.
 
         Raises:
-            ConfigurationError: if a shape is wrong, a number is not finite, the duration, c or a radius is
-                not positive, the quaternion is zero, or keep_attitude is no flag.
+            ConfigurationError: if a shape is wrong, a number is not finite, the duration, c or a sphere's
+                radius is not positive, the links' radius is negative, the quaternion is zero, or
+                keep_attitude is no flag.
         """
         n = robot.n_joints
         quaternion = finite_array("quaternion", self.quaternion, (4,))
@@ -63,7 +67,18 @@ class Reach:
             keep_attitude=flag("keep_attitude", self.keep_attitude),
             c=positive("c", self.c),
             spheres=spheres,
+            link_radius=_radii(self.link_radius, n),
         )
+
+
+def _radii(value: Array | float, n: int) -> Array:
+    """Radii (n,) of links; ConfigurationError for another shape or negative numbers."""
+    if np.ndim(value) == 0:
+        return np.full(n, non_negative("link_radius", value))
+    radii = finite_array("link_radius", value, (n,))
+    if (radii < 0.0).any():
+        raise ConfigurationError(f"link_radius must not be negative, got {radii.tolist()}")
+    return radii
 
 
 @dataclass(frozen=True, eq=False)

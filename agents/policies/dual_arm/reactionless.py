@@ -14,7 +14,7 @@ from agents.planners.dual_arm.prescribed_paths.instantaneous import plan_local, 
 from agents.planners.dual_arm.prescribed_paths.ocp import plan_ocp
 from agents.planners.dual_arm.problem import Capture, CapturePlan
 from agents.planners.dual_arm.surroundings import Surroundings, tumbling_target
-from agents.policies.clearance import MARGIN
+from agents.policies.clearance import MARGIN, link_radii
 from agents.policies.dual_arm.observed import Reader
 from agents.policies.dual_arm.reactionless_rate import track_rates, within_drives
 from agents.policies.following import FollowedPlans, FollowingPolicy, Reference, sampled_plans
@@ -22,8 +22,9 @@ from agents.policies.needs import RENDEZVOUS
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.reactionless import reactionless_projection
 from space_envs.dynamics.rotations import Array, conjugate, logarithm, multiply, rotate
+from space_envs.errors import ConfigurationError
 from space_envs.policy import PolicyContext
-from space_envs.robots.parameters import DUAL_ARM_PLANAR, DUAL_ARM_SPATIAL
+from space_envs.robots.robot import UNCHECKED, Robot
 from space_envs.tasks.goals.tumbling import RENDEZVOUS_TIME
 
 CHECKS = 201  # times at which the clearance of a plan is checked
@@ -36,12 +37,14 @@ class PlannerInput:
     """Input of one planner call, in the frame of the satellite at the start of the plan.
 
     Attributes:
+        robot: with two arms, and a target. mechanics: its momentum-level mathematics.
         capture: boundary conditions. limits: of the joints.
         centre (3,) m, attitude (4,), spin (3,) rad/s: of the target at the start, which rotates freely.
         half_width: m, of the target.
     """
 
-    robot: FloatingRobot
+    robot: Robot
+    mechanics: FloatingRobot
     capture: Capture
     limits: Limits
     centre: Array
@@ -52,14 +55,17 @@ class PlannerInput:
     @property
     def surroundings(self) -> Surroundings:
         """Bodies from which the arms keep their distance."""
-        planar = self.capture.axis is None
-        parameters = DUAL_ARM_PLANAR if planar else DUAL_ARM_SPATIAL
-        target, side = parameters.target, 0.5 * parameters.satellite_side
+        satellite, target = self.robot.satellite, self.robot.target
+        if target is None:
+            raise ConfigurationError(f"the robot {self.robot.name!r} has no target, which takes two arms")
         return Surroundings(
-            radius=parameters.link_radius,
-            bus=None if planar else np.full(3, side),
+            radius=float(link_radii(self.robot).max()),
+            bus=np.array(satellite.box) if satellite.reachable else None,
+            bus_centre=np.array(satellite.box_centre),
+            standing=standing_links(self.robot),
             target=np.array(target.body) * self.half_width / target.half_width,
             motion=tumbling_target(self.centre, self.attitude, self.spin, np.array(target.inertia)),
+            gripper=target.gripper,
         )
 
     def checked(self, plan: CapturePlan | Failure) -> CapturePlan | Failure:
@@ -72,12 +78,20 @@ class PlannerInput:
         around = replace(self.surroundings, contact=_ALWAYS)
         times = np.linspace(0.0, self.capture.duration, CHECKS)
         path = plan.sample(times)[0]
-        found = gaps(self.robot, around, times, path, self.capture.duration, self.capture.start)
+        found = gaps(self.mechanics, around, times, path, self.capture.duration, self.capture.start)
         if found.least > MARGIN:
             return plan
         what, node = found.worst()
         reason = f"{what} would come to {found.least:.3f} m at t = {times[node]:.2f} s"
         return Failure(plan.method, Cause.CLEARANCE, reason)
+
+
+def standing_links(robot: Robot) -> int:
+    """Number of links at the root of each arm whose capsules are not checked against the satellite."""
+    checked = [
+        capsule.link for arm in robot.arms for capsule in arm.capsules if capsule.satellite > UNCHECKED
+    ]
+    return min(checked, default=1) - 1
 
 
 class ReactionlessPolicy(FollowingPolicy):
@@ -119,7 +133,8 @@ class ReactionlessPolicy(FollowingPolicy):
         attitude = multiply(to_base, reader.quaternion(observation, "target"))
         spin = rotate(to_base, reader.vector(observation, "target_angular_velocity"))
         targets = zip(captures, centre, attitude, spin, width.tolist(), strict=True)
-        return [PlannerInput(context.arm, capture, limits, *target) for capture, *target in targets]
+        known = context.robot, context.arm
+        return [PlannerInput(*known, capture, limits, *target) for capture, *target in targets]
 
     def _captures(self, observation: Array, origin: Array, to_base: Array) -> list[Capture]:
         """Boundary conditions (N) at the rendezvous, in the frames of the satellites at (N, 3), (N, 4)."""
@@ -167,7 +182,7 @@ class ReactionlessZetaZero(ReactionlessPolicy):
     @staticmethod
     def plan(task: PlannerInput) -> CapturePlan | Failure:
         """Method (a)."""
-        return plan_zeta_zero(task.robot, task.capture, task.limits)
+        return plan_zeta_zero(task.mechanics, task.capture, task.limits)
 
 
 class ReactionlessLocal(ReactionlessPolicy):
@@ -176,7 +191,7 @@ class ReactionlessLocal(ReactionlessPolicy):
     @staticmethod
     def plan(task: PlannerInput) -> CapturePlan | Failure:
         """Method (b)."""
-        return plan_local(task.robot, task.capture, task.limits)
+        return plan_local(task.mechanics, task.capture, task.limits)
 
 
 class ReactionlessOCP(ReactionlessPolicy):
@@ -187,7 +202,7 @@ class ReactionlessOCP(ReactionlessPolicy):
     @staticmethod
     def plan(task: PlannerInput) -> CapturePlan | Failure:
         """Method (c)."""
-        return plan_ocp(task.robot, task.capture, task.limits, from_rest=True)
+        return plan_ocp(task.mechanics, task.capture, task.limits, from_rest=True)
 
 
 class ReactionlessFree(ReactionlessPolicy):
@@ -196,4 +211,4 @@ class ReactionlessFree(ReactionlessPolicy):
     @staticmethod
     def plan(task: PlannerInput) -> CapturePlan | Failure:
         """Method (d)."""
-        return plan_free(task.robot, task.capture, task.limits, task.surroundings)
+        return plan_free(task.mechanics, task.capture, task.limits, task.surroundings)

@@ -1,13 +1,14 @@
 """Policies that were learned: from a run's folder, a policy file, or those that ship with the project."""
 
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from agents.planners.common.robot_files import robot_options
 from agents.policies.base import BasePolicy
 from agents.policies.learned.features import FeatureView
 from agents.policies.learned.network import Network
@@ -53,7 +54,7 @@ class LearnedPolicy(NetworkPolicy):
         file: the policy.
 
     Raises:
-        PolicyError: if the policy was trained for another id or control mode.
+        PolicyError: if the policy was trained for another id, control mode or robot.
     """
 
     def __init__(self, context: PolicyContext, seed: int, file: PolicyFile) -> None:
@@ -62,6 +63,7 @@ class LearnedPolicy(NetworkPolicy):
                 f"the policy was trained for {file.env_id} in control mode {file.control_mode!r}, "
                 f"not for {context.env_id} in {context.control_mode!r}"
             )
+        file.check_robot(context.robot)
         if file.network.outputs != len(context.action_scale):
             raise PolicyError(
                 f"the policy gives {file.network.outputs} actions, not {len(context.action_scale)}"
@@ -110,6 +112,7 @@ def shipped_policies(env_id: str) -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in shipped_path(env_id, "any").parent.glob("*.npz")))
 
 
+@lru_cache(maxsize=16)
 def load_shipped(env_id: str, name: str) -> PolicyFile:
     """A policy that ships with the project.
 
@@ -124,8 +127,17 @@ def load_shipped(env_id: str, name: str) -> PolicyFile:
 
 def _not_shipped(algorithm: str, context: PolicyContext) -> str | None:
     name, names = shipped_name(algorithm, context.control_mode), shipped_policies(context.env_id)
-    shipped = f"those that ship are {', '.join(names)}" if names else "none ship for the task"
-    return None if name in names else f"it needs weights {name!r}, {shipped}"
+    if name not in names:
+        shipped = f"those that ship are {', '.join(names)}" if names else "none ship for the task"
+        return f"it needs weights {name!r}, {shipped}"
+    robots = load_shipped(context.env_id, name).robots
+    if context.robot.digest in robots:
+        return None
+    command = f"train.py --algo {algorithm} --env {context.env_id} {robot_options(context.robot)}"
+    return (
+        f"its weights are for the robot {' or '.join(robots.values())}, not for {context.robot.name}: "
+        f"`{command}` trains others"
+    )
 
 
 class ShippedPolicy(LearnedPolicy):

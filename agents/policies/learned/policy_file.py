@@ -12,15 +12,17 @@ from agents.policies.learned.features import Feature, FeatureView, feature_table
 from agents.policies.learned.network import Network
 from space_envs.control import CONTROL_MODES
 from space_envs.errors import ConfigurationError, PolicyError, SpaceEnvsError, unknown_name
+from space_envs.robots.robot import Robot
 from space_envs.system.files import write_arrays
 from space_envs.system.reading import parse_json, read_arrays
 from space_envs.tasks.common import ObservationLayout
 
-FORMAT = 1
+FORMAT = 2
 _HEADER = {
     "format": int,
     "env_id": str,
     "control_mode": str,
+    "robots": dict,
     "features": list,
     "home": list,
     "activation": str,
@@ -35,6 +37,8 @@ class PolicyFile:
 
     Attributes:
         env_id, control_mode: what the policy was trained for.
+        robots: names of the robots that it is for, by their digests: of the one that it was trained with and
+            of its other variants, if it was tested with them.
         network: from features to actions.
         features: what the network sees of an observation.
         home: (n,) rad, joint angles that the features are relative to.
@@ -43,10 +47,21 @@ class PolicyFile:
 
     env_id: str
     control_mode: str
+    robots: dict[str, str]
     network: Network
     features: tuple[Feature, ...]
     home: tuple[float, ...]
     notes: dict[str, Any]
+
+    def check_robot(self, robot: Robot) -> None:
+        """Refuse a robot that the policy is not for.
+
+        Raises:
+            PolicyError: naming both.
+        """
+        if robot.digest not in self.robots:
+            trained = " or ".join(self.robots.values())
+            raise PolicyError(f"the policy was trained for the robot {trained}, not for {robot.name!r}")
 
     def view(self, layout: ObservationLayout) -> FeatureView:
         """The features of observations laid out so.
@@ -70,6 +85,7 @@ class PolicyFile:
             "format": FORMAT,
             "env_id": self.env_id,
             "control_mode": self.control_mode,
+            "robots": self.robots,
             "features": self.features,
             "home": self.home,
             "activation": self.network.activation,
@@ -114,6 +130,7 @@ def load_policy_file(path: str | Path) -> PolicyFile:
         return PolicyFile(
             env_id=header["env_id"],
             control_mode=header["control_mode"],
+            robots=header["robots"],
             network=network,
             features=feature_table(header["features"]),
             home=tuple(header["home"]),
@@ -141,6 +158,8 @@ def _header(text: str) -> dict[str, Any]:
         raise PolicyError(f"format {header['format']!r} is not known, only {FORMAT}")
     if header["control_mode"] not in CONTROL_MODES:
         raise unknown_name("control mode", header["control_mode"], CONTROL_MODES)
+    if not header["robots"] or not all(type(name) is str for name in header["robots"].values()):
+        raise PolicyError(f"robots must hold names by digests, got {header['robots']!r}")
     if not all(type(angle) in (int, float) and math.isfinite(angle) for angle in header["home"]):
         raise PolicyError(f"home must hold finite joint angles, got {header['home']!r}")
     return header

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.planners.common.plans import Failure
-from agents.planners.single_arm.library import shipped_library
+from agents.planners.single_arm.library import find_library
 from agents.planners.single_arm.nmpc.controller import Controller
 from agents.planners.single_arm.nmpc.problem import ArmState, Horizon, Target, Weights, coasting
 from agents.policies.base import BasePolicy
@@ -45,12 +45,13 @@ class NMPC(BasePolicy):
     clear, and otherwise the arm brakes, which it can within that time; the next step tries again.
     """
 
-    needs = replace(POSE, joints=7, goals=None, obstacles=False)
+    needs = replace(POSE, goals=None, obstacles=False)
     weights = Weights()
 
     def __init__(self, context: PolicyContext, seed: int = 0) -> None:
         super().__init__(context, seed)
-        limits, library = drive_limits(context), shipped_library(True, limited=False)
+        limits = drive_limits(context)
+        library = find_library(context.robot, keep_attitude=True, limited=False)
         self.controller = Controller(context.arm, limits, context.c, library, self.weights)
 
     def target(self, observation: Array) -> Target:

@@ -1,17 +1,24 @@
 """Policies that plan an optimal motion at the start of an episode, and follow it to the goal pose."""
 
+from collections.abc import Callable
 from typing import Any, Protocol
 
 import numpy as np
 from joblib import Parallel, delayed
 
 from agents.planners.common.plans import Failure, Limits
+from agents.planners.common.robot_files import shipped_robots
 from agents.planners.single_arm.collocation.ocp import plan_ocp
+from agents.planners.single_arm.inequalities.braking import Braking
+from agents.planners.single_arm.inequalities.satellite import SatelliteClearance
+from agents.planners.single_arm.library import find_library
 from agents.planners.single_arm.problem import Reach, ReachPlan
-from agents.policies.clearance import SPHERE_MARGIN, KeepOut, spheres_seen
+from agents.planners.single_arm.weights.sqp import Rows
+from agents.planners.single_arm.weights.weight_space import WeightSpace
+from agents.policies.clearance import SPHERE_MARGIN, KeepOut, link_radii, spheres_seen
 from agents.policies.following import FollowedPlans, sampled_plans
-from agents.policies.single_arm.reaching import DURATION, ReachingPolicy, motion_times
-from space_envs.drives import CORIOLIS_SHARE
+from agents.policies.single_arm.reaching import ReachingPolicy, motion_duration, motion_times
+from space_envs.drives import CORIOLIS_SHARE, braking_deceleration
 from space_envs.dynamics.rotations import Array, conjugate, multiply, rotate
 from space_envs.policy import PolicyContext
 
@@ -31,6 +38,26 @@ def drive_limits(context: PolicyContext) -> Limits:
     )
 
 
+def further_rows(context: PolicyContext) -> Callable[[WeightSpace], tuple[Rows, ...]] | None:
+    """Inequalities that keep plans clear of the satellite, and slow before the ends of the joint ranges.
+
+    None for robots whose libraries ship: their motions ignore both, which hardly ever matters to those
+    robots, and so do the plans that start from them.
+    """
+    if context.robot.digest in shipped_robots():
+        return None
+    contacts, arm, deceleration = context.contacts, context.arm, braking_deceleration(context.robot)
+
+    def rows(space: WeightSpace) -> tuple[Rows, ...]:
+        braking = Braking(space, deceleration, context.joint_limits)
+        if contacts is None:
+            return (braking,)
+        clearance = SatelliteClearance(space, lambda q: contacts.satellite_gaps(contacts.points(arm, q)))
+        return braking, clearance
+
+    return rows
+
+
 def reaches(context: PolicyContext, observation: Array, keep_attitude: bool) -> list[Reach]:
     """Problem of each row, in the current frame of the base, with a margin around spheres."""
 
@@ -41,7 +68,7 @@ def reaches(context: PolicyContext, observation: Array, keep_attitude: bool) -> 
     position = rotate(inverse, read("goal_position") - origin)
     quaternion = multiply(inverse, read("goal_quaternion"))
     start, rate = read("joint_position"), read("joint_velocity")
-    spheres = spheres_seen(context, observation)
+    duration, spheres = motion_duration(context.robot), spheres_seen(context, observation)
     if spheres is not None:
         spheres[..., 3] += SPHERE_MARGIN
     return [
@@ -49,11 +76,12 @@ def reaches(context: PolicyContext, observation: Array, keep_attitude: bool) -> 
             start[row],
             position[row],
             quaternion[row],
-            DURATION,
+            duration,
             rate[row],
             keep_attitude,
             context.c,
             None if spheres is None else spheres[row],
+            link_radii(context.robot),
         )
         for row in range(len(start))
     ]
@@ -108,8 +136,9 @@ class OptimalControl(OptimalPolicy):
     def plan(self, reaches: list[Reach]) -> list[ReachPlan | Failure]:
         """Plans of all rows, about half a second each, in as many processes as the context allows."""
         context = self.context
+        library = find_library(context.robot, self.keep_attitude)
         work = [
-            delayed(plan_ocp)(context.model, context.arm, reach, self.limits, starts=STARTS)
+            delayed(plan_ocp)(context.model, context.arm, reach, self.limits, library=library, starts=STARTS)
             for reach in reaches
         ]
         plans: Any = Parallel(n_jobs=context.jobs)(work)

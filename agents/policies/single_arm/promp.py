@@ -2,12 +2,13 @@
 
 from dataclasses import replace
 from functools import lru_cache
-from importlib.resources import as_file, files
+from pathlib import Path
 
 import numpy as np
 
 from agents.planners.common.damped_search import JointGoals, Rows
 from agents.planners.common.inverse_kinematics import JointMotion, MotionModel, floating_inverse_kinematics
+from agents.planners.common.robot_files import robot_file, robot_options
 from agents.policies.clearance import KeepOut
 from agents.policies.needs import POSE
 from agents.policies.single_arm.joint_goals import JointGoalPolicy
@@ -17,17 +18,48 @@ from space_envs.dynamics import trajectory_cost
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import PolicyError
 from space_envs.policy import PolicyContext
+from space_envs.robots.robot import Robot
 
 SAMPLES = 100
 PRIOR = "promp_prior.npz"
 ROWS_AT_ONCE = 8  # whose samples are in memory together
 
 
-@lru_cache(maxsize=1)
-def shipped_prior() -> ProMP:
-    """The ProMP fitted to the 540 demonstrations; agents/data has their provenance."""
-    with as_file(files("agents") / "data" / PRIOR) as path:
-        return ProMP.load(path)
+def find_prior(robot: Robot) -> ProMP | None:
+    """The ProMP fitted to a robot's demonstrations, if they were made.
+
+    Raises:
+        ConfigurationError: if what is there was made for another robot. StorageError: if it is damaged.
+    """
+    path = robot_file(robot, PRIOR)
+    return None if path is None else _loaded(path, path.stat().st_mtime_ns)
+
+
+def prior_of(robot: Robot) -> ProMP:
+    """The ProMP fitted to a robot's demonstrations; errors as in `find_prior`.
+
+    Raises:
+        PolicyError: also if there is none, naming the command that makes it.
+    """
+    prior = find_prior(robot)
+    if prior is None:
+        raise PolicyError(_missing(robot))
+    return prior
+
+
+def missing_prior(context: PolicyContext) -> str | None:
+    """Reason why a policy without demonstrations of its robot cannot plan; None where there are some."""
+    return f"it needs {_missing(context.robot)}" if find_prior(context.robot) is None else None
+
+
+def _missing(robot: Robot) -> str:
+    command = f"python -m agents.demonstrations {robot_options(robot)}"
+    return f"a ProMP of demonstrations of the robot {robot.name!r}: `{command}` makes them"
+
+
+@lru_cache(maxsize=8)
+def _loaded(path: Path, changed: int) -> ProMP:
+    return ProMP.load(path)
 
 
 class ConditionedPrior:
@@ -87,20 +119,20 @@ class ProMPPolicy(JointGoalPolicy):
     the observation and the seed alone, not on what else is planned.
 
     Args:
-        context, seed: as of every policy. prior: the ProMP; None for the shipped one.
+        context, seed: as of every policy. prior: the ProMP; None for the one of the robot's demonstrations.
         samples: number of sampled motions; 0 for the conditional mean.
 
     Raises:
-        PolicyError: if the prior is for another number of joints.
+        PolicyError: if the prior is for another number of joints, or the robot has none.
     """
 
-    needs = replace(POSE, joints=7)
+    needs = replace(POSE, other=missing_prior)
 
     def __init__(
         self, context: PolicyContext, seed: int = 0, prior: ProMP | None = None, samples: int = SAMPLES
     ) -> None:
         super().__init__(context, seed)
-        prior = shipped_prior() if prior is None else prior
+        prior = prior_of(context.robot) if prior is None else prior
         if prior.n_dof != context.arm.n_joints:
             raise PolicyError(f"the prior is of {prior.n_dof} joints, the robot has {context.arm.n_joints}")
         times = motion_times(context)

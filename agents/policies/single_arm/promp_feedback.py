@@ -8,7 +8,7 @@ from agents.planners.common.damped_search import JointGoals
 from agents.planners.common.inverse_kinematics import JointMotion
 from agents.policies.following import FollowedPlans, Reference
 from agents.policies.needs import POSE
-from agents.policies.single_arm.promp import ConditionalMean
+from agents.policies.single_arm.promp import ConditionalMean, missing_prior
 from agents.policies.single_arm.stochastic_feedback import StochasticFeedback
 from space_envs.dynamics.rotations import Array
 from space_envs.policy import PolicyContext
@@ -27,7 +27,7 @@ class PrompFeedback(ConditionalMean):
     do. Where its spread is below that with which the state is taken to be measured, it hardly corrects.
     """
 
-    needs = replace(POSE, joints=7, obstacles=False)
+    needs = replace(POSE, obstacles=False, other=missing_prior)
 
     def __init__(self, context: PolicyContext, seed: int = 0) -> None:
         super().__init__(context, seed)

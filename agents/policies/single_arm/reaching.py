@@ -1,4 +1,4 @@
-"""Following of a single arm's plans: a motion of fixed duration, then slow resolved rate to the goal pose."""
+"""Following of a single arm's plans: a motion of given duration, then slow resolved rate to the goal."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,19 +8,30 @@ from agents.policies.needs import POSE
 from agents.policies.single_arm.gjm import resolved_rate
 from space_envs.dynamics.rotations import Array
 from space_envs.policy import PolicyContext
+from space_envs.robots.robot import Robot
 
-DURATION = 10.0  # s, of every planned motion
+DURATION = 10.0  # s, of every planned motion of a robot that is fast enough
+DISPLACEMENT = 1.0  # rad, of a joint, that a minimum-jerk motion of the duration can make within the limits
+_JERK_RATE, _JERK_ACCELERATION = 15.0 / 8.0, 10.0 / 3.0**0.5  # its largest, for unit displacement and time
 # The pose error at the end of a motion is corrected slowly, once the plan is over.
 HOLD_GAIN, HOLD_LINEAR_SPEED, HOLD_ANGULAR_SPEED = 0.5, 0.02, 0.02  # 1/s, m/s, rad/s
 
 
+def motion_duration(robot: Robot) -> float:
+    """Duration of every planned motion of a robot, s: `DURATION`, or longer for slow joints."""
+    by_rate = _JERK_RATE * DISPLACEMENT / robot.rate_limit.min()
+    by_acceleration = np.sqrt(_JERK_ACCELERATION * DISPLACEMENT / robot.acceleration_limit.min())
+    return max(DURATION, float(by_rate), float(by_acceleration))
+
+
 def motion_times(context: PolicyContext) -> Array:
     """Sampling times (T,) of a planned motion, s: whole control periods from 0 to (nearly) the duration."""
-    return np.arange(max(1, round(DURATION / context.control_period)) + 1) * context.control_period
+    duration = motion_duration(context.robot)
+    return np.arange(max(1, round(duration / context.control_period)) + 1) * context.control_period
 
 
 class ReachingPolicy(FollowingPolicy):
-    """Follows a joint motion of `DURATION`, then corrects the pose of the end-effector."""
+    """Follows a joint motion of `motion_duration`, then corrects the pose of the end-effector."""
 
     needs = POSE
     tracking_gain = 2.0

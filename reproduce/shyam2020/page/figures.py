@@ -4,10 +4,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from agents.policies.single_arm.promp import shipped_prior
+from agents.policies.single_arm.promp import prior_of
 from promp import GaussianBasis
 from reproduce.page.drawing import AXES, DASHES
 from reproduce.page.figures import Draw, Figure, figure
+from reproduce.shyam2020.cases import context
 from reproduce.shyam2020.measures import Course
 from reproduce.shyam2020.methods import METHODS
 from reproduce.shyam2020.page.text import TEXT
@@ -115,7 +116,7 @@ def _vector(course: Course, values: Array, label: str) -> Draw:
 
 def basis() -> Figure:
     """Fig. 6: the basis functions."""
-    functions = shipped_prior().basis
+    functions = prior_of(context().robot).basis
     text = TEXT.fill("figures.fig6", basis=functions)
     return figure("fig6", text, (lambda axes: _draw_basis(axes, functions),), height=2.9)
 

@@ -14,6 +14,7 @@ Measure = Callable[[Robot], StepLimits]
 _FOLDER = Path(str(files("space_envs") / "robots" / "zoo"))
 _SUFFIX = ".toml"
 _SOURCES: dict[str, Path | Robot] = {file.stem: file for file in sorted(_FOLDER.glob(f"*{_SUFFIX}"))}
+_FOUND: dict[str, tuple[str, str | None]] = {}  # sources and variants of robots by their digests
 
 
 def robot_names() -> tuple[str, ...]:
@@ -40,6 +41,11 @@ def register_robot(name: str, source: str | Path | Robot) -> None:
     _SOURCES[name] = value
 
 
+def found_as(robot: Robot) -> tuple[str, str | None] | None:
+    """Name or path and variant with which `find_robot` has last found a robot in this process, if it has."""
+    return _FOUND.get(robot.digest)
+
+
 def find_robot(source: Source, variant: str | None = None, measure: Measure | None = None) -> Robot:
     """A robot by its name, its description file, or the robot itself.
 
@@ -62,11 +68,16 @@ def find_robot(source: Source, variant: str | None = None, measure: Measure | No
         path = Path(source).expanduser().absolute()
         if not path.is_file():
             raise ConfigurationError(f"robot: there is no file {str(path)!r}")
-        return _read(path, path.stat().st_mtime_ns, variant, measure)
+        return _noted(str(source), variant, _read(path, path.stat().st_mtime_ns, variant, measure))
     if source not in _SOURCES:
         raise unknown_name("robot", source, _SOURCES)
     found = _SOURCES[source]
-    return find_robot(found, variant, measure)
+    return _noted(source, variant, find_robot(found, variant, measure))
+
+
+def _noted(source: str, variant: str | None, robot: Robot) -> Robot:
+    _FOUND[robot.digest] = source, variant
+    return robot
 
 
 @lru_cache(maxsize=64)

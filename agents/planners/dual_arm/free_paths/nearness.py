@@ -27,14 +27,15 @@ from space_envs.dynamics.rotations import Array, rotate
 from space_envs.dynamics.symbolic import SymbolicRobot
 
 POSE = 3 + 9 + 1  # numbers at each time: centre from the system's centre of mass, rotation, counted fraction
-# Half sides: target, satellite; required distances: arms, satellite, target; standing; of open grippers.
-SHARED = 3 + 3 + 3 + 1 + 1
+# Half sides: target, satellite; required distances: arms, satellite, target; standing; of open grippers; the
+# centre of the satellite's box.
+SHARED = 3 + 3 + 3 + 1 + 1 + 3
 PARAMETERS = POSE + SHARED + 1  # at each time, with the weight of deficits
 
 
 @dataclass(frozen=True, eq=False)
 class Nearness:
-    """Functions of q (n), pose (13) and shared (11), compiled.
+    """Functions of q (n), pose (13) and shared (14), compiled.
 
     Attributes:
         missing: -> (P,) m, deficit of each pair from its required distance, 0 if there is none.
@@ -134,7 +135,8 @@ class _Pairs:
             boxes.append((a + counted * (b - a), b, shared[:3], shared[10]))
         if not self._planar:
             counts = shared[9] <= float(self._links.order[link])
-            boxes.append((begin, end, shared[3:6], ca.if_else(counts, shared[7], -FAR)))
+            ends = (point - shared[11:14] for point in (begin, end))
+            boxes.append((*ends, shared[3:6], ca.if_else(counts, shared[7], -FAR)))
         for a, b, half, required in boxes:
             at = ca.SX.sym("at")
             self._add(box_distance(a + at * (b - a), half), required, nearest_to_box(a, b, half), at)
@@ -150,7 +152,7 @@ def parameters(
     extra: float,
     weight: Array | float,
 ) -> Array:
-    """Parameters [pose; shared; weight] (K, 25) of `Nearness.added_to` at times (K,) s of a plan.
+    """Parameters [pose; shared; weight] (K, 28) of `Nearness.added_to` at times (K,) s of a plan.
 
     Args:
         poses: centre (K, 3) m and quaternion (K, 4) of the target at these times. extra: m, of clearance
@@ -173,6 +175,7 @@ def parameters(
         bus = around.bus
     arms = required + around.radius if around.arms else -FAR
     line = required - around.radius
-    p[:, POSE:-1] = [*target, *bus, arms, required, required, around.standing, line]
+    distances = arms, required, required, around.standing, line
+    p[:, POSE:-1] = [*target, *bus, *distances, *around.bus_centre]
     p[:, -1] = weight
     return p

@@ -38,7 +38,7 @@ class Obstacles:
         return gaps(self._robot, self._around, times, q, duration, start, self._pose(at))
 
     def nearness(self, weight: float) -> Array:
-        """Parameters of nearness (K, 25) at the nodes of the program, with a weight of deficits."""
+        """Parameters of nearness (K, 28) at the nodes of the program, with a weight of deficits."""
         at = self._solver.nodes
         # Nodes are dense at the ends, where deficits would otherwise have little cost.
         weights = weight * np.maximum(LEAST_SPAN / MESH.weights, 1.0)

@@ -101,7 +101,7 @@ class FreePathSolver:
 
         Args:
             rate, acceleration: limits, rad/s and rad/s^2, () or (n,); None for none.
-            nearness: (K, 25) parameters of nearness at the nodes; None for the program without.
+            nearness: (K, 28) parameters of nearness at the nodes; None for the program without.
         """
         program = free_program(self._robot) if nearness is None else clear_program(self._robot)
         high = self._constraint_bounds(program, rate, acceleration)

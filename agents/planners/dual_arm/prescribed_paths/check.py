@@ -40,7 +40,7 @@ def checked_plan(
         time: (K,) s. position: (K, n) rad. rate: (K, n) rad/s. energy: C by the planner, J s.
     """
     acceleration = make_interp_spline(time, rate, k=5, axis=0).derivative()(time)
-    zeta = null_velocities(robot, position, rate) if robot.n_joints == 6 else None
+    zeta = null_velocities(robot, position, rate) if has_single_zeta(robot) else None
     unchecked = CapturePlan(method, time, position, rate, acceleration, energy, zeta, notes=notes)
     inner = np.arange(REFINEMENT) / REFINEMENT
     dense = np.append((time[:-1, None] + np.diff(time)[:, None] * inner).ravel(), time[-1])
@@ -71,6 +71,12 @@ def path_error(robot: FloatingRobot, path: PolynomialPath, time: Array, q: Array
     positions = end_effectors(robot, q, kinematics).position - robot.centre_of_mass(kinematics)[:, None]
     flat = positions[..., : path.start.size // 2].reshape(len(time), path.start.size)
     return float(np.abs(flat - path.position(time)).max())
+
+
+def has_single_zeta(robot: FloatingRobot) -> bool:
+    """Whether the null space of eq. 9 has one dimension, as for two planar arms of three joints: then zeta is
+    a number at each instant, up to its direction."""
+    return robot.n_joints == 6
 
 
 def null_velocities(robot: FloatingRobot, q: Array, qdot: Array) -> Array:

@@ -45,6 +45,8 @@ def zeta_zero(at: Matrices, particular: Array, null: Array) -> Array | Failure:
     square = angular.T @ angular
     if square.trace() < SMALLEST**2:
         return _singular("the dependent angular velocities do not tell the motions of the null space apart")
+    if angular.shape[1] > angular.shape[0]:  # many motions have these angular velocities: the slowest joints
+        return -np.linalg.pinv(angular) @ (at.angular @ particular)
     return _solved(square, angular.T @ (at.angular @ particular))
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from agents.planners.common.plans import Cause, Failure, Limits
+from agents.planners.dual_arm.prescribed_paths.check import has_single_zeta
 from agents.planners.dual_arm.prescribed_paths.grid import CollocatedMotion
 from agents.planners.dual_arm.prescribed_paths.guesses import initial_guesses
 from agents.planners.dual_arm.prescribed_paths.instantaneous import capture_path, plan_local, plan_zeta_zero
@@ -48,13 +49,18 @@ def plan_ocp(
             the rates. Without an acceleration limit the least energy is the same, and is not attained.
 
     Raises:
-        ConfigurationError: for a malformed capture, or a robot that is not planar.
+        ConfigurationError: for a malformed capture, a robot that is not planar, or a limit of control for
+            one with other than three joints an arm.
     """
     capture, limits, model = capture.checked(robot), limits.checked(robot), PathModel.of(robot)
     flag("from_rest", from_rest)
     if model.dimensions != 2:
         raise ConfigurationError(
             "reactionless_ocp plans for the planar robot; use reactionless_free in space"
+        )
+    if limits.control is not None and not has_single_zeta(robot):
+        raise ConfigurationError(
+            f"a limit of control needs two planar arms of three joints, the robot has {robot.n_joints} joints"
         )
     path = capture_path(METHOD, robot, capture)
     if isinstance(path, Failure):

@@ -197,7 +197,7 @@ class Assembly:
         inputs, spheres = self._sphere_inputs[number], self._model.spheres
         values = ca.vec(spheres.value.map(INTERVALS)(*inputs))
         slope = spheres.slope.map(INTERVALS)(*inputs)
-        self._add(values, Block(self._rows, self._model.links, self._breaks, slope))
+        self._add(values, Block(self._rows, len(self._model.links), self._breaks, slope))
 
     def _hessian(self, factor: ca.MX, multipliers: ca.MX, first_clearance: int) -> ca.MX:
         """Upper triangle of the Lagrangian's Hessian, without the curvature of torques."""
@@ -209,10 +209,10 @@ class Assembly:
             (self._intervals, interval),
             (self._end, self._model.ending.bend(*self._end_inputs(), ends)),
         ]
-        size = self._model.links * INTERVALS
+        size = len(self._model.links) * INTERVALS
         for number in range(self._constraints.spheres):
             first = first_clearance + number * size
-            share = ca.reshape(multipliers[first : first + size], self._model.links, INTERVALS)
+            share = ca.reshape(multipliers[first : first + size], len(self._model.links), INTERVALS)
             bend = self._model.spheres.bend.map(INTERVALS)(*self._sphere_inputs[number], share)
             bends.append((self._breaks, bend))
         return hessian(self._layout, bends, SCALE * self._square, factor)

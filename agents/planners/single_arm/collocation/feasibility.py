@@ -7,7 +7,6 @@ from agents.planners.single_arm.problem import Reach
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import to_matrix
 from space_envs.dynamics.spheres import link_ends, sphere_gaps
-from space_envs.robots.parameters import SINGLE_ARM
 
 NO_ROTATION = np.array([1.0, 0.0, 0.0, 0.0])
 
@@ -38,8 +37,9 @@ def _collision(method: str, robot: FloatingRobot, reach: Reach) -> Failure | Non
     # The pose of the last link at the end follows from the goal.
     _, axes = robot.end_effector_pose(reach.start)
     last = reach.position + to_matrix(reach.quaternion) @ axes.T @ (ends[-2] - ends[-1])
+    radii = np.broadcast_to(reach.link_radius, robot.n_joints)
     for when, points in (("the start", ends), ("the goal", np.stack([last, reach.position]))):
-        gap = float(sphere_gaps(points, reach.spheres, SINGLE_ARM.link_radius).min())
+        gap = float(sphere_gaps(points, reach.spheres, radii[1 - len(points) :]).min())
         if gap < 0.0:
             reason = f"{when} is in a collision: a link is {-gap:.3f} m deep in a ball"
             return Failure(method, Cause.CLEARANCE, reason)

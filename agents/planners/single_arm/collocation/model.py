@@ -36,14 +36,14 @@ class SingleArm:
             from the goal.
         spheres: of q (n) and r (3) with parameters com (3) and centre (3): squared distances of a
             sphere's centre from the segments of the links that have a length, m^2.
-        links: number of these.
+        links: numbers of these from 0.
         com: q -> the system's centre of mass (3) in the base frame.
     """
 
     interval: Smooth
     ending: Smooth
     spheres: Smooth
-    links: int
+    links: tuple[int, ...]
     com: ca.Function
 
     @classmethod
@@ -138,6 +138,6 @@ def _build(robot: FloatingRobot) -> SingleArm:
         interval=Smooth.named(ready, "interval"),
         ending=Smooth.named(ready, "ending"),
         spheres=Smooth.named(ready, "spheres"),
-        links=len(squares),
+        links=tuple(np.flatnonzero(long).tolist()),
         com=ready["com"],
     )

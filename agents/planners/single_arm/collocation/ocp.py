@@ -19,7 +19,7 @@ from agents.planners.single_arm.check import check
 from agents.planners.single_arm.collocation.feasibility import infeasible_start
 from agents.planners.single_arm.collocation.solver import METHOD, ReachSolver
 from agents.planners.single_arm.collocation.starts import end_configurations, initial_paths
-from agents.planners.single_arm.library import shipped_library
+from agents.planners.single_arm.library import Library
 from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.promp.optimal import OptimalPlanner
 from space_envs.checks import count
@@ -48,6 +48,7 @@ def plan_ocp(
     reach: Reach,
     limits: Limits = Limits(),
     *,
+    library: Library | None = None,
     starts: int = STARTS,
     seed: int = 0,
 ) -> ReachPlan | Failure:
@@ -56,6 +57,7 @@ def plan_ocp(
     Args:
         model: compiled model of the robot, with which torques are measured.
         limits: `control` does not apply.
+        library: of stored motions that the weight-space planner starts from; None for none.
         starts: number of initial guesses; the first is the motion of the weight-space planner.
         seed: of the random part of the initial guesses.
 
@@ -64,17 +66,24 @@ def plan_ocp(
     """
     positive_integer("starts", starts, MAX_STARTS)
     count("seed", seed, 2**63)
-    return _ReachSearch(model, robot, reach.checked(robot), limits.checked(robot), seed).plan(starts)
+    search = _ReachSearch(model, robot, reach.checked(robot), limits.checked(robot), library, seed)
+    return search.plan(starts)
 
 
 class _ReachSearch:
     """Search for the best motion of one problem."""
 
     def __init__(
-        self, model: mujoco.MjModel, robot: FloatingRobot, reach: Reach, limits: Limits, seed: int
+        self,
+        model: mujoco.MjModel,
+        robot: FloatingRobot,
+        reach: Reach,
+        limits: Limits,
+        library: Library | None,
+        seed: int,
     ) -> None:
         self._model, self._robot, self._reach, self._limits = model, robot, reach, limits
-        self._seed = seed
+        self._library, self._seed = library, seed
         self._solver = ReachSolver(robot, reach, limits)
 
     def plan(self, starts: int) -> ReachPlan | Failure:
@@ -122,9 +131,7 @@ class _ReachSearch:
 
     def _near_optimum(self) -> list[Array]:
         """Variables of the weight-space planner's motion, often in the best basin, if it has one."""
-        reach, limited = self._reach, self._limits.rate is not None
-        library = shipped_library(reach.keep_attitude, limited)
-        plan = OptimalPlanner(self._robot, self._limits, library).plan(reach)
+        plan = OptimalPlanner(self._robot, self._limits, self._library).plan(self._reach)
         return [self._solver.fitted(plan)] if isinstance(plan, ReachPlan) else []
 
     def _accurate(self, solution: Solution) -> ReachPlan | Failure:

@@ -15,7 +15,6 @@ from agents.planners.single_arm.collocation.program import ReachProgram
 from agents.planners.single_arm.problem import Reach, ReachPlan
 from space_envs.dynamics import FloatingRobot, roll_out_base
 from space_envs.dynamics.rotations import Array, to_matrix
-from space_envs.robots.parameters import SINGLE_ARM
 
 METHOD = "ocp"
 STEPS = 10  # of a roll-out, in an interval
@@ -137,7 +136,8 @@ class ReachSolver:
                 *(np.broadcast_to(bound, (count, n)).ravel() for count, bound in rows),
             ]
         )
-        least = self._spheres[:, 3] + SINGLE_ARM.link_radius + self._clearance
-        squares = np.repeat(least**2, self.model.links * INTERVALS)
+        radii = np.broadcast_to(self.reach.link_radius, self._robot.n_joints)[list(self.model.links)]
+        least = self._spheres[:, 3, None] + radii + self._clearance
+        squares = np.repeat(least**2, INTERVALS, axis=0).ravel()
         low, high = np.concatenate([-symmetric, squares]), np.full(len(squares), np.inf)
         return low, np.concatenate([symmetric, high])

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from agents.planners.common.plans import Failure, Limits
+from agents.planners.single_arm.inequalities.torques import Torques
 from agents.planners.single_arm.library import Library
 from agents.planners.single_arm.nmpc.objective import Objective
 from agents.planners.single_arm.nmpc.problem import ArmState, Horizon, Target, Weights
@@ -17,7 +18,6 @@ from agents.planners.single_arm.problem import Reach
 from agents.planners.single_arm.promp.optimal import OptimalPlanner
 from agents.planners.single_arm.weights.bounds import Bounds, lower_and_upper
 from agents.planners.single_arm.weights.elastic import ElasticProgram
-from agents.planners.single_arm.weights.inequalities import Torques
 from agents.planners.single_arm.weights.legendre import LegendreBasis
 from agents.planners.single_arm.weights.shapes import Basis, Shapes
 from agents.planners.single_arm.weights.weight_space import WeightSpace

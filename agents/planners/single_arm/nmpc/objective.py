@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from agents.planners.single_arm.inequalities.torques import Torques
 from agents.planners.single_arm.nmpc.problem import Weights
 from agents.planners.single_arm.weights.elastic import SHARE_PENALTY, SLACK
-from agents.planners.single_arm.weights.inequalities import Torques
 from agents.planners.single_arm.weights.quadratic import Bounds
 from agents.planners.single_arm.weights.shapes import INTERVALS
 from agents.planners.single_arm.weights.weight_space import Disturbance, WeightSpace

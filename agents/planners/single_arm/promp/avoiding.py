@@ -10,17 +10,16 @@ from dataclasses import replace
 import numpy as np
 
 from agents.planners.common.plans import Cause, Failure, Limits
+from agents.planners.single_arm.inequalities.spheres import SPHERE_MARGIN, Spheres
 from agents.planners.single_arm.library import Library
 from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.promp.demonstrated import DemonstratedPlanner
 from agents.planners.single_arm.weights.bounds import Bounds
-from agents.planners.single_arm.weights.inequalities import SPHERE_MARGIN, Spheres
 from agents.planners.single_arm.weights.sqp import GOAL_TOLERANCE, Rows, minimise
 from agents.planners.single_arm.weights.weight_space import WeightSpace
 from space_envs.dynamics import FloatingRobot, roll_out_base
 from space_envs.dynamics.rotations import Array
 from space_envs.dynamics.spheres import link_ends, sphere_gaps
-from space_envs.robots.parameters import SINGLE_ARM
 
 METHOD = "promp_avoiding"
 GROUPS = 4  # ProMPs
@@ -92,7 +91,7 @@ class AvoidingPlanner:
         y = self._samples(reach, space, bounds)
         if not len(y) or reach.spheres is None or not len(reach.spheres):
             return y[:1]
-        spheres = Spheres(space, self._robot, reach.spheres, SINGLE_ARM.link_radius)
+        spheres = Spheres(space, self._robot, reach.spheres, reach.link_radius)
         # Order by the depth inside spheres, summed over the grid, then by cost.
         inside = np.maximum(SPHERE_MARGIN - spheres.gaps(y), 0.0).sum(axis=(1, 2, 3))
         excess = np.array([max(0.0, float(bounds.excess(one).max())) for one in y])
@@ -126,7 +125,7 @@ class AvoidingPlanner:
         q, qdot, _ = motion.sample(time)
         base = roll_out_base(self._robot, q, qdot, float(time[1]))
         ends = link_ends(self._robot, q, *base)
-        return float(sphere_gaps(ends, reach.spheres, SINGLE_ARM.link_radius).min())
+        return float(sphere_gaps(ends, reach.spheres, reach.link_radius).min())
 
 
 def _violation(bounds: Bounds, rows: tuple[Rows, ...], y: Array) -> float:

@@ -1,21 +1,21 @@
 """Optimal motions in the weights of a ProMP, within milliseconds, started from stored optimal motions."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from agents.planners.common.plans import Cause, Failure, Limits
+from agents.planners.single_arm.inequalities.spheres import Spheres
+from agents.planners.single_arm.inequalities.torques import Torques
 from agents.planners.single_arm.library import Library
 from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.weights.bounds import Bounds, lower_and_upper
-from agents.planners.single_arm.weights.inequalities import Spheres, Torques
 from agents.planners.single_arm.weights.sqp import GOAL_TOLERANCE, Ending, Rows, SqpResult, minimise
 from agents.planners.single_arm.weights.weight_space import WeightSpace
 from promp import GaussianBasis
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array, to_matrix
 from space_envs.errors import positive_integer
-from space_envs.robots.parameters import SINGLE_ARM
 
 METHOD = "promp_optimal"
 CANDIDATES = 8  # stored motions whose predicted costs are compared
@@ -27,6 +27,8 @@ VIOLATION_TOLERANCE = 1e-2  # fraction of a torque, or m, of a solution in sum o
 PERTURBED = (
     6  # initial guesses around the attitude-unconstrained motion, where no stored one leads to the goal
 )
+FURTHER = 6  # initial guesses around a motion that violates further inequalities, with growing perturbations
+MORE_PERTURBED = 24  # others without a library, farther and farther, until one leads to the goal
 PERTURBATION = 0.1  # in coordinates (root of the integral of a joint's squared rate, per function)
 NODES = 101  # of a plan
 
@@ -39,6 +41,8 @@ class OptimalPlanner:
             or around the attitude-unconstrained motion. basis: of the weights. candidates: number of stored
             motions whose predicted costs are compared. improved: number of them that are improved, by
             predicted cost; the others follow where none of these leads to the goal.
+        further: inequalities of a space of motions that are imposed where a plan without them violates
+            them; None for none.
     """
 
     def __init__(
@@ -49,10 +53,12 @@ class OptimalPlanner:
         basis: GaussianBasis = GaussianBasis(),
         candidates: int = CANDIDATES,
         improved: int = IMPROVED,
+        further: Callable[[WeightSpace], tuple[Rows, ...]] | None = None,
     ) -> None:
         self._robot, self._limits, self._library, self._basis = robot, limits.checked(robot), library, basis
         self._candidates = positive_integer("candidates", candidates, MOST_CANDIDATES)
         self._improved = positive_integer("improved", improved, MOST_CANDIDATES)
+        self._further = further
 
     def plan(self, reach: Reach) -> ReachPlan | Failure:
         """Plan the motion of least cost among all optima found."""
@@ -67,6 +73,9 @@ class OptimalPlanner:
             best = _best(found)
         if best is None:
             return _failure(found, reach.duration)
+        further = () if self._further is None else self._further(space)
+        if any(row.violation(best.y) > 0.0 for row in further):
+            best = _improved(space, bounds, (*rows, *further), reach.keep_attitude, best)
         return self.motion(space, best)
 
     def setting(self, reach: Reach) -> tuple[WeightSpace, Bounds, tuple[Rows, ...]]:
@@ -88,7 +97,7 @@ class OptimalPlanner:
         if limits.coriolis is not None:
             rows.append(Torques(space, limits.coriolis, accelerating=False))
         if reach.spheres is not None and len(reach.spheres):
-            rows.append(Spheres(space, self._robot, reach.spheres, SINGLE_ARM.link_radius))
+            rows.append(Spheres(space, self._robot, reach.spheres, reach.link_radius))
         bounds = Bounds(space.even, space.even_fixed, *lower_and_upper(self._robot, limits))
         return space, bounds, tuple(rows)
 
@@ -145,7 +154,14 @@ class OptimalPlanner:
             return [free]
         rng = np.random.default_rng(0)
         guesses = free.y + PERTURBATION * rng.standard_normal((PERTURBED, *rest.shape))
-        return [minimise(space, bounds, guess, True, rows) for guess in guesses]
+        found = [minimise(space, bounds, guess, True, rows) for guess in guesses]
+        for number in range(MORE_PERTURBED if self._library is None else 0):
+            if _best(found) is not None:
+                break
+            spread = PERTURBATION * (1.0 + number / PERTURBED)
+            guess = free.y + spread * rng.standard_normal(rest.shape)
+            found.append(minimise(space, bounds, guess, True, rows))
+        return found
 
     def _out_of_reach(self, reach: Reach) -> Failure | None:
         """Failure if the goal is farther than the straight arm reaches."""
@@ -172,6 +188,19 @@ def predicted_costs(space: WeightSpace, starts: Array, keep_attitude: bool) -> A
     step = np.linalg.solve(matrix, right[..., None])[:, :size]
     remaining = at.residual + (jacobian @ step)[..., 0]
     return (remaining * remaining).sum(axis=1)
+
+
+def _improved(
+    space: WeightSpace, bounds: Bounds, rows: tuple[Rows, ...], keep_attitude: bool, best: SqpResult
+) -> SqpResult:
+    """A solution with additional rows, from one without them or around it; that one where none is found."""
+    rng = np.random.default_rng(0)
+    for number in range(FURTHER):
+        shift = PERTURBATION * number * rng.standard_normal(best.y.shape)
+        found = minimise(space, bounds, best.y + shift, keep_attitude, rows)
+        if _best([found]) is not None:
+            return found
+    return best
 
 
 def _best(found: Sequence[SqpResult]) -> SqpResult | None:

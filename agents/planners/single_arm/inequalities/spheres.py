@@ -1,4 +1,4 @@
-"""Torque limits and keep-out spheres as rows of the quadratic program, at times when they are close."""
+"""Keep-out spheres of motions in weight space."""
 
 import numpy as np
 
@@ -8,53 +8,8 @@ from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
 from space_envs.dynamics.spheres import sphere_gaps
 
-TORQUE_CANDIDATES = 0.9  # fraction of the limit above which a torque gets a row
-TORQUE_FRACTION = 0.99  # of the limit that plans use
 SPHERE_CANDIDATES = 0.15  # m, clearance below which a sphere gets a row
-TORQUE_STRIDE = 2  # points of the even grid for one point at which torques are evaluated
 SPHERE_MARGIN = 0.02  # m, clearance of plans at their sampling times
-
-
-class Torques:
-    """|torque| <= limit on an even grid.
-
-    Args:
-        limit: N m, () or (n,). accelerating: whether torques of accelerations are included, or of Coriolis
-            forces only.
-    """
-
-    def __init__(self, space: WeightSpace, limit: Array | float, accelerating: bool = True) -> None:
-        self._space, self._limit = space, limit
-        kinds = np.array([1.0, 1.0, float(accelerating)])[:, None, None]
-        self._rows, self._fixed = (
-            kinds * space.even[:, ::TORQUE_STRIDE],
-            kinds * space.even_fixed[:, ::TORQUE_STRIDE],
-        )
-
-    def _shares(self, y: Array) -> tuple[Array, Array]:
-        motion = self._fixed + self._rows @ y.T  # (3, T, n)
-        return motion, self._space.functions.torque(*motion)[0] / self._limit
-
-    def violation(self, y: Array) -> float:
-        """Sum over the grid of torques beyond the limit, as fractions of it."""
-        share = np.abs(self._shares(y)[1])
-        return float(np.maximum(share - TORQUE_FRACTION, 0.0).sum())
-
-    def linear(self, y: Array, at: Disturbance, part: float) -> tuple[Array, Array, Array]:
-        """Rows for peaks close to the limit."""
-        motion, share = self._shares(y)
-        size = np.abs(share)
-        peak = size > TORQUE_CANDIDATES  # and no smaller than before and after
-        peak[1:] &= size[1:] >= size[:-1]
-        peak[:-1] &= size[:-1] >= size[1:]
-        time, joint = np.nonzero(peak)
-        unit = np.eye(y.shape[0])[joint] / self._limit
-        (slope,) = self._space.functions.torque_slope(*motion[:, time], unit)
-        by = slope.reshape(len(time), 3, y.shape[0])
-        rows = np.einsum("kcj,ckm->kjm", by, self._rows[:, time]).reshape(len(time), y.size)
-        value = share[time, joint]
-        low, high = -TORQUE_FRACTION - value, TORQUE_FRACTION - value
-        return rows, np.where(low > 0.0, part * low, low), np.where(high < 0.0, part * high, high)
 
 
 class Spheres:
@@ -63,10 +18,12 @@ class Spheres:
     Between the ends of the roll-out's intervals the slow motion of the base is interpolated linearly.
 
     Args:
-        spheres: (K, 4) centre and radius, m, in the initial base frame.
+        spheres: (K, 4) centre and radius, m, in the initial base frame. link_radius: m, (n,) or one for all.
     """
 
-    def __init__(self, space: WeightSpace, robot: FloatingRobot, spheres: Array, link_radius: float) -> None:
+    def __init__(
+        self, space: WeightSpace, robot: FloatingRobot, spheres: Array, link_radius: Array | float
+    ) -> None:
         self._space, self._robot, self._spheres, self._radius = space, robot, spheres, link_radius
         count = space.even.shape[1]
         place = np.linspace(0.0, INTERVALS, count)
