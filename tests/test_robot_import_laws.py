@@ -249,7 +249,7 @@ def test_an_mjcf_arm_brings_its_home_limits_and_shapes(tmp_path):
         "3 actuators of the file are not used",
         "inertias computed from geometry by MuJoCo: one, two, three.",
         "may rotate by 360 deg to either side: yaw.",
-        "touch the satellite at all angles are not checked against it: one.",
+        "links inside the satellite at home or at all angles are not checked against it: one.",
     ):
         assert words in text
 

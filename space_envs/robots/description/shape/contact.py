@@ -114,32 +114,28 @@ def _target_radius(segment: Segment, tool: Vector3) -> float:
 def _satellite_radii(
     links: Sequence[Link], segments: Sequence[tuple[int, Segment]], satellite: Satellite
 ) -> tuple[list[float], list[str]]:
-    """Radius of each capsule in checks against the satellite, and notes."""
+    """Radius of each capsule in checks against the satellite, and notes.
+
+    At most half the distance that the centre line has at some angles: a link next to the mount would touch
+    the satellite, or nearly, in any configuration. Less where it would at home.
+    """
     poses, centre = _link_poses(links), np.array(satellite.box_centre)
     radii, mounted, thin = [], [], []
     for number, segment in segments:
         start, end = (poses[number - 1].point(point) - centre for point in (segment.start, segment.end))
         distance = box_distance(start, end, np.array(satellite.box))
-        name = links[number - 1].name
-        if (distance[1:] < segment.radius).all():
-            radii.append(UNCHECKED)
-            mounted.append(name)
-        elif distance[0] < segment.radius:
-            radii.append(0.0 if distance[0] > 0.0 else UNCHECKED)
-            thin.append(name)
-        else:
-            radii.append(segment.radius)
-    notes = []
-    if mounted:
-        names = ", ".join(dict.fromkeys(mounted))
-        notes.append(f"links that touch the satellite at all angles are not checked against it: {names}.")
-    if thin:
-        names = ", ".join(dict.fromkeys(thin))
-        notes.append(
-            f"links whose capsules touch the satellite at home are checked against it by their centre line, "
-            f"or not at all if that enters it: {names}."
-        )
-    return radii, notes
+        near = distance[0] / 2 if distance[0] < segment.radius else np.inf
+        radius = min(segment.radius, distance.max() / 2, near)
+        radii.append(round(float(radius), 4) if radius > 0.0 else UNCHECKED)
+        if radius <= 0.0:
+            mounted.append(links[number - 1].name)
+        elif radius < segment.radius:
+            thin.append(links[number - 1].name)
+    notes = {
+        "links inside the satellite at home or at all angles are not checked against it": mounted,
+        "links next to the satellite are checked against it with thinner capsules": thin,
+    }
+    return radii, [f"{words}: {', '.join(dict.fromkeys(names))}." for words, names in notes.items() if names]
 
 
 def _link_poses(links: Sequence[Link]) -> list[Pose]:
