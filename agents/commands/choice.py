@@ -5,6 +5,7 @@ import os
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from agents.commands.robots import add_robot
 from agents.policies.registry import POLICIES, missing, policies_for
 from agents.policies.resolve import ResolvedPolicy, resolve_policy
 from space_envs.control import CONTROL_MODES
@@ -13,22 +14,21 @@ from space_envs.errors import ConfigurationError, PolicyError, unknown_name
 from space_envs.evaluation.play.process.policy_process import PolicyProcess
 from space_envs.policy import PolicyContext
 from space_envs.registration import ENTRIES, find
-from space_envs.robots.parameters import VARIANTS
 
 
 def add_task_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the tasks and of the processes that `evaluate.py` and its commands share."""
     add = parser.add_argument
-    add("--variant", help=f"inertias of the single arm's model: {', '.join(VARIANTS)} (default paper)")
+    add_robot(add)
     what = f"{', '.join(CONTROL_MODES)}; by default the one of each policy"
     add("--control-mode", metavar="MODE", help=what)
     cores = len(os.sched_getaffinity(0))
     add("--jobs", type=int, default=cores, metavar="N", help=f"processes (default {cores}, the cores)")
 
 
-def experts_for(env_id: str, mode: str | None = None) -> list[str]:
+def experts_for(env_id: str, mode: str | None = None, keywords: Mapping[str, Any] | None = None) -> list[str]:
     """Names of the registered planning policies that fit a task in a control mode."""
-    return [name for name in policies_for(env_id, mode) if POLICIES[name].expert]
+    return [name for name in policies_for(env_id, mode, keywords) if POLICIES[name].expert]
 
 
 def expert_names() -> tuple[str, ...]:
@@ -48,7 +48,11 @@ def choose_ids(names: Sequence[str]) -> list[str]:
 
 
 def choose_policies(
-    names: Sequence[str], env_id: str, env_ids: Sequence[str], control_mode: str | None = None
+    names: Sequence[str],
+    env_id: str,
+    env_ids: Sequence[str],
+    control_mode: str | None = None,
+    keywords: Mapping[str, Any] | None = None,
 ) -> list[ResolvedPolicy]:
     """Policies for the given names on one of several ids.
 
@@ -56,6 +60,7 @@ def choose_policies(
         names: registered names, `package.module:Class` or paths; `all` is every registered policy that fits
             the id, `experts` every planner. A policy that fits only others of the ids is omitted.
         control_mode: control mode of all policies; None for the default of each.
+        keywords: of the tasks, such as their robot.
 
     Raises:
         ConfigurationError: for an unknown control mode or name, or a name that is given twice.
@@ -66,17 +71,17 @@ def choose_policies(
     expanded: list[str] = []
     for name in names:
         several = {"all": policies_for, "experts": experts_for}.get(name)
-        expanded += [name] if several is None else several(env_id, control_mode)
+        expanded += [name] if several is None else several(env_id, control_mode, keywords)
     chosen = [resolve_policy(name, control_mode) for name in expanded]
     distinct("policy", [policy.name for policy in chosen])
-    return [policy for policy in chosen if _fits(policy, env_id, env_ids)]
+    return [policy for policy in chosen if _fits(policy, env_id, env_ids, keywords or {})]
 
 
-def _fits(policy: ResolvedPolicy, env_id: str, env_ids: Sequence[str]) -> bool:
+def _fits(policy: ResolvedPolicy, env_id: str, env_ids: Sequence[str], keywords: Mapping[str, Any]) -> bool:
     """Whether a policy fits an id; PolicyError if it fits none of several."""
     if not isinstance(policy.source, str):
         return True  # checked when the policy is built from its file
-    reasons = {other: missing(policy.source, other, policy.control_mode) for other in env_ids}
+    reasons = {other: missing(policy.source, other, policy.control_mode, keywords) for other in env_ids}
     if all(reasons.values()):
         raise PolicyError(f"policy {policy.name!r} does not fit {env_id}: {'; '.join(reasons[env_id])}")
     return not reasons[env_id]

@@ -15,6 +15,7 @@ from rich.text import Text
 from agents.commands.choice import add_task_options, check_fit, choose_ids, choose_policies, distinct
 from agents.commands.recording.making import make
 from agents.commands.recording.request import DatasetFolders, DatasetRequest, complete
+from agents.commands.robots import robot_keywords
 from space_envs.codegen.libraries import warned_once
 from space_envs.errors import ConfigurationError, unknown_name
 from space_envs.evaluation.datasets.card import read_card
@@ -135,23 +136,27 @@ def _requests(options: argparse.Namespace) -> list[DatasetRequest]:
         raise ConfigurationError("--minari-root goes with --format minari")
     check_backend(options.jobs)
     formats = tuple(name for name in FORMATS if name in options.format)
+    robot = robot_keywords(options)
+    chosen = {**robot, **({"difficulty": options.difficulty} if options.difficulty else {})}
+    tasks = {env_id: make_task(env_id, {**chosen, "split": options.split}) for env_id in env_ids}
     requests = [
         DatasetRequest(
-            EvaluatedTask(env_id, options.difficulty or make_task(env_id, {}).difficulty, options.split),
+            EvaluatedTask.of(env_id, tasks[env_id]),
+            tasks[env_id].robot,
             policy,
             options.episodes,
             options.seed,
             options.captured_only,
             formats,
             options.control_mode,
-            options.variant,
+            robot,
         )
         for env_id in env_ids
-        for policy in choose_policies(options.policy, env_id, env_ids, options.control_mode)
+        for policy in choose_policies(options.policy, env_id, env_ids, options.control_mode, robot)
     ]
     distinct("name of a dataset", [request.id for request in requests])
     for request in requests:
-        check_fit(request.policy, request.task.env_id, request.task.keywords(request.variant))
+        check_fit(request.policy, request.task.env_id, request.task.keywords(request.model))
         request.chunks()  # refuses an invalid number of episodes
     return requests
 

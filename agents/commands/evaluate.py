@@ -10,6 +10,7 @@ from pathlib import Path
 from agents.commands.choice import add_task_options, check_fit, choose_ids, choose_policies, distinct
 from agents.commands.evaluation.dry_run import dry_run
 from agents.commands.evaluation.run import RunOptions, run
+from agents.commands.robots import robot_keywords
 from agents.policies.registry import POLICIES
 from agents.policies.resolve import ResolvedPolicy
 from space_envs.errors import ConfigurationError, positive
@@ -18,6 +19,7 @@ from space_envs.evaluation.harness.runner import EVALUATION
 from space_envs.evaluation.play.entry import EvaluatedTask
 from space_envs.evaluation.play.process.limits import TimeLimits
 from space_envs.registration import ENTRIES, make_task
+from space_envs.robots.robot import Robot
 from space_envs.system.command_line import AppendValues, Parser, exit_status, output_path, parse_seeds
 from space_envs.system.output import check_free
 from space_envs.system.parallel import BACKENDS, check_backend
@@ -136,18 +138,22 @@ def _checked(options: argparse.Namespace, arguments: list[str]) -> tuple[Evaluat
     check_backend(options.jobs, options.backend, options.address)
     limits = _limits(options)
     check_free(options.output, EVALUATION)
+    robot = robot_keywords(options)
     entries: list[tuple[EvaluatedTask, ResolvedPolicy]] = []
+    robots: dict[EvaluatedTask, Robot] = {}
     for env_id in env_ids:
         tasks = _tasks(env_id, options)
-        policies = choose_policies(options.policy, env_id, env_ids, options.control_mode)
+        robots |= tasks
+        usual = next(iter(tasks))
+        policies = choose_policies(options.policy, env_id, env_ids, options.control_mode, robot)
         for policy in policies:
-            check_fit(policy, env_id, tasks[0].keywords(options.variant))
+            check_fit(policy, env_id, usual.keywords(tasks[usual]))
         entries += [(task, policy) for task in tasks for policy in policies]
     evaluation = Evaluation(
         tuple(entries),
         options.episodes,
         parse_seeds(options.seeds),
-        options.variant,
+        robots,
         limits,
     )
     evaluation.chunks()  # refuses an invalid number of episodes
@@ -165,15 +171,16 @@ def _checked(options: argparse.Namespace, arguments: list[str]) -> tuple[Evaluat
     return evaluation, chosen
 
 
-def _tasks(env_id: str, options: argparse.Namespace) -> list[EvaluatedTask]:
-    """An id's tasks, by difficulty and then by split; errors as in `make_task`."""
-    difficulties = options.difficulty or [make_task(env_id, {}).difficulty]
-    tasks = [
-        EvaluatedTask(env_id, difficulty, split) for difficulty in difficulties for split in options.split
+def _tasks(env_id: str, options: argparse.Namespace) -> dict[EvaluatedTask, Robot]:
+    """An id's tasks with their robots, by difficulty and then by split; errors as in `make_task`."""
+    robot = robot_keywords(options)
+    difficulties = options.difficulty or [make_task(env_id, robot).difficulty]
+    made = [
+        make_task(env_id, {**robot, "difficulty": difficulty, "split": split})
+        for difficulty in difficulties
+        for split in options.split
     ]
-    for task in tasks:
-        make_task(env_id, task.keywords(options.variant))
-    return tasks
+    return {EvaluatedTask.of(env_id, task): task.robot for task in made}
 
 
 def _limits(options: argparse.Namespace) -> TimeLimits | None:

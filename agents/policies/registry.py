@@ -1,6 +1,7 @@
 """The table of registered policies, and the selection of those that fit a task."""
 
 import traceback
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -114,18 +115,25 @@ POLICIES: dict[str, RegisteredPolicy] = {
 }
 
 
-def policies_for(env_id: str, mode: str | None = None) -> list[str]:
+def policies_for(
+    env_id: str, mode: str | None = None, keywords: Mapping[str, Any] | None = None
+) -> list[str]:
     """Names of the policies that fit a task in a control mode; None for each policy's default mode."""
-    return [name for name in POLICIES if not missing(name, env_id, mode)]
+    return [name for name in POLICIES if not missing(name, env_id, mode, keywords)]
 
 
-def missing(name: str, env_id: str, mode: str | None = None) -> list[str]:
+def missing(
+    name: str, env_id: str, mode: str | None = None, keywords: Mapping[str, Any] | None = None
+) -> list[str]:
     """Reasons why a policy does not fit a task in a control mode (None: its default), empty if it fits.
+
+    Args:
+        keywords: of the task, such as its robot.
 
     Raises:
         ConfigurationError, PolicyError: as `policy_class`.
     """
-    return needs(name).missing(_context(find(env_id).name, mode or control_mode(name)))
+    return needs(name).missing(_context(find(env_id).name, mode or control_mode(name), **keywords or {}))
 
 
 def check_needs(name: str, context: PolicyContext) -> None:
@@ -139,8 +147,8 @@ def check_needs(name: str, context: PolicyContext) -> None:
 
 
 @lru_cache(maxsize=64)
-def _context(env: str, mode: str) -> PolicyContext:
-    return PolicyContext.from_env(CaptureVectorEnv(env, control_mode=mode))
+def _context(env: str, mode: str, **keywords: Any) -> PolicyContext:
+    return PolicyContext.from_env(CaptureVectorEnv(env, control_mode=mode, **keywords))
 
 
 def policy_class(name: str) -> type[Policy]:

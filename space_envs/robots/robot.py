@@ -19,6 +19,7 @@ from space_envs.dynamics.rotations import Array
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
+NOMINAL = "nominal"  # variant of a robot that has only one
 ORIGIN: Vector3 = (0.0, 0.0, 0.0)
 IDENTITY: Quaternion = (1.0, 0.0, 0.0, 0.0)
 UNCHECKED = float("-inf")  # m, radius of a capsule with respect to a body that it is not checked against
@@ -241,6 +242,11 @@ class Robot:
 
     def __hash__(self) -> int:
         return hash(self.digest)
+
+    @property
+    def title(self) -> str:
+        """Name with the variant, if there are several."""
+        return self.name if self.variant == NOMINAL else f"{self.name}/{self.variant}"
 
     @cached_property
     def digest(self) -> str:

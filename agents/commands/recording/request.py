@@ -3,7 +3,8 @@
 import os
 import re
 import shlex
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from space_envs.evaluation.play.chunks import CHUNK, Chunk
 from space_envs.evaluation.play.entry import EvaluatedTask
 from space_envs.evaluation.play.playing import split_indices
 from space_envs.registration import find
+from space_envs.robots.robot import Robot
 from space_envs.system.digests import file_digest
 
 NAMESPACE, VERSION = "space-capture", "v0"
@@ -28,30 +30,33 @@ class DatasetRequest:
     Attributes:
         episodes: number of episodes. seed: of the goals, their order and the policy.
         captured_only: whether only captures are written. formats: npz, minari.
-        control_mode, variant: given by the user; None for the policy's default and the paper's variant.
+        control_mode: given by the user; None for the policy's default. robot: keywords of the task that
+            choose it, as the user gave them. model: the robot.
     """
 
     task: EvaluatedTask
+    model: Robot
     policy: ResolvedPolicy
     episodes: int
     seed: int
     captured_only: bool
     formats: tuple[str, ...]
     control_mode: str | None = None
-    variant: str | None = None
+    robot: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def id(self) -> str:
         """Name of the dataset as Minari requires, with parts of letters, digits, - and _."""
         name = re.sub(r"[^\w-]+", "-", self.policy.name, flags=re.ASCII).strip("-") or "policy"
         env = self.task.env_id.removeprefix("SpaceCapture/").replace("/", "-").replace(".", "-")
-        words = [name, self.control_mode, self.variant, self.task.difficulty, self.task.split, VERSION]
+        given = [re.sub(r"[^\w-]+", "-", Path(word).stem, flags=re.ASCII) for word in self.robot.values()]
+        words = [name, self.control_mode, *given, self.task.difficulty, self.task.split, VERSION]
         return f"{NAMESPACE}/{env}/{'-'.join(filter(None, words))}"
 
     @property
     def keywords(self) -> dict[str, Any]:
         """Keywords of `gym.make`, without the id."""
-        return {"control_mode": self.policy.control_mode, **self.task.keywords(self.variant)}
+        return {"control_mode": self.policy.control_mode, **self.task.keywords(self.model)}
 
     def make_env(self) -> CaptureVectorEnv:
         """An environment of one episode."""
@@ -69,7 +74,7 @@ class DatasetRequest:
             Chunk(
                 self.policy,
                 self.task,
-                self.variant,
+                self.model,
                 self.seed,
                 first,
                 tuple(indices[first : first + CHUNK]),
@@ -87,7 +92,8 @@ class DatasetRequest:
             "source": source.name if isinstance(source, Path) else source,
             "source_checksum": file_digest(source) if isinstance(source, Path) else None,
             "control_mode": self.policy.control_mode,
-            "variant": self.variant,
+            "robot": self.task.robot,
+            "robot_digest": self.task.robot_digest,
             "difficulty": self.task.difficulty,
             "split": self.task.split,
             "episodes": self.episodes,
@@ -103,7 +109,7 @@ class DatasetRequest:
         words += ["--difficulty", self.task.difficulty, "--split", self.task.split]
         words += ["--episodes", str(self.episodes), "--seed", str(self.seed), "--format", *self.formats]
         words += [] if self.control_mode is None else ["--control-mode", self.control_mode]
-        words += [] if self.variant is None else ["--variant", self.variant]
+        words += [word for name, value in self.robot.items() for word in (f"--{name}", Path(value).name)]
         return shlex.join([*words, "--captured-only"] if self.captured_only else words)
 
 

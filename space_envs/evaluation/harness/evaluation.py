@@ -1,5 +1,6 @@
 """Evaluations: policies on tasks, goals and seeds, divided into chunks."""
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -10,6 +11,7 @@ from space_envs.evaluation.play.playing import split_indices
 from space_envs.evaluation.play.process.limits import TimeLimits
 from space_envs.evaluation.records.episode import SCHEMA_VERSION, EpisodeRecord
 from space_envs.registration import make_task
+from space_envs.robots.robot import Robot
 from space_envs.system.provenance import commit, versions
 
 
@@ -20,13 +22,13 @@ class Evaluation:
     Attributes:
         entries: pairs of a task and a policy, in the order of the records.
         episodes: different goals of each split. seeds: of goals, policies and environments; each is a
-            stratum of the intervals. variant: of the models, or None. limits: of the policies' calls, if any.
+            stratum of the intervals. robots: by task. limits: of the policies' calls, if any.
     """
 
     entries: tuple[tuple[EvaluatedTask, PolicySource], ...]
     episodes: int
     seeds: tuple[int, ...]
-    variant: str | None = None
+    robots: Mapping[EvaluatedTask, Robot]
     limits: TimeLimits | None = None
 
     def chunks(self) -> list[Chunk]:
@@ -37,14 +39,14 @@ class Evaluation:
         """
         goals: dict[tuple[EvaluatedTask, int], list[int]] = {}
         for task in dict.fromkeys(task for task, _ in self.entries):
-            made = make_task(task.env_id, task.keywords(self.variant))
+            made = make_task(task.env_id, task.keywords(self.robots[task]))
             for seed in self.seeds:
                 goals[task, seed] = split_indices(made, task.split, self.episodes, seed).tolist()
         return [
             Chunk(
                 policy,
                 task,
-                self.variant,
+                self.robots[task],
                 seed,
                 first,
                 tuple(goals[task, seed][first : first + CHUNK]),
@@ -64,7 +66,6 @@ class Evaluation:
             ],
             "episodes": self.episodes,
             "seeds": list(self.seeds),
-            "variant": self.variant,
             "limits": None if self.limits is None else asdict(self.limits),
             "commit": commit(),
             "versions": versions(),

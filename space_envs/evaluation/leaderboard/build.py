@@ -38,6 +38,7 @@ from space_envs.evaluation.statistics.intervals import MISSING, Estimate, strati
 from space_envs.evaluation.statistics.resampling import named_generator
 from space_envs.evaluation.statistics.scores import ATTITUDE_LIMITS, capture_rate, kept_attitude_score
 from space_envs.registration import ENTRIES
+from space_envs.robots.zoo import robot_names
 from space_envs.tasks.common import DIFFICULTIES, SPLITS
 
 Stream = Callable[[str], np.random.Generator]  # random numbers by the name of what they are for
@@ -190,8 +191,9 @@ def _order(row: Row) -> tuple[Any, ...]:
     task, figures = row.task, row.figures
     cost = figures["attitude_cost"].value
     merit = (-figures[HEADLINE].value, -figures["success"].value, math.inf if math.isnan(cost) else cost)
-    place = (_place(task.env_id, ENTRIES), _place(task.difficulty, DIFFICULTIES), _place(task.split, SPLITS))
-    return (*place, not row.competes, *merit, row.policy, row.control_mode)
+    robot = (*_place(task.robot, robot_names()), task.robot_digest)
+    place = (_place(task.env_id, ENTRIES), robot, _place(task.difficulty, DIFFICULTIES))
+    return (*place, _place(task.split, SPLITS), not row.competes, *merit, row.policy, row.control_mode)
 
 
 def _place(name: str, names: Iterable[str]) -> tuple[int, str]:

@@ -60,6 +60,8 @@ class Row:
         return {
             "rank": self.rank,
             "env_id": self.task.env_id,
+            "robot": self.task.robot,
+            "robot_digest": self.task.robot_digest,
             "difficulty": self.task.difficulty,
             "split": self.task.split,
             "policy": self.policy,

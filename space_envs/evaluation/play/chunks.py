@@ -16,6 +16,7 @@ from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
 from space_envs.evaluation.play.process.limits import TimeLimits
 from space_envs.policy import Policy, PolicyContext
 from space_envs.registration import find
+from space_envs.robots.robot import Robot
 from space_envs.system.digests import json_digest
 from space_envs.system.threads import on_one_thread
 
@@ -50,7 +51,7 @@ class Chunk:
     """Episodes of one policy and seed.
 
     Attributes:
-        policy: how it is built. task: what is asked. variant: of the model, or None for the usual one.
+        policy: how it is built. task: what is asked. robot: of which the digest is the task's.
         seed: of goals, the policy and the environment. first: number of its first episode within the seed.
         indices: goals of the split. limits: of the policy's calls, if there are any.
         env: name of the environment that every process can make, with the module that registers it.
@@ -58,7 +59,7 @@ class Chunk:
 
     policy: PolicySource
     task: EvaluatedTask
-    variant: str | None
+    robot: Robot
     seed: int
     first: int
     indices: tuple[int, ...]
@@ -81,7 +82,7 @@ class Chunk:
     @property
     def keywords(self) -> dict[str, Any]:
         """Keywords of the task."""
-        return self.task.keywords(self.variant)
+        return self.task.keywords(self.robot)
 
     @property
     def environment(self) -> dict[str, Any]:
@@ -94,7 +95,6 @@ class Chunk:
             **asdict(self.task),
             "policy": self.policy.name,
             "control_mode": self.policy.control_mode,
-            "variant": self.variant,
             "seed": self.seed,
             "first": self.first,
             "indices": list(self.indices),

@@ -1,24 +1,40 @@
 """Rows of the leaderboard: a policy on a task."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
+
+from space_envs.robots.robot import Robot
+from space_envs.tasks.base import CaptureTask
+
+DIGITS = 12  # of a robot's digest, as of a configuration's hash
 
 
 @dataclass(frozen=True, order=True)
 class EvaluatedTask:
-    """Set of goals of an id: records of different ones never share a row or a table."""
+    """Set of goals of an id for a robot: records of different ones never share a row or a table.
+
+    Attributes:
+        robot: its name, with the variant where it has several. robot_digest: first digits of its digest.
+    """
 
     env_id: str
+    robot: str
+    robot_digest: str
     difficulty: str
     split: str
 
-    def keywords(self, variant: str | None = None) -> dict[str, Any]:
-        """Keywords of the environment that it is played in; `variant` of the model, None for the usual."""
-        usual = {"difficulty": self.difficulty, "split": self.split}
-        return usual if variant is None else {**usual, "variant": variant}
+    @classmethod
+    def of(cls, env_id: str, task: CaptureTask) -> Self:
+        """The set of goals that a task draws from by default."""
+        robot = task.robot
+        return cls(env_id, robot.title, robot.digest[:DIGITS], task.difficulty, task.split)
+
+    def keywords(self, robot: Robot) -> dict[str, Any]:
+        """Keywords of the environment that it is played in, with its robot."""
+        return {"difficulty": self.difficulty, "split": self.split, "robot": robot}
 
     def __str__(self) -> str:
-        return f"{self.env_id}, {self.difficulty}, {self.split} split"
+        return f"{self.env_id}, {self.robot}, {self.difficulty}, {self.split} split"
 
 
 @dataclass(frozen=True, order=True)

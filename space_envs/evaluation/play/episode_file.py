@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from space_envs.errors import ConfigurationError
 from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
 from space_envs.evaluation.play.episodes import ARRAYS, EpisodeBatch
+from space_envs.robots.plain import robot_from_plain, to_plain
+from space_envs.robots.robot import Robot
 from space_envs.system.files import write_arrays
 from space_envs.system.reading import parse_json, read_arrays
 
@@ -25,14 +27,14 @@ def compact(episodes: EpisodeBatch) -> EpisodeBatch:
         name: getattr(episodes, name).astype(_TYPES[kind]) for name, (kind, _) in ARRAYS.items()
     }
     return EpisodeBatch(
-        entry=episodes.entry, variant=episodes.variant, period=episodes.period, goal=episodes.goal, **arrays
+        entry=episodes.entry, robot=episodes.robot, period=episodes.period, goal=episodes.goal, **arrays
     )
 
 
 def to_arrays(episodes: EpisodeBatch) -> dict[str, NDArray[Any]]:
     """Arrays of a file, by name; equal episodes give equal arrays."""
     stored = compact(episodes)
-    about = json.dumps({**asdict(stored.entry), "variant": stored.variant})
+    about = json.dumps({**asdict(stored.entry), "model": to_plain(stored.robot)})
     header = {"about": np.array(about), "period": np.array(stored.period)}
     goal = {f"{_GOAL}{name}": value for name, value in stored.goal.items()}
     return header | {name: getattr(stored, name) for name in ARRAYS} | goal
@@ -50,8 +52,8 @@ def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> EpisodeBatch:
     goal = {name[len(_GOAL) :]: given.pop(name) for name in arrays if name.startswith(_GOAL)}
     if set(given) != set(ARRAYS):
         raise ConfigurationError(f"holds {sorted(given)}, expected {sorted(ARRAYS)}")
-    entry, variant = _read_about(about)
-    return EpisodeBatch(entry=entry, variant=variant, period=period, goal=goal, **given)
+    entry, robot = _read_about(about)
+    return EpisodeBatch(entry=entry, robot=robot, period=period, goal=goal, **given)
 
 
 def save_episodes(path: str | Path, episodes: EpisodeBatch) -> None:
@@ -71,13 +73,15 @@ def load_episodes(path: str | Path) -> EpisodeBatch:
         raise ConfigurationError(f"{path}: not a file of episodes: {error}") from error
 
 
-def _read_about(about: Any) -> tuple[LeaderboardEntry, str | None]:
-    """Entry and variant from plain values."""
+def _read_about(about: Any) -> tuple[LeaderboardEntry, Robot]:
+    """Entry and robot from plain values."""
     if not isinstance(about, dict) or not isinstance(about.get("task"), dict):
         raise ConfigurationError(f"about must be an object with a task, got {about!r}")
-    task, variant = EvaluatedTask(**about["task"]), about["variant"]
+    task, robot = EvaluatedTask(**about["task"]), robot_from_plain(about["model"])
     entry = LeaderboardEntry(task, about["policy"], about["control_mode"])
     texts = [*vars(task).values(), entry.policy, entry.control_mode]
-    if not all(isinstance(text, str) for text in texts) or not isinstance(variant, str | None):
+    if not all(isinstance(text, str) for text in texts):
         raise ConfigurationError(f"about must hold texts, got {about!r}")
-    return entry, variant
+    if not robot.digest.startswith(task.robot_digest):
+        raise ConfigurationError(f"the robot has the digest {robot.digest}, expected {task.robot_digest}...")
+    return entry, robot

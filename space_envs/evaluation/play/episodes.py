@@ -12,6 +12,7 @@ from space_envs.dynamics.rotations import Array, logarithm
 from space_envs.errors import ConfigurationError, positive
 from space_envs.evaluation.play.entry import LeaderboardEntry
 from space_envs.registration import make_task
+from space_envs.robots.robot import Robot
 from space_envs.tasks.base import CaptureTask
 from space_envs.tasks.common import Goals
 
@@ -38,7 +39,7 @@ class EpisodeBatch:
     Building one checks types, shapes and values and raises ConfigurationError.
 
     Attributes:
-        entry: policy and task. variant: of the model, None for the usual one. period: s between two states.
+        entry: policy and task. robot: of which the digest is the task's. period: s between two states.
         scene: (K, T + 1, nq) qpos of the task's `render_model`.
         base_pose: (K, T + 1, 7) position in m and quaternion of the satellite, inertial frame.
         attitude: (K, T + 1) deg from the initial attitude. position_error: (K, T + 1) m.
@@ -49,7 +50,7 @@ class EpisodeBatch:
     """
 
     entry: LeaderboardEntry
-    variant: str | None
+    robot: Robot
     period: float
     scene: NDArray[np.floating[Any]]
     base_pose: NDArray[np.floating[Any]]
@@ -126,7 +127,7 @@ class EpisodeBatch:
         Raises:
             ConfigurationError: if this version has no such task, or its model has other coordinates.
         """
-        task = make_task(self.entry.task.env_id, self.entry.task.keywords(self.variant))
+        task = make_task(self.entry.task.env_id, self.entry.task.keywords(self.robot))
         if task.model.nq != self.scene.shape[2]:
             raise ConfigurationError(
                 f"episodes: {self.entry.task.env_id} has {task.model.nq} coordinates, these have "
@@ -165,7 +166,7 @@ def concatenate(parts: Sequence[AnyEpisodes]) -> AnyEpisodes:
     first = parts[0]
     for part in parts[1:]:
         for name, got, wanted in (
-            ("entry", (part.entry, part.variant), (first.entry, first.variant)),
+            ("entry", part.entry, first.entry),
             ("period", part.period, first.period),
             ("scene", part.scene.shape[1:], first.scene.shape[1:]),
             ("goal", set(part.goal), set(first.goal)),

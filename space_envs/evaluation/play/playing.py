@@ -77,7 +77,7 @@ def roll_out(
                 if len(goals) > 1:
                     raise
                 recorder.lose(0, str(error))
-            return recorder.finished(policy, environment.get("variant"), seed, number)
+            return recorder.finished(policy, seed, number)
 
     singly = [slice(row, row + 1) for row in range(len(indices))]
     if limits is not None:

@@ -1,6 +1,6 @@
 """Episodes in full, as they were played: also velocities, torques, observations, actions and rewards."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -106,11 +106,11 @@ class RolloutRecorder:
         """End an episode by an error of the policy."""
         self._outcome[row], self._reason[row] = "policy_error", reason
 
-    def finished(self, policy: str, variant: str | None, seed: int, first: int) -> Rollout:
+    def finished(self, policy: str, seed: int, first: int) -> Rollout:
         """Recorded episodes.
 
         Args:
-            policy: name. variant: of the model. seed: of the evaluation. first: number of the first episode.
+            policy: name. seed: of the evaluation. first: number of the first episode.
         """
         env, task, n = self._env, self._env.task, self._env.num_envs
         for record in self._states.values():
@@ -120,9 +120,9 @@ class RolloutRecorder:
         errors = task.errors(flat)
         return Rollout(
             entry=LeaderboardEntry(
-                EvaluatedTask(env.env_id, task.difficulty, self._split), policy, env.control_mode
+                replace(EvaluatedTask.of(env.env_id, task), split=self._split), policy, env.control_mode
             ),
-            variant=variant,
+            robot=task.robot,
             period=task.control_period,
             attitude=np.rad2deg(task.attitude(flat)).reshape(n, -1),
             position_error=errors.position.reshape(n, -1),

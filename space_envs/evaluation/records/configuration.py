@@ -11,10 +11,10 @@ from space_envs.tasks.base import CaptureTask
 def configuration(env_id: str, control_mode: str, task: CaptureTask) -> dict[str, Any]:
     """Everything that defines a task, apart from its split, as plain values."""
     settings = {field.name: getattr(task, field.name) for field in fields(task)}
-    for name in ("split", "robot"):
+    for name in ("split", "robot", "variant"):
         del settings[name]
     settings |= {"timestep": task.step_size, "envelope": asdict(task.envelope)}
-    robot = {"robot": task.robot.name, "robot_digest": task.robot.digest}
+    robot = {"robot": task.robot.title, "robot_digest": task.robot.digest}
     about = {"env_id": env_id, **robot, "task_version": task.version, "control_mode": control_mode}
     return {**about, **settings}
 

@@ -18,7 +18,7 @@ from space_envs.evaluation.records.timing import Timing
 from space_envs.evaluation.records.values import abbreviated, checked, checked_metrics, checked_timing
 from space_envs.system.digests import text_digest
 
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 RECORDS, SUMMARY, REPORT = "records.jsonl", "summary.json", "report.html"  # in a result folder
 
 
@@ -33,6 +33,8 @@ class EpisodeRecord:
 
     schema: int  # SCHEMA_VERSION
     env_id: str
+    robot: str  # name, with the variant where there are several
+    robot_digest: str  # first twelve hexadecimal digits
     policy: str
     control_mode: str
     difficulty: str
@@ -70,7 +72,7 @@ class EpisodeRecord:
     @cached_property
     def entry(self) -> LeaderboardEntry:
         """Row of the leaderboard that this episode counts in."""
-        task = EvaluatedTask(self.env_id, self.difficulty, self.split)
+        task = EvaluatedTask(self.env_id, self.robot, self.robot_digest, self.difficulty, self.split)
         return LeaderboardEntry(task, self.policy, self.control_mode)
 
     @property

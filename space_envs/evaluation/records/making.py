@@ -27,6 +27,8 @@ def episode_records(
         EpisodeRecord(
             schema=SCHEMA_VERSION,
             env_id=entry.task.env_id,
+            robot=entry.task.robot,
+            robot_digest=entry.task.robot_digest,
             policy=entry.policy,
             control_mode=entry.control_mode,
             difficulty=entry.task.difficulty,

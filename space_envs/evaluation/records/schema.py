@@ -20,6 +20,9 @@ SCHEMA_ID = f"urn:space-capture:schema:record:{SCHEMA_VERSION}"
 DESCRIPTIONS = {
     "schema": "Version of this schema.",
     "env_id": "Registered id, with its version.",
+    "robot": "Name of the robot, with its variant where it has several.",
+    "robot_digest": "First 12 hexadecimal digits of the SHA-256 of everything about the robot that is "
+    "simulated; those of different robots are not compared.",
     "policy": "Name of the policy, any text.",
     "control_mode": "What the policy's actions are, such as joint_velocity.",
     "difficulty": "Size of the goal region.",

@@ -17,7 +17,7 @@ from space_envs.evaluation.play.episode_file import save_episodes
 from space_envs.evaluation.records.descriptions import description
 from space_envs.evaluation.records.episode import RECORDS, REPORT, SCHEMA_VERSION, SUMMARY
 from space_envs.evaluation.records.metrics import own_metrics
-from space_envs.evaluation.records.names import file_name, joined_file_name
+from space_envs.evaluation.records.names import file_name
 from space_envs.evaluation.records.storage import write_records
 from space_envs.evaluation.replay.videos import write_videos
 from space_envs.evaluation.report.page.html import to_html
@@ -27,7 +27,7 @@ from space_envs.evaluation.report.plots.plot import Plot
 from space_envs.evaluation.report.tables.csv_file import to_csv
 from space_envs.evaluation.report.tables.latex import to_latex
 from space_envs.evaluation.report.tables.markdown import to_markdown
-from space_envs.evaluation.results.result import EPISODES, EvaluationResult, entry_stem
+from space_envs.evaluation.results.result import EPISODES, EvaluationResult, entry_stem, task_stem
 from space_envs.system.digests import file_digest
 from space_envs.system.files import atomic_write, atomic_write_text
 
@@ -152,7 +152,7 @@ def _remove_others(folder: Path, pattern: str, kept: Iterable[Path]) -> None:
 def write_plots(plots: Mapping[EvaluatedTask, Sequence[Plot]], folder: Path) -> list[Path]:
     """Write each panel as SVG and as PNG into a folder for each task; older plots there are removed."""
     panels = [
-        (folder / joined_file_name(task.env_id, task.difficulty, task.split), panel)
+        (folder / task_stem(task), panel)
         for task, group in plots.items()
         for plot in group
         for panel in plot.panels

@@ -25,8 +25,8 @@ def check_agreement(folders: Sequence[ResultFolder], separate: bool = False) -> 
     """Check that records that would share a table are of one task, and that every folder shares one.
 
     Args:
-        separate: accept a folder that shares no version, difficulty or split with the others; its tasks
-            become tables of their own.
+        separate: accept a folder that shares no version, robot, difficulty or split with the others; its
+            tasks become tables of their own.
 
     Raises:
         ConfigurationError: naming two folders and what differs between them, first of all their versions of
@@ -36,14 +36,15 @@ def check_agreement(folders: Sequence[ResultFolder], separate: bool = False) -> 
     _check_metrics(folders)
     if not separate:
         _check_shared(folders)
-    # Id and difficulty -> configurations, by folder, control mode and hash.
-    uses: dict[tuple[str, str], dict[tuple[str, str, str], _Use]] = {}
+    # Id, robot and difficulty -> configurations, by folder, control mode and hash.
+    uses: dict[tuple[str, str, str], dict[tuple[str, str, str], _Use]] = {}
     for folder in folders:
         for record in folder.records:
             key = (str(folder.path), record.control_mode, record.config_hash)
             use = _Use(*key, folder.configurations.get(record.config_hash))
-            uses.setdefault((record.env_id, record.difficulty), {})[key] = use
-    for (env_id, difficulty), known in uses.items():
+            task = (record.env_id, record.robot_digest, record.difficulty)
+            uses.setdefault(task, {})[key] = use
+    for (env_id, _, difficulty), known in uses.items():
         for one, other in combinations(known.values(), 2):
             if difference := _difference(one, other):
                 raise ConfigurationError(
@@ -81,15 +82,17 @@ def _check_metrics(folders: Sequence[ResultFolder]) -> None:
 
 
 def _check_shared(folders: Sequence[ResultFolder]) -> None:
-    """Every folder must share a version, a difficulty and a split of its ids with another folder."""
+    """Every folder must share a version, a robot, a difficulty and a split of its ids with another folder."""
     # What is compared -> folder -> values that the folder has.
     levels: dict[tuple[str, str], dict[str, set[str]]] = {}
     for folder in folders:
         name = str(folder.path)
-        for env_id, difficulty, split in {(r.env_id, r.difficulty, r.split) for r in folder.records}:
+        for task in {record.entry.task for record in folder.records}:
+            env_id, difficulty, split = task.env_id, task.difficulty, task.split
             base, version = _version(env_id)
             for about, value in (
                 ((base, "version"), version),
+                ((env_id, "robot"), f"{task.robot} ({task.robot_digest})"),
                 ((env_id, "difficulty"), difficulty),
                 ((f"{env_id}, {difficulty},", "split"), split),
             ):

@@ -4,7 +4,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from space_envs.evaluation.play.entry import LeaderboardEntry
+from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
 from space_envs.evaluation.play.episodes import EpisodeBatch
 from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.records.metrics import Described
@@ -39,5 +39,13 @@ class EvaluationResult:
 
 def entry_stem(entry: LeaderboardEntry) -> str:
     """Stem of the files that belong to an entry, which no other entry shares."""
-    task = entry.task
-    return joined_file_name(task.env_id, task.difficulty, task.split, entry.policy, entry.control_mode)
+    return joined_file_name(*_words(entry.task), entry.policy, entry.control_mode)
+
+
+def task_stem(task: EvaluatedTask) -> str:
+    """Stem of the files that belong to a task, which no other task shares."""
+    return joined_file_name(*_words(task))
+
+
+def _words(task: EvaluatedTask) -> tuple[str, ...]:
+    return task.env_id, task.robot, task.robot_digest, task.difficulty, task.split

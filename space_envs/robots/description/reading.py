@@ -12,9 +12,8 @@ from space_envs.robots.description.satellites import SATELLITE_KEYS
 from space_envs.robots.description.tables import DescriptionTable, merged, read_toml
 from space_envs.robots.description.targets import TARGET_KEYS, read_target
 from space_envs.robots.models.accelerations import with_accelerations
-from space_envs.robots.robot import Robot, StepLimits, View
+from space_envs.robots.robot import NOMINAL, Robot, StepLimits, View
 
-NOMINAL = "nominal"  # name of the only variant of a robot whose file names none
 KEYS = (
     "name",
     "variant",

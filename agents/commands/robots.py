@@ -1,0 +1,29 @@
+"""The options of commands that choose a robot."""
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from space_envs.robots.zoo import robot_names
+
+
+def add_robot(add: Callable[..., Any]) -> None:
+    """Add `--robot` and `--variant` to a command line, whose `add_argument` is given."""
+    what = (
+        f"its description file, or one of {', '.join(robot_names())} (default: the robot of each id); "
+        "docs/own_robot.md tells how to bring your own"
+    )
+    add("--robot", metavar="NAME|FILE", help=what)
+    add(
+        "--variant", metavar="NAME", help="of the robot's inertias, if there are several (default: the first)"
+    )
+
+
+def robot_keywords(options: argparse.Namespace) -> dict[str, Any]:
+    """Keywords of a task that the two options set; a file has its absolute path, as other processes need."""
+    given = {"robot": options.robot, "variant": options.variant}
+    found = {name: value for name, value in given.items() if value is not None}
+    if found.get("robot", "").endswith(".toml"):
+        found["robot"] = str(Path(found["robot"]).expanduser().absolute())
+    return found
