@@ -71,7 +71,7 @@ def _written(request: DatasetRequest, parts: Sequence[Recorded], folders: Datase
         dataset.save(folder / EPISODES)
         card["files"] = {EPISODES: file_digest(folder / EPISODES)}
     if "minari" in request.formats:
-        keywords = {"id": find(request.task.env_id).name, **request.keywords}
+        keywords = {"id": find(request.task.env_id).name, **request.plain_keywords}
         about = f"Made by: {request.command()}"
         write_minari(dataset, request.id, folders.minari, about, keywords)
         card["minari"] = {"dataset_id": request.id}

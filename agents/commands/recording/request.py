@@ -58,6 +58,11 @@ class DatasetRequest:
         """Keywords of `gym.make`, without the id."""
         return {"control_mode": self.policy.control_mode, **self.task.keywords(self.model)}
 
+    @property
+    def plain_keywords(self) -> dict[str, Any]:
+        """Keywords of `gym.make` as plain values, the robot as the user named it."""
+        return {**{name: value for name, value in self.keywords.items() if name != "robot"}, **self.robot}
+
     def make_env(self) -> CaptureVectorEnv:
         """An environment of one episode."""
         return CaptureVectorEnv(self.task.env_id, 1, **self.keywords)

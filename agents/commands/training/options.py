@@ -5,6 +5,7 @@ import json
 from collections.abc import Sequence
 from typing import Any, get_args
 
+from agents.commands.robots import add_robot, robot_keywords
 from agents.learning.runs.hyperparameters import ALGORITHMS, AnyHyperparameters, described, to_json
 from agents.learning.runs.settings import DEFAULT_ALGORITHM, DEFAULT_ENV, OPTIONS, Settings
 from agents.learning.runs.warm_start import DEFAULT_EXPERTS
@@ -28,6 +29,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add("--seed", type=int, metavar="S", help="of everything random; default 0")
     add("--difficulty", metavar="NAME", help=f"{', '.join(DIFFICULTIES)}; default {Settings.difficulty}")
     add("--control-mode", metavar="NAME", help=f"{', '.join(CONTROL_MODES)}; default {Settings.control_mode}")
+    add_robot(add)
     what = "other keywords of the environment, as KEY=VALUE or one JSON object"
     add("--env-kwargs", nargs="+", metavar="KEY=VALUE", help=what)
     add("--device", metavar="NAME", help="of torch; default cpu, which is the fastest for these networks")
@@ -103,6 +105,8 @@ def given_options(parsed: argparse.Namespace) -> dict[str, Any]:
     given |= {name: value for name in names if (value := getattr(parsed, name)) is not None}
     if parsed.env_kwargs is not None:
         given["env_kwargs"] = environment_keywords(parsed.env_kwargs)
+    if robot := robot_keywords(parsed):
+        given["env_kwargs"] = {**given.get("env_kwargs", {}), **robot}
     return given
 
 
