@@ -80,7 +80,7 @@ def write_folder(
 def made_episodes(records: Sequence[EpisodeRecord], horizon: int = 200) -> EpisodeBatch:
     """Recorded episodes of the records: joints rotate by an angle that says which episode it is."""
     first = records[0]
-    task = make_task(first.env_id, first.entry.task.keywords())
+    task = make_task(first.env_id, {"difficulty": first.difficulty, "split": first.split})
     indices = np.array([record.index for record in records])
     scene = np.zeros((len(records), horizon + 1, task.render_model.nq))
     scene[..., 3] = 1.0
@@ -89,7 +89,7 @@ def made_episodes(records: Sequence[EpisodeRecord], horizon: int = 200) -> Episo
     flat = np.zeros((len(records), horizon + 1))
     return EpisodeBatch(
         entry=first.entry,
-        variant=None,
+        robot=task.robot,
         period=task.control_period,
         scene=scene,
         base_pose=scene[..., :7],

@@ -2,9 +2,11 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
+from evaluated_tasks import evaluated
 
 from agents.policies.resolve import resolve_policy
 from space_envs.dynamics.rotations import exponential
@@ -12,12 +14,14 @@ from space_envs.evaluation.harness.chunk_result import evaluate_chunk
 from space_envs.evaluation.leaderboard.build import build_rows
 from space_envs.evaluation.leaderboard.row import Row
 from space_envs.evaluation.play.chunks import Chunk
-from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
+from space_envs.evaluation.play.entry import DIGITS, LeaderboardEntry
 from space_envs.evaluation.play.episodes import EpisodeBatch
 from space_envs.evaluation.records.episode import SCHEMA_VERSION, EpisodeRecord
 from space_envs.evaluation.records.timing import Timing
 from space_envs.evaluation.replay.stills import Still
 from space_envs.evaluation.results.result import EvaluationResult
+from space_envs.registration import ENTRIES
+from space_envs.robots.robot import Robot
 from space_envs.tasks.base import CaptureTask
 
 FAILED: dict[str, Any] = {"captured": False, "outcome": "timeout", "time_to_capture": None}
@@ -59,6 +63,8 @@ def make_record(**changes: object) -> EpisodeRecord:
     values: dict[str, object] = {
         "schema": SCHEMA_VERSION,
         "env_id": "SpaceCapture/SingleArm-v0",
+        "robot": "",
+        "robot_digest": "",
         "policy": "mpc",
         "control_mode": "joint_velocity",
         "difficulty": "medium",
@@ -92,10 +98,19 @@ def make_record(**changes: object) -> EpisodeRecord:
         "timing": timed(20.0, 0.5),
     }
     values |= changes
+    if not values["robot"]:
+        env_id = str(values["env_id"])
+        robot = _own_robot(env_id if env_id in ENTRIES else "SpaceCapture/SingleArm-v0")
+        values |= {"robot": robot.title, "robot_digest": robot.digest[:DIGITS]}
     if "time_to_capture" in changes and "time_to_envelope" not in changes:
         time = changes["time_to_capture"]
         values["time_to_envelope"] = max(0.0, time - 1.0) if isinstance(time, float) else time
     return record_of(values)
+
+
+@cache
+def _own_robot(env_id: str) -> Robot:
+    return evaluated(env_id)[1]
 
 
 def changed(record: EpisodeRecord, **changes: object) -> EpisodeRecord:
@@ -200,7 +215,7 @@ def make_episodes(
     joints = s[None, :, None] * generator.normal(size=(count, 1, 7))
     return EpisodeBatch(
         entry=entry(policy),
-        variant=None,
+        robot=_own_robot("SpaceCapture/SingleArm-v0"),
         period=period,
         scene=np.concatenate([pose, joints], axis=-1),
         base_pose=pose,
@@ -256,8 +271,9 @@ class PlayedEpisodes:
 
 def make_played(policy: str, episodes: int, env_id: str = "SpaceCapture/SingleArm-v0") -> PlayedEpisodes:
     """Episodes of the test split, played now."""
-    task, indices = EvaluatedTask(env_id, "medium", "test"), tuple(range(episodes))
-    made = evaluate_chunk(Chunk(resolve_policy(policy), task, None, seed=0, first=0, indices=indices))
+    task, robot = evaluated(env_id)
+    indices = tuple(range(episodes))
+    made = evaluate_chunk(Chunk(resolve_policy(policy), task, robot, seed=0, first=0, indices=indices))
     records = [replace(record, timing=timed(1.0, 0.1)) for record in made.records]
     return PlayedEpisodes(made.episodes.task(), made.episodes, records)
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from dataset_folders import CHEAP, SINGLE, contents, folder, run
+from evaluated_tasks import evaluated
 
 from agents.policies.resolve import resolve_policy
 from space_envs.envs import CaptureEnv
@@ -18,7 +19,6 @@ from space_envs.evaluation.datasets.recording import check, record
 from space_envs.evaluation.datasets.storage import Dataset
 from space_envs.evaluation.datasets.trajectory import first_difference
 from space_envs.evaluation.play.chunks import Chunk
-from space_envs.evaluation.play.entry import EvaluatedTask
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def made(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def chunk() -> Chunk:
-    return Chunk(resolve_policy("gjm"), EvaluatedTask(SINGLE, "medium", "train"), None, 0, 3, (7, 4000))
+    return Chunk(resolve_policy("gjm"), *evaluated(SINGLE, split="train"), 0, 3, (7, 4000))
 
 
 @pytest.fixture(scope="module")

@@ -9,12 +9,19 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from evaluated_tasks import evaluated
 from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError
-from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
-from space_envs.evaluation.play.episode_file import compact, load_episodes, save_episodes
+from space_envs.evaluation.play.entry import LeaderboardEntry
+from space_envs.evaluation.play.episode_file import (
+    compact,
+    from_arrays,
+    load_episodes,
+    save_episodes,
+    to_arrays,
+)
 from space_envs.evaluation.play.episodes import EpisodeBatch, concatenate
 from space_envs.evaluation.play.playing import roll_out
 from space_envs.evaluation.play.rollout import Rollout
@@ -23,6 +30,7 @@ from space_envs.evaluation.records.making import episode_records
 from space_envs.evaluation.replay.frames import model_states
 from space_envs.evaluation.replay.replay import make_replays, replay_of
 from space_envs.registration import ENTRIES, make_task
+from space_envs.robots.zoo import find_robot
 
 SPATIAL = "SpaceCapture/DualArmSpatial-v0"
 EMPTY = np.zeros((3, 0))
@@ -46,10 +54,10 @@ class Turning:
         return np.full((len(observation), self.joints), 0.2), None
 
 
-def played(env_id: str, variant: str | None = None) -> Rollout:
+def played(env_id: str, **keywords: str) -> Rollout:
     """Two short episodes."""
-    task = EvaluatedTask(env_id, "easy", "ood")
-    environment = {"env_id": env_id, "control_mode": "joint_velocity", **task.keywords(variant)}
+    task, robot = evaluated(env_id, "easy", "ood", **keywords)
+    environment = {"env_id": env_id, "control_mode": "joint_velocity", **task.keywords(robot)}
     return roll_out(
         lambda context: Turning(context.model.nu), environment, "ood", np.array([70, 3]), 0, policy="turning"
     )
@@ -71,9 +79,10 @@ def stored(rollout: Rollout) -> EpisodeBatch:
 
 def small(**changes: Any) -> EpisodeBatch:
     """Made-up episodes of two steps, three of them."""
+    task, robot = evaluated(SPATIAL)
     values: dict[str, Any] = {
-        "entry": LeaderboardEntry(EvaluatedTask("x", "x", "x"), "x", "x"),
-        "variant": None,
+        "entry": LeaderboardEntry(task, "x", "x"),
+        "robot": robot,
         "period": 0.1,
         "scene": np.arange(18, dtype=float).reshape(3, 3, 2),
         "base_pose": np.arange(63, dtype=float).reshape(3, 3, 7),
@@ -93,7 +102,7 @@ def small(**changes: Any) -> EpisodeBatch:
 def same(one: EpisodeBatch, two: EpisodeBatch) -> bool:
     return (
         all(np.array_equal(getattr(one, name), getattr(two, name)) for name in (*ARRAYS, *LABELS))
-        and (one.entry, one.variant, one.period) == (two.entry, two.variant, two.period)
+        and (one.entry, one.robot, one.period) == (two.entry, two.robot, two.period)
         and set(one.goal) == set(two.goal)
         and all(np.array_equal(value, two.goal[name]) for name, value in one.goal.items())
     )
@@ -102,7 +111,7 @@ def same(one: EpisodeBatch, two: EpisodeBatch) -> bool:
 def test_what_is_saved_is_read_back_and_equal_episodes_give_equal_bytes(
     stored: EpisodeBatch, tmp_path: Path
 ) -> None:
-    hostile = replace(stored, entry=replace(stored.entry, policy="a\0b\ud800<img src=x>"), variant="v")
+    hostile = replace(stored, entry=replace(stored.entry, policy="a\0b\ud800<img src=x>"))
     for number, made in enumerate((stored, hostile, small())):
         save_episodes(tmp_path / f"{number}.npz", made)
         read = load_episodes(tmp_path / f"{number}.npz")
@@ -117,7 +126,7 @@ def test_what_is_saved_is_read_back_and_equal_episodes_give_equal_bytes(
 def test_episodes_of_every_id_say_what_was_played(env_id: str, rollout: Rollout) -> None:
     done = rollout if env_id == SPATIAL else played(env_id)
     task = make_task(env_id, {"difficulty": "easy", "split": "ood"})
-    assert done.entry == LeaderboardEntry(EvaluatedTask(env_id, "easy", "ood"), "turning", "joint_velocity")
+    assert done.entry == LeaderboardEntry(evaluated(env_id, "easy", "ood")[0], "turning", "joint_velocity")
     assert done.scene.shape == (2, task.horizon + 1, task.render_model.nq)
     assert done.task() == task
     np.testing.assert_array_equal(done.qpos[..., 7:], done.joint_position)
@@ -140,13 +149,14 @@ def test_episodes_of_every_id_say_what_was_played(env_id: str, rollout: Rollout)
         )
 
 
-def test_the_variant_is_kept() -> None:
+def test_the_robot_is_kept() -> None:
     made = played("SpaceCapture/SingleArm-v0", variant="physical")
-    assert made.variant == "physical"
+    assert made.entry.task.robot == made.robot.title == "shyam2020/physical"
     assert made.task() == make_task(
         "SpaceCapture/SingleArm-v0", {"difficulty": "easy", "split": "ood", "variant": "physical"}
     )
-    assert replace(made, variant=None).task() != made.task()
+    with pytest.raises(ConfigurationError, match="digest"):
+        from_arrays(to_arrays(replace(made, robot=find_robot("shyam2020"))))
 
 
 def test_replays_of_stored_episodes_are_those_of_the_rollout(rollout: Rollout, stored: EpisodeBatch) -> None:
@@ -253,7 +263,8 @@ def test_damaged_files_name_themselves(tmp_path: Path) -> None:
         {"about": np.array("{")},
         {"about": np.array(json.dumps([1]))},
         {"about": np.array(json.dumps({**about, "policy": 3}))},
-        {"about": np.array(json.dumps({**about, "variant": 3}))},
+        {"about": np.array(json.dumps({**about, "model": 3}))},
+        {"about": np.array(json.dumps({**about, "model": {**about["model"], "arms": []}}))},
         {"about": np.array(json.dumps({**about, "task": {"env_id": "x"}}))},
         {"period": np.array("x")},
         {"outcome": np.array([{"an": "object"}] * 3, dtype=object)},

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import harness_policies
 import numpy as np
 import pytest
+from evaluated_tasks import evaluated
 from offenders import assert_refused
 from rollouts import rollout_of
 from synthetic_results import untimed
@@ -22,7 +23,6 @@ from space_envs.evaluation.harness import runner
 from space_envs.evaluation.harness.evaluation import Evaluation
 from space_envs.evaluation.harness.runner import prepare
 from space_envs.evaluation.play.causes import NO_PLAN_CAUSES, PlanState
-from space_envs.evaluation.play.entry import EvaluatedTask
 from space_envs.evaluation.play.playing import split_indices
 from space_envs.evaluation.play.timing import time_policy
 from space_envs.evaluation.records.metrics import episode_metrics
@@ -313,8 +313,8 @@ def test_a_complete_evaluation_is_not_played_again_by_resume(tmp_path, capsys):
 
 
 def test_a_restart_that_was_killed_is_not_complete(tmp_path, monkeypatch):
-    task = EvaluatedTask(SINGLE, "medium", "test")
-    evaluation = Evaluation(((task, resolve_policy("hold")),), 4, (3,))
+    task, robot = evaluated(SINGLE)
+    evaluation = Evaluation(((task, resolve_policy("hold")),), 4, (3,), {task: robot})
     (tmp_path / "summary.json").write_text("{}")  # of an evaluation before
     assert prepare(evaluation, tmp_path)
     (tmp_path / "chunks").rmdir()  # it had come to its end

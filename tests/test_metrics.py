@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from evaluated_tasks import evaluated
 from rollouts import SINGLE, rollout_of
 
 from space_envs.dynamics.bodies import body_motion
 from space_envs.evaluation.leaderboard.figures import cost_times_duration
-from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
+from space_envs.evaluation.play.entry import LeaderboardEntry
 from space_envs.evaluation.records.making import episode_records
 from space_envs.evaluation.records.metrics import episode_metrics
 
@@ -42,9 +43,7 @@ def test_slowness_makes_a_path_cheap_by_eq_20_and_not_by_cost_times_duration(mon
     for duration in (5.0, 10.0, 20.0):
         monkeypatch.setattr("agents.policies.single_arm.reaching.DURATION", duration)
         rollout, task = rollout_of("minimum_jerk", episodes=4)
-        records = episode_records(
-            rollout, task, LeaderboardEntry(EvaluatedTask(SINGLE, "medium", "test"), "mine", "any"), 0
-        )
+        records = episode_records(rollout, task, LeaderboardEntry(evaluated(SINGLE)[0], "mine", "any"), 0)
         assert rollout.outcome.tolist() == ["captured"] * 4
         costs.append([record.metrics["attitude_cost"] for record in records])
         products.append([cost_times_duration(record) for record in records])
@@ -56,9 +55,7 @@ def test_slowness_makes_a_path_cheap_by_eq_20_and_not_by_cost_times_duration(mon
 
 def test_the_time_to_the_envelope_is_that_of_the_first_state_of_the_hold():
     rollout, task = rollout_of("minimum_jerk", episodes=2)
-    records = episode_records(
-        rollout, task, LeaderboardEntry(EvaluatedTask(SINGLE, "medium", "test"), "mine", "any"), 0
-    )
+    records = episode_records(rollout, task, LeaderboardEntry(evaluated(SINGLE)[0], "mine", "any"), 0)
     for row, record in enumerate(records):
         inside = rollout.position_error[row] <= task.envelope.position
         assert (

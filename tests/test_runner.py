@@ -13,6 +13,7 @@ from typing import Any
 import harness_policies
 import numpy as np
 import pytest
+from evaluated_tasks import evaluated
 from synthetic_results import untimed
 
 from agents.commands.evaluate import main
@@ -33,8 +34,10 @@ from space_envs.evaluation.records.timing import UNTIMED
 from space_envs.registration import make_task
 
 ROOT = Path(__file__).resolve().parents[1]
-SINGLE = EvaluatedTask("SpaceCapture/SingleArm-v0", "medium", "validation")
-PLANAR = EvaluatedTask("SpaceCapture/DualArmPlanar-v0", "medium", "validation")
+ROBOTS = dict(
+    evaluated(f"SpaceCapture/{name}-v0", split="validation") for name in ("SingleArm", "DualArmPlanar")
+)
+SINGLE, PLANAR = ROBOTS
 HARNESS = "harness_policies"
 
 
@@ -46,7 +49,7 @@ def evaluation(
     limits: TimeLimits | None = None,
 ) -> Evaluation:
     players = tuple((task, resolve_policy(name)) for name in names)
-    return Evaluation(players, episodes, seeds, limits=limits)
+    return Evaluation(players, episodes, seeds, ROBOTS, limits)
 
 
 def records_of(
