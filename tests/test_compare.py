@@ -101,9 +101,9 @@ def test_other_tasks_are_tables_of_their_own(tmp_path: Path) -> None:
     )
     result, _ = merged(a, b)
     assert {str(record.entry.task) for record in result.records} == {
-        "SpaceCapture/SingleArm-v0, medium, test split",
-        "SpaceCapture/SingleArm-v0, medium, ood split",
-        "SpaceCapture/DualArmPlanar-v0, medium, test split",
+        "SpaceCapture/SingleArm-v0, shyam2020/paper, medium, test split",
+        "SpaceCapture/SingleArm-v0, shyam2020/paper, medium, ood split",
+        "SpaceCapture/DualArmPlanar-v0, shah2013, medium, test split",
     }
 
 

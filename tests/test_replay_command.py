@@ -142,7 +142,9 @@ def test_results_without_episodes_say_so(tmp_path: Path, capsys: pytest.CaptureF
 def test_figures_of_the_episode_are_said(folder: Path) -> None:
     record = choose(list(read_folder(folder).records), policy="promp", seed=1, episode=0)
     first, second, third = command.summary_lines(record)
-    assert first.startswith("promp (joint_velocity) on SpaceCapture/SingleArm-v0, medium, test split")
+    assert first.startswith(
+        "promp (joint_velocity) on SpaceCapture/SingleArm-v0, shyam2020/paper, medium, test split"
+    )
     assert first.endswith("episode 0 of seed 1, goal 10")
     assert second == "timeout: base turned, 9 steps"
     assert "final attitude 4.5 deg" in third and "base disturbance (eq. 20) 60 cm^2/s" in third
