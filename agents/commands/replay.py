@@ -32,6 +32,7 @@ package registers is always needed, as module:id.
 # Option -> field of a record, its name in messages and its type, in the order in which records are selected.
 _CHOICES: dict[str, tuple[str, str, type]] = {
     "env": ("env_id", "environment id", str),
+    "robot": ("robot", "robot", str),
     "difficulty": ("difficulty", "difficulty", str),
     "split": ("split", "split", str),
     "policy": ("policy", "policy", str),
