@@ -54,7 +54,7 @@ def test_records_of_another_schema_are_refused(tmp_path: Path) -> None:
     del old["checksum"]
     (a / "records.jsonl").write_text(json.dumps(old) + "\n")
     with pytest.raises(
-        ConfigurationError, match=r"records\.jsonl:1: schema is 1; this version reads schema 3"
+        ConfigurationError, match=r"records\.jsonl:1: schema is 1; this version reads schema 4"
     ):
         read_folder(a)
 
