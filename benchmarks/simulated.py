@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from space_envs.dynamics.rotations import Array
 from space_envs.envs import CaptureVectorEnv
 from space_envs.registration import make_task
-from space_envs.robots.check.planners import task_of
+from space_envs.robots.check.figures.goals import task_of
 from space_envs.robots.robot import StepLimits
 from space_envs.robots.zoo import find_robot
 from space_envs.step_limits.measured import measured_steps

@@ -13,11 +13,13 @@ from robot_descriptions import SIX_JOINTS
 
 from space_envs.robots.__main__ import main
 from space_envs.robots.check.figures.conditioning import conditioning, scaled_jacobian
-from space_envs.robots.check.figures.contacts import home_contacts
+from space_envs.robots.check.figures.contacts import home_gaps
+from space_envs.robots.check.figures.goals import goal_problem
 from space_envs.robots.check.figures.masses import mass_figures, torque_figures
 from space_envs.robots.check.figures.robot_figures import RobotFigures, robot_figures
 from space_envs.robots.check.implausible import RULES, implausible
 from space_envs.robots.check.pictures import stretched
+from space_envs.robots.check.verification import verify
 from space_envs.robots.description.reading import read_robot
 from space_envs.robots.models import robot_model
 from space_envs.robots.robot import Inertial, Link, Robot, StepLimits
@@ -132,6 +134,7 @@ FAULTS: dict[str, Callable[[Robot], Robot]] = {
     "joint rate": lambda robot: with_joint(robot, rate_limit=6.0, acceleration_limit=6.0),
     "joint range": lambda robot: with_joint(robot, range=(1.3, 3.0)),
     "singular home": lambda robot: at_home(robot, 0.0, 1.2, 0.0, -1.2, 0.0, 0.0),
+    "goals": lambda robot: at_home(robot, 0.0, -1.2, 0.3, 0.0, 0.9, 0.0),
     "contact at home": lambda robot: at_home(robot, 0.0, -1.2, 0.3, 0.0, 0.9, 0.0),
 }
 
@@ -145,7 +148,8 @@ def test_a_planted_fault_is_found(figures: RobotFigures, rule: str) -> None:
         masses=mass_figures(robot),
         conditioning=conditioning(robot),
         torques=torque_figures(robot),
-        contacts=home_contacts(robot),
+        gaps=home_gaps(robot),
+        goals=goal_problem(robot),
     )
     found = implausible(faulty)
     assert rule in {finding.rule for finding in found}
@@ -185,20 +189,24 @@ def test_every_rule_has_a_fault() -> None:
 # Command
 
 
-def test_the_command_prints_the_figures_and_writes_the_page(
+def test_the_command_prints_the_figures_tests_the_robot_and_writes_the_page(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     described(tmp_path, SIX_JOINTS.replace("mass = 150.0", "mass = 15.0"))
-    assert main(["check", "six_joints.toml", "--no-planners", "--no-pictures"]) == 0
+    assert main(["check", "six_joints.toml", "--test", "--no-planners", "--no-pictures"]) == 0
     out = capsys.readouterr().out
+    outcomes = [
+        found[1] for line in out.splitlines() if (found := re.search(r"  (passed|FAILED|not run)  ", line))
+    ]
+    assert outcomes == ["passed"] * (4 + 4 + 1 + 3)
     for text in ("Masses", "Conditioning", "Momentum and drives", "Tracking and attitude", "Page: "):
         assert text in out
     assert "Implausible (satellite mass): the satellite has 15 kg, less than the 22.5 kg of its arm" in out
     [page] = tmp_path.glob("*_check.html")
     text = page.read_text()
     assert "<h2>What looks implausible</h2>" in text and "less than the 22.5 kg" in text
-    assert "python -m space_envs.robots check six_joints.toml --no-planners" in text
+    assert "python -m space_envs.robots check six_joints.toml --test --no-planners" in text
     assert "have no acceleration limits and get" in text
 
 
@@ -212,3 +220,15 @@ def test_what_is_wrong_with_the_command_line_is_said(
     ):
         assert main(arguments) == 2
         assert message in capsys.readouterr().err
+
+
+def test_a_robot_that_fails_a_test_ends_the_command_with_status_1(
+    figures: RobotFigures, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    coarse = replace(figures.robot, steps=StepLimits(0.1, 0.1, 0.5))
+    failed = next(verify(coarse, "SpaceCapture/SingleArm-v0"))
+    assert failed.name == "momentum, joint_velocity" and failed.passed is False
+    monkeypatch.setattr("space_envs.robots.check.command.verify", lambda *_: iter([failed]))
+    options = ["--no-planners", "--no-pictures", "--output", str(tmp_path / "page.html")]
+    assert main(["check", str(described(tmp_path)), "--test", *options]) == 1
+    assert re.search(r"momentum, joint_velocity +FAILED +relative drift", capsys.readouterr().out)

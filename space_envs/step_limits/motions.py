@@ -1,10 +1,13 @@
 """Motions over the whole range of a robot's joints, in any control mode, and how well they were simulated."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from copy import copy
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
+import mujoco
 import numpy as np
 
 from space_envs.control import MODES
@@ -168,4 +171,18 @@ def full_range_motion(
     controlled = ControlledRobot(robot, n, settings)
     controlled.reset(*(np.concatenate(part) for part in starts))
     steps = max(1, round(seconds / settings.control_period))
-    return controlled.run(full_strokes(controlled.mode.size, n, settings.control_period, steps, rng))
+    with _unlogged():
+        return controlled.run(full_strokes(controlled.mode.size, n, settings.control_period, steps, rng))
+
+
+@contextmanager
+def _unlogged() -> Iterator[None]:
+    """MuJoCo does not print or write that a simulation is unstable: that is what is found out."""
+    before = mujoco.MjLogConfig.get()
+    silent = copy(before)
+    silent.logto_console = silent.logto_file = False
+    silent.set()
+    try:
+        yield
+    finally:
+        before.set()

@@ -14,11 +14,12 @@ from tqdm import tqdm
 from space_envs.errors import positive_integer
 from space_envs.evaluation.records.names import display_name
 from space_envs.evaluation.report.tables.terminal import print_at, width_of
+from space_envs.robots.check.figures.goals import SPLIT, task_of
 from space_envs.robots.check.figures.robot_figures import RobotFigures, robot_figures
 from space_envs.robots.check.implausible import Finding, implausible
 from space_envs.robots.check.page import RobotReport, write_page
 from space_envs.robots.check.pictures import robot_pictures
-from space_envs.robots.check.planners import SPLIT, planner_figures, task_of
+from space_envs.robots.check.planners import planner_figures
 from space_envs.robots.check.tables import FigureTable, figure_tables, planner_table, verification_table
 from space_envs.robots.check.verification import Verification, verify
 from space_envs.robots.robot import Robot

@@ -13,6 +13,7 @@ from space_envs.drives import BRAKING_RATIO, STOP_MARGIN, braking_deceleration
 from space_envs.robots.check.figures.masses import LinkFigures
 from space_envs.robots.check.figures.robot_figures import RobotFigures
 from space_envs.robots.check.figures.simulated import CONTROL_PERIOD
+from space_envs.tasks.goals.poses import ROOM
 
 LENGTHS = (0.2, 25.0)  # m, usual reach
 LINEAR_DENSITY = (0.5, 250.0)  # kg/m of a link, from a thin carbon tube to a thick steel bar
@@ -186,8 +187,14 @@ def _singular_home(figures: RobotFigures) -> Iterator[str]:
 
 
 def _contacts(figures: RobotFigures) -> Iterator[str]:
-    for name in figures.contacts:
-        yield f"at home, {name} touch"
+    for parts, gap in figures.gaps:
+        how = f"overlap by {-gap:.2g} m" if gap < 0.0 else f"are {gap:.2g} m apart"
+        yield f"at home, {parts} {how}, where goals need a gap of {ROOM:g} m"
+
+
+def _goals(figures: RobotFigures) -> Iterator[str]:
+    if figures.goals:
+        yield figures.goals
 
 
 def _control_period(figures: RobotFigures) -> Iterator[str]:
@@ -231,6 +238,7 @@ RULES: dict[str, Rule] = {
     "joint range": _ranges,
     "singular home": _singular_home,
     "contact at home": _contacts,
+    "goals": _goals,
     "control period": _control_period,
     "time step": _time_step,
     "momentum": _momentum,

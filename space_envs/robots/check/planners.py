@@ -13,16 +13,14 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from space_envs.errors import ConfigurationError, SpaceEnvsError
+from space_envs.errors import SpaceEnvsError
 from space_envs.evaluation.leaderboard.build import build_rows
 from space_envs.evaluation.leaderboard.figures import HEADLINE
 from space_envs.evaluation.leaderboard.row import Row
 from space_envs.evaluation.results.folders import read_folder
-from space_envs.registration import ENTRIES, make_task
-from space_envs.robots.robot import Robot
+from space_envs.robots.check.figures.goals import SPLIT
 
 EVALUATE = ("-m", "agents.commands.evaluate")
-SPLIT = "validation"
 
 
 @dataclass(frozen=True)
@@ -40,23 +38,6 @@ class PlannerFigures:
     captured: int
     score: float
     failure: str
-
-
-def task_of(robot: Robot) -> str:
-    """Id of the first registered task that takes a robot.
-
-    Raises:
-        ConfigurationError: if there is none.
-    """
-    reasons = []
-    for env_id in ENTRIES:
-        try:
-            make_task(env_id, {"robot": robot})
-        except SpaceEnvsError as error:
-            reasons.append(f"{env_id}: {error}")
-        else:
-            return env_id
-    raise ConfigurationError(f"no task takes robot {robot.name!r}: {'; '.join(reasons)}")
 
 
 def planner_figures(

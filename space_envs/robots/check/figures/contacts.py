@@ -1,4 +1,4 @@
-"""Parts of a robot that touch each other at home, by the capsules of its arms."""
+"""Parts of a robot that touch each other at home, or nearly so, by the capsules of its arms."""
 
 from itertools import combinations
 from typing import NamedTuple
@@ -9,6 +9,7 @@ from space_envs.dynamics.capsules import box_distance, segment_distance
 from space_envs.dynamics.rotations import Array
 from space_envs.robots.robot import Robot
 from space_envs.step_limits.motions import mechanics
+from space_envs.tasks.goals.poses import ROOM
 
 NEIGHBOURS = 2  # links of an arm so near to each other in number may touch where they are joined
 
@@ -28,12 +29,24 @@ class _Part(NamedTuple):
         return f"link {self.link}" + (f" of arm {self.arm}" if arms > 1 else "")
 
 
-def home_contacts(robot: Robot) -> tuple[str, ...]:
-    """Pairs of parts that touch at home, in words."""
+class HomeGap(NamedTuple):
+    """Two parts that are close at home: their names, and their gap, m, negative where they overlap."""
+
+    parts: str
+    gap: float
+
+
+def home_gaps(robot: Robot) -> tuple[HomeGap, ...]:
+    """Pairs of parts nearer to each other at home than goals need, the least gap of each pair."""
     parts, arms = _parts(robot), len(robot.arms)
-    found = [f"{part.name(arms)} and the satellite" for part in parts if _touches_satellite(robot, part)]
-    found += [f"{a.name(arms)} and {b.name(arms)}" for a, b in combinations(parts, 2) if _touch(a, b)]
-    return tuple(dict.fromkeys(found))
+    found = [HomeGap(f"{part.name(arms)} and the satellite", _to_satellite(robot, part)) for part in parts]
+    found += [
+        HomeGap(f"{a.name(arms)} and {b.name(arms)}", _between(a, b)) for a, b in combinations(parts, 2)
+    ]
+    least: dict[str, float] = {}
+    for name, gap in found:
+        least[name] = min(gap, least.get(name, np.inf))
+    return tuple(HomeGap(name, gap) for name, gap in least.items() if gap <= ROOM)
 
 
 def _parts(robot: Robot) -> list[_Part]:
@@ -51,15 +64,15 @@ def _parts(robot: Robot) -> list[_Part]:
     return parts
 
 
-def _touches_satellite(robot: Robot, part: _Part) -> bool:
+def _to_satellite(robot: Robot, part: _Part) -> float:
     satellite = robot.satellite
     if not satellite.reachable:
-        return False
+        return np.inf
     centre, half = np.array(satellite.box_centre), np.array(satellite.box)
-    return bool(box_distance(part.start - centre, part.end - centre, half) <= part.satellite)
+    return float(box_distance(part.start - centre, part.end - centre, half)) - part.satellite
 
 
-def _touch(a: _Part, b: _Part) -> bool:
+def _between(a: _Part, b: _Part) -> float:
     if a.arm == b.arm and abs(a.link - b.link) <= NEIGHBOURS:
-        return False
-    return bool(segment_distance(a.start, a.end, b.start, b.end) <= a.radius + b.radius)
+        return np.inf
+    return float(segment_distance(a.start, a.end, b.start, b.end)) - a.radius - b.radius

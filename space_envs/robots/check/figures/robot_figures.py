@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from space_envs.robots.check.figures.conditioning import ConditioningFigures, conditioning
-from space_envs.robots.check.figures.contacts import home_contacts
+from space_envs.robots.check.figures.contacts import HomeGap, home_gaps
+from space_envs.robots.check.figures.goals import goal_problem
 from space_envs.robots.check.figures.masses import MassFigures, TorqueFigures, mass_figures, torque_figures
 from space_envs.robots.check.figures.simulated import (
     AttitudeFigures,
@@ -25,7 +26,7 @@ class RobotFigures:
 
     Attributes:
         robot: that they are of. masses, conditioning, torques, modes, tracking, attitude: figures.
-        contacts: pairs of parts that touch at home, in words.
+        gaps: pairs of parts that are close at home. goals: reason why goals cannot be drawn, or empty.
         measured: time steps that a measurement finds; those of the robot may be smaller or larger.
     """
 
@@ -33,7 +34,8 @@ class RobotFigures:
     masses: MassFigures
     conditioning: ConditioningFigures
     torques: TorqueFigures
-    contacts: tuple[str, ...]
+    gaps: tuple[HomeGap, ...]
+    goals: str
     measured: StepLimits
     modes: tuple[ModeFigures, ...]
     tracking: TrackingFigures
@@ -66,7 +68,8 @@ def robot_figures(robot: Robot) -> RobotFigures:
         mass_figures(robot),
         conditioning(robot),
         torque_figures(robot),
-        home_contacts(robot),
+        home_gaps(robot),
+        goal_problem(robot),
         measured_steps(robot),
         mode_figures(robot),
         tracking(robot),
