@@ -131,7 +131,7 @@ def _weak_drive(figures: RobotFigures) -> Iterator[str]:
 
 def _weak_brakes(figures: RobotFigures) -> Iterator[str]:
     braking, usual = braking_deceleration(figures.robot), BRAKING_RATIO * figures.robot.acceleration_limit
-    for index in np.flatnonzero(braking < usual):
+    for index in np.flatnonzero(braking < usual).tolist():
         yield (
             f"{_joint(figures, index)} brakes by {braking[index]:.3g} rad/s^2 before the ends of its range, "
             f"not by {BRAKING_RATIO:g} of its acceleration limit, since the torques cannot brake all joints "

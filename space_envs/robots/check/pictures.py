@@ -64,7 +64,8 @@ def stretched(robot: Robot) -> Array:
     q = q[_distance(robot, q).argmax()]
     for joint in np.tile(np.arange(robot.n_joints), SWEEPS):
         tried = np.tile(q, (ANGLES + 1, 1))
-        tried[1:, joint] = np.linspace(*robot.joint_range[joint], ANGLES)
+        low, high = robot.joint_range[joint]
+        tried[1:, joint] = np.linspace(low, high, ANGLES)
         q = tried[_distance(robot, tried).argmax()]
     return q
 
