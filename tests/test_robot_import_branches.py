@@ -123,3 +123,36 @@ def test_a_robot_of_two_branches_has_the_mass_of_its_file(folder):
     robot = read_robot(folder / "robot.toml")
     assert robot.satellite.inertial.mass == pytest.approx(116.0)
     assert sum(each.inertial.mass for each in robot.links) == pytest.approx(13.0)
+
+
+PLANAR = "planar = true\n[satellite]\nmass = 100.0\nsize = 1.0\nreachable = false\n"
+FLAT = """
+[[arm]]
+file = "flat.urdf"
+mount = { position = [0.5, 0.0, HEIGHT] }
+home = [0.1, 0.2, 0.3]
+limits = { acceleration = 0.5 }
+"""
+
+
+def flat(axis: str, height: str, folder: Path) -> None:
+    names = ["root", "upper", "fore", "hand"]
+    chain = "".join(
+        joint(child, "revolute", parent, child) for parent, child in zip(names, names[1:], strict=False)
+    )
+    text = f'<robot name="flat">{"".join(link(name, 2.0) for name in names)}{chain}</robot>'
+    text = text.replace('xyz="0.1 0.2 0.3" rpy="0.5 0.4 0.3"', 'xyz="0.5 0 0" rpy="0 0 0.4"')
+    text = text.replace('xyz="0 0 0.1" rpy="0.3 0.2 0.1"', 'xyz="0.1 0 0"')
+    (folder / "flat.urdf").write_text(text.replace('axis xyz="0 1 0"', f'axis xyz="{axis}"'))
+    (folder / "flat.toml").write_text(PLANAR + FLAT.replace("HEIGHT", height))
+
+
+def test_a_planar_robot_lies_in_the_plane(tmp_path):
+    flat("0 0 -1", "0.0", tmp_path)
+    assert read_robot(tmp_path / "flat.toml").planar
+    flat("0 1 0", "0.0", tmp_path)
+    with pytest.raises(ConfigurationError, match=r"'upper' is along \[0.0, 1.0, 0.0\]: turn the mount"):
+        read_robot(tmp_path / "flat.toml")
+    flat("0 0 1", "0.2", tmp_path)
+    with pytest.raises(ConfigurationError, match="joint 'upper' is at z = 0.2 m: change the mount"):
+        read_robot(tmp_path / "flat.toml")

@@ -8,6 +8,7 @@ from typing import Any
 
 from space_envs.errors import unknown_name
 from space_envs.robots.description.mounting import assembled
+from space_envs.robots.description.planes import check_plane
 from space_envs.robots.description.satellites import SATELLITE_KEYS
 from space_envs.robots.description.tables import DescriptionTable, merged, read_toml
 from space_envs.robots.description.targets import TARGET_KEYS, read_target
@@ -58,6 +59,8 @@ def read_robot(
         raise table.error(f"a robot has one or two [[arm]] tables, got {len(arms)}")
     satellite, built, notes = assembled(table, table.table("satellite", SATELLITE_KEYS), arms)
     planar = table.flag("planar", False)
+    if planar:
+        check_plane(arms, built)
     robot = Robot(
         name=table.text("name", path.stem),
         variant=chosen,
