@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from space_envs.dynamics.floating import FloatingRobot, Kinematics
-from space_envs.dynamics.rotations import Array, cross
+from space_envs.dynamics.rotations import Array, conjugate, cross, exponential, multiply, rotate
 
 _TINY = 1e-12  # of W W', which in the plane has two rows of zeros
 _STEPS = 90
@@ -127,11 +127,17 @@ def axis_rotation(axis: Array, goal: Array) -> Array:
 
 
 class Reached(NamedTuple):
-    """End of a roll-out: q (K, n) rad, and residual distance, m, and angle of the approach axes, rad (K,)."""
+    """End of a roll-out.
+
+    Attributes:
+        q: (K, n) rad. distance: (K,) m, largest residual. angle: (K,) rad, likewise, of the approach axes.
+        attitude: (K, 4) of the base, which was the identity at the start.
+    """
 
     q: Array
     distance: Array
     angle: Array
+    attitude: Array
 
 
 def reach(robot: FloatingRobot, start: Array, position: Array, axis: Array | None = None) -> Reached:
@@ -149,13 +155,73 @@ def reach(robot: FloatingRobot, start: Array, position: Array, axis: Array | Non
     for _ in range(_STEPS):
         now, residual, rotation = _residual(robot, q, origin, position, axis)
         change = reactionless_rates(now, 0.3 * residual, None if rotation is None else 0.3 * rotation)
-        change *= np.minimum(_LARGEST_STEP / np.maximum(np.abs(change).max(axis=-1), 1e-12), 1.0)[:, None]
+        change *= _step_factor(change)
         # Each step is projected with the map at its midpoint.
         q = q + reactionless_projection(robot.base_map(q + 0.5 * change)[..., 3:, :], change)
     _, residual, rotation = _residual(robot, q, origin, position, axis)
+    return Reached(q, *_largest(residual, rotation), np.tile([1.0, 0.0, 0.0, 0.0], (len(q), 1)))
+
+
+def reach_rotating(robot: FloatingRobot, start: Array, position: Array, axis: Array | None = None) -> Reached:
+    """Roll out a motion that takes the end-effectors to points at rest, while the base rotates as it may.
+
+    Arguments as of `reach`. For robots that have too few joints to keep the attitude too.
+    """
+    q = np.array(start, dtype=np.float64)
+    origin = robot.centre_of_mass(robot.kinematics(q))
+    attitude = np.tile([1.0, 0.0, 0.0, 0.0], (len(q), 1))
+
+    def seen() -> tuple[EndEffectors, Array, Array | None]:
+        """End-effectors and what they lack, in base axes."""
+        back = conjugate(attitude)[:, None]
+        now, rest, rotation = _residual(
+            robot,
+            q,
+            0.0 * origin,
+            rotate(back, position - origin[:, None]),
+            None if axis is None else rotate(back, axis),
+        )
+        return now, rest, rotation
+
+    for _ in range(_STEPS):
+        now, residual, rotation = seen()
+        change = _nearest_rates(now, 0.3 * residual, None if rotation is None else 0.3 * rotation)
+        change *= _step_factor(change)
+        spin = (robot.base_map(q + 0.5 * change)[..., 3:, :] @ change[..., None])[..., 0]
+        q, attitude = q + change, multiply(attitude, exponential(spin))
+    _, residual, rotation = seen()
+    return Reached(q, *_largest(residual, rotation), attitude)
+
+
+def _nearest_rates(
+    now: EndEffectors,
+    velocity: Array,
+    angular_velocity: Array | None,
+    damping: float = 0.03,
+    weight: float = 0.5,
+) -> Array:
+    """Joint rates (..., n) that move the end-effectors, by the damped generalised Jacobian."""
+    n, batch = now.base_angular.shape[-1], now.base_angular.shape[:-2]
+    rows, command = now.linear.reshape(*batch, -1, n), velocity.reshape(*batch, -1)
+    if angular_velocity is not None:
+        across = np.eye(3) - now.axis[..., :, None] * now.axis[..., None, :]
+        rows = np.concatenate([rows, weight * (across @ now.angular).reshape(*batch, -1, n)], axis=-2)
+        command = np.concatenate([command, weight * angular_velocity.reshape(*batch, -1)], axis=-1)
+    inner = rows @ rows.swapaxes(-1, -2) + damping**2 * np.eye(rows.shape[-2])
+    return (rows.swapaxes(-1, -2) @ np.linalg.solve(inner, command[..., None]))[..., 0]
+
+
+def _step_factor(change: Array) -> Array:
+    """Factor (K, 1) up to 1 on steps (K, n), rad, after which no joint moves by more than the largest."""
+    return np.minimum(_LARGEST_STEP / np.maximum(np.abs(change).max(axis=-1), 1e-12), 1.0)[:, None]
+
+
+def _largest(residual: Array, rotation: Array | None) -> tuple[Array, Array]:
+    """Largest distance and angle (K,) over the end-effectors."""
     distance = np.sqrt((residual * residual).sum(axis=-1)).max(axis=-1)
-    angle = np.zeros(len(q)) if rotation is None else np.sqrt((rotation * rotation).sum(axis=-1)).max(axis=-1)
-    return Reached(q, distance, angle)
+    if rotation is None:
+        return distance, np.zeros(len(distance))
+    return distance, np.sqrt((rotation * rotation).sum(axis=-1)).max(axis=-1)
 
 
 def _residual(

@@ -11,9 +11,10 @@ from importlib.resources import files
 import numpy as np
 from numpy.typing import NDArray
 
-from space_envs.dynamics.reactionless import reach
+from space_envs.dynamics import FloatingRobot
+from space_envs.dynamics.reactionless import Reached, reach, reach_rotating
 from space_envs.dynamics.rigid_body import tumble
-from space_envs.dynamics.rotations import Array, canonical, multiply, rotate
+from space_envs.dynamics.rotations import Array, canonical, conjugate, multiply, rotate
 from space_envs.errors import GoalError
 from space_envs.robots.robot import Robot
 from space_envs.tasks.base import BLOCK
@@ -147,32 +148,52 @@ def _draw(task: DualArmTask, level: int, ood: bool, rng: np.random.Generator) ->
 
 
 def _reachable(task: DualArmTask, goals: TargetGoals) -> NDArray[np.bool_]:
-    """Whether a reactionless motion from rest ends at the goals (K), clear of everything at both ends."""
+    """Whether a motion from rest ends at the goals (K), clear of everything at both ends.
+
+    The motion is reactionless, for a robot with enough joints: position and approach axis of both
+    end-effectors and the attitude of the satellite are given.
+    """
     mechanics = task.mechanics
     before, _ = tumble(
         goals.quaternion, goals.angular_velocity, np.array(task.target.inertia), np.array([-RENDEZVOUS_TIME])
     )
-    ok = _clear(task, goals.joint_position, goals, before[:, 0], False)
+    ok = _clear(task, goals.joint_position, replace(goals, quaternion=before[:, 0]), False)
     rows = np.flatnonzero(ok)
     if not len(rows):
         return ok
     goals = goals.take(rows)
     points = goals.position[:, None] + rotate(goals.quaternion[:, None], task.grapples(goals.half_width))
     axes = None if task.approach_axes is None else rotate(goals.quaternion[:, None], task.approach_axes)
-    found = reach(mechanics, goals.joint_position, points, axes)
+    move = reach if task.robot.n_joints >= attitude_conditions(task) else reach_rotating
+    found = move(mechanics, goals.joint_position, points, axes)
     low, high = mechanics.range.T
     inside = (found.q > low + LIMIT_MARGIN) & (found.q < high - LIMIT_MARGIN)
     ok[rows] = (found.distance < REACHED[0]) & (found.angle < REACHED[1]) & inside.all(axis=1)
-    ok[rows] &= _clear(task, found.q, goals, goals.quaternion, True)
+    ok[rows] &= _clear(task, found.q, _seen_from_base(mechanics, goals, found), True)
     return ok
 
 
-def _clear(
-    task: DualArmTask, q: Array, goals: TargetGoals, attitude: Array, gripper: bool
-) -> NDArray[np.bool_]:
-    """Whether the arms at q (K, n) are clear of each other, the target and the satellite.
+def attitude_conditions(task: DualArmTask) -> int:
+    """Number of joints that keep the satellite's attitude while both end-effectors reach their goals."""
+    if task.planar:
+        return 1 + 2 * 2
+    return 3 + 2 * (3 if task.approach_axes is None else 5)
 
-    The base is at its initial pose at the start and has moved by centimetres at the end, within the margin.
+
+def _seen_from_base(mechanics: FloatingRobot, goals: TargetGoals, found: Reached) -> TargetGoals:
+    """Goals (K) in the frame of the satellite at the end of a motion.
+
+    Without rotation it has moved by centimetres, within the clearance, and counts as at its initial pose.
     """
+    if (found.attitude[:, 0] == 1.0).all():
+        return goals
+    start, end = (mechanics.centre_of_mass(mechanics.kinematics(q)) for q in (goals.joint_position, found.q))
+    back = conjugate(found.attitude)
+    position = rotate(back, goals.position - start) + end
+    return replace(goals, position=position, quaternion=multiply(back, goals.quaternion))
+
+
+def _clear(task: DualArmTask, q: Array, goals: TargetGoals, gripper: bool) -> NDArray[np.bool_]:
+    """Whether the arms at q (K, n) are clear of each other, the target and the satellite."""
     least = distance_scale(task.robot, task.draws.reach) * CLEARANCE
-    return task.gaps(task.mechanics, q, goals, attitude, gripper).min(axis=1) > least
+    return task.gaps(task.mechanics, q, goals, goals.quaternion, gripper).min(axis=1) > least
