@@ -5,8 +5,9 @@ Write them before the change and compare after it; the exit status is 1 if anyth
     python -m benchmarks.same_records --write before.json
     python -m benchmarks.same_records --compare before.json
 
-Provenance, configuration hashes and timing are ignored. Floating-point results are those of one machine
-and one set of versions: both runs need the same ones.
+Provenance, to which the robot and its digest belong, configuration hashes and timing are ignored.
+Floating-point results are those of one machine and one set of versions: both runs need the
+same ones.
 """
 
 import argparse
@@ -32,7 +33,7 @@ IDS = tuple(
 )
 MODES = ("joint_velocity", "joint_torque", "end_effector_velocity", "reactionless")
 PLANNERS = ("reactionless", "reactionless_local", "reactionless_free", "reactionless_rate")
-IGNORED = ("timing", "checksum", "config_hash", "schema")  # fields of a record
+IGNORED = ("timing", "checksum", "config_hash", "schema", "robot", "robot_digest")  # fields of a record
 EPISODES = 2  # of each evaluation
 STEPS = 60  # of random actions for each id and mode
 TRAININGS = (("bc", "8000"), ("ppo", "20000"), ("sac", "6000"))  # algorithm, steps
