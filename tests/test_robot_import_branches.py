@@ -151,7 +151,7 @@ def test_a_planar_robot_lies_in_the_plane(tmp_path):
     flat("0 0 -1", "0.0", tmp_path)
     assert read_robot(tmp_path / "flat.toml").planar
     flat("0 1 0", "0.0", tmp_path)
-    with pytest.raises(ConfigurationError, match=r"'upper' is along \[0.0, 1.0, 0.0\]: turn the mount"):
+    with pytest.raises(ConfigurationError, match=r"'upper' is along .*, 0.0\]: turn the mount"):
         read_robot(tmp_path / "flat.toml")
     flat("0 0 1", "0.2", tmp_path)
     with pytest.raises(ConfigurationError, match="joint 'upper' is at z = 0.2 m: change the mount"):
