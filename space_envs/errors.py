@@ -31,6 +31,13 @@ class UnknownIdError(ConfigurationError, error.UnregisteredEnv):
     """An environment id that is not registered."""
 
 
+class UnfitRobotError(ConfigurationError):
+    """A robot that does not fit a task; its arguments are the task's name and what it needs."""
+
+    def __str__(self) -> str:
+        return " ".join(self.args)
+
+
 class ResetNeededError(ConfigurationError, error.ResetNeeded):
     """An environment was stepped or drawn before its first reset."""
 

@@ -14,6 +14,7 @@ from gymnasium.envs.registration import make
 
 from space_envs.errors import (
     ConfigurationError,
+    UnfitRobotError,
     UnknownIdError,
     positive,
     shown,
@@ -92,7 +93,10 @@ class RegisteredTask:
             if name in keywords
         }
         usual = {name: value for name, value in keywords.items() if name in names}
-        return self.task(**usual, envelope=replace(task.envelope, **given))
+        try:
+            return self.task(**usual, envelope=replace(task.envelope, **given))
+        except UnfitRobotError as error:
+            raise UnfitRobotError(self.id, error.args[1]) from None
 
 
 ENTRIES: dict[str, RegisteredTask] = {}
@@ -176,7 +180,7 @@ def make_task(name: str, keywords: Mapping[str, Any]) -> CaptureTask:
 
     Raises:
         UnknownIdError: for an unknown id. UnknownKeywordError: for an unknown keyword.
-        ConfigurationError: for an invalid value.
+        UnfitRobotError: for a robot that does not fit the task. ConfigurationError: for an invalid value.
     """
     return find(name).make(keywords)
 

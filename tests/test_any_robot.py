@@ -128,11 +128,11 @@ def test_robots_of_another_kind_are_refused(robots: dict[str, Robot]) -> None:
     links = (*arm.links[:2], replace(arm.links[2], joint=joint), *arm.links[3:])
     at_stop = replace(two, arms=(replace(arm, links=links), two.arms[1]))
     for env_id, robot, message in (
-        (SINGLE, two, "SingleArmTask needs a robot with one arm in space, 'two_six' has two arms in space"),
+        (SINGLE, two, f"{SINGLE} needs a robot with one arm in space, 'two_six' has two arms in space"),
         (SPATIAL, six, "needs a robot with two arms in space, 'six_joints' has one arm in space"),
         (SPATIAL, planar, "needs a robot with two arms in space, 'planar_four' has two arms in the plane"),
         (PLANAR, two, "needs a robot with two arms in the plane, 'two_six' has two arms in space"),
-        (SINGLE, few, "an arm in space needs at least 6 joints, 'six_joints' has one of 5"),
+        (SINGLE, few, f"{SINGLE} needs arms of at least 6 joints in space, 'six_joints' has one of 5"),
         (SPATIAL, at_stop, "2.85 rad, must be more than 0.1 rad inside its range"),
         (SINGLE, "shyam", "unknown robot 'shyam'.*Did you mean 'shyam2020'"),
         (SINGLE, 7, "robot must be a name, a path of a TOML file or a Robot, got 7"),

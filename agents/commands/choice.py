@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -10,10 +11,10 @@ from agents.policies.registry import POLICIES, missing, policies_for
 from agents.policies.resolve import ResolvedPolicy, resolve_policy
 from space_envs.control import CONTROL_MODES
 from space_envs.envs import CaptureVectorEnv
-from space_envs.errors import ConfigurationError, PolicyError, unknown_name
+from space_envs.errors import ConfigurationError, PolicyError, UnfitRobotError, unknown_name
 from space_envs.evaluation.play.process.policy_process import PolicyProcess
 from space_envs.policy import PolicyContext
-from space_envs.registration import ENTRIES, find
+from space_envs.registration import ENTRIES, find, make_task
 
 
 def add_task_options(parser: argparse.ArgumentParser) -> None:
@@ -36,15 +37,35 @@ def expert_names() -> tuple[str, ...]:
     return tuple(name for name, entry in POLICIES.items() if entry.expert)
 
 
-def choose_ids(names: Sequence[str]) -> list[str]:
-    """Ids for the given names: `all` alone is every registered one; the module of a `module:id` is imported.
+def choose_ids(names: Sequence[str], robot: Mapping[str, Any]) -> list[str]:
+    """Ids for the given names; the module of a `module:id` is imported.
+
+    Args:
+        names: `all` alone is every registered one that the robot fits, with a note of the others on standard
+            error. robot: keywords of a task that choose it.
 
     Raises:
-        ConfigurationError: for an unknown name, or one that is given twice.
+        ConfigurationError: for an unknown name, one that is given twice, or a robot that fits no id.
     """
-    env_ids = list(ENTRIES) if list(names) == ["all"] else [find(name).id for name in names]
+    if list(names) == ["all"]:
+        return _fitting_ids(robot)
+    env_ids = [find(name).id for name in names]
     distinct("environment id", env_ids)
     return env_ids
+
+
+def _fitting_ids(robot: Mapping[str, Any]) -> list[str]:
+    omitted: dict[str, str] = {}
+    for env_id in ENTRIES:
+        try:
+            make_task(env_id, robot)
+        except UnfitRobotError as error:
+            omitted[env_id] = str(error)
+    if len(omitted) == len(ENTRIES):
+        raise ConfigurationError(f"the robot fits no id: {'; '.join(omitted.values())}")
+    for reason in omitted.values():
+        print(f"note: omitted, {reason}", file=sys.stderr)
+    return [env_id for env_id in ENTRIES if env_id not in omitted]
 
 
 def choose_policies(

@@ -116,7 +116,8 @@ def _requests(options: argparse.Namespace) -> list[DatasetRequest]:
     Raises:
         SpaceEnvsError: for anything that is not valid.
     """
-    env_ids = choose_ids(options.env)
+    robot = robot_keywords(options)
+    env_ids = choose_ids(options.env, robot)
     distinct("format", options.format)
     for name in options.format:
         if name not in FORMATS:
@@ -136,7 +137,6 @@ def _requests(options: argparse.Namespace) -> list[DatasetRequest]:
         raise ConfigurationError("--minari-root goes with --format minari")
     check_backend(options.jobs)
     formats = tuple(name for name in FORMATS if name in options.format)
-    robot = robot_keywords(options)
     chosen = {**robot, **({"difficulty": options.difficulty} if options.difficulty else {})}
     tasks = {env_id: make_task(env_id, {**chosen, "split": options.split}) for env_id in env_ids}
     requests = [

@@ -20,6 +20,7 @@ from space_envs.evaluation.play.entry import EvaluatedTask
 from space_envs.evaluation.play.process.limits import TimeLimits
 from space_envs.registration import ENTRIES, make_task
 from space_envs.robots.robot import Robot
+from space_envs.robots.zoo import robot_names, robot_summary
 from space_envs.system.command_line import AppendValues, Parser, exit_status, output_path, parse_seeds
 from space_envs.system.output import check_free
 from space_envs.system.parallel import BACKENDS, check_backend
@@ -95,7 +96,7 @@ def parser() -> argparse.ArgumentParser:
     )
     add("--no-pictures", action="store_true", help="do not draw captures for the report")
     add("--videos", action="store_true", help="write an mp4 of each policy's best episode")
-    add("--list", action="store_true", help="list ids and built-in policies, and stop")
+    add("--list", action="store_true", help="list ids, built-in policies and robots, and stop")
     return out
 
 
@@ -132,13 +133,13 @@ def _checked(options: argparse.Namespace, arguments: list[str]) -> tuple[Evaluat
     Raises:
         SpaceEnvsError: for anything that is not valid.
     """
-    env_ids = choose_ids(options.env)
+    robot = robot_keywords(options)
+    env_ids = choose_ids(options.env, robot)
     distinct("split", options.split)
     distinct("difficulty", options.difficulty)
     check_backend(options.jobs, options.backend, options.address)
     limits = _limits(options)
     check_free(options.output, EVALUATION)
-    robot = robot_keywords(options)
     entries: list[tuple[EvaluatedTask, ResolvedPolicy]] = []
     robots: dict[EvaluatedTask, Robot] = {}
     for env_id in env_ids:
@@ -196,10 +197,15 @@ def _limits(options: argparse.Namespace) -> TimeLimits | None:
 
 
 def _list() -> None:
-    for title, table in (("Environments", ENTRIES), ("Policies", POLICIES)):
+    listed = {
+        "Environments": {name: entry.summary for name, entry in ENTRIES.items()},
+        "Policies": {name: entry.summary for name, entry in POLICIES.items()},
+        "Robots": {name: robot_summary(name) for name in robot_names()},
+    }
+    for title, summaries in listed.items():
         print(f"{title}:")
-        for name, entry in table.items():
-            print(f"  {name:38}{entry.summary}")
+        for name, summary in summaries.items():
+            print(f"  {name:38}{summary}")
 
 
 if __name__ == "__main__":

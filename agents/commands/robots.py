@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from space_envs.robots.zoo import robot_names
+from space_envs.robots.zoo import is_path, robot_names
 
 
 def add_robot(add: Callable[..., Any]) -> None:
@@ -24,6 +24,6 @@ def robot_keywords(options: argparse.Namespace) -> dict[str, Any]:
     """Keywords of a task that the two options set; a file has its absolute path, as other processes need."""
     given = {"robot": options.robot, "variant": options.variant}
     found = {name: value for name, value in given.items() if value is not None}
-    if found.get("robot", "").endswith(".toml"):
+    if is_path(found.get("robot", "")):
         found["robot"] = str(Path(found["robot"]).expanduser().absolute())
     return found

@@ -3,7 +3,7 @@
 import numpy as np
 
 from space_envs.drives import STOP_MARGIN
-from space_envs.errors import ConfigurationError
+from space_envs.errors import ConfigurationError, UnfitRobotError
 from space_envs.robots.robot import Robot, StepLimits
 
 LEAST_TIMESTEP = 1e-4  # s; finer steps change nothing, and a control period of them takes minutes
@@ -19,17 +19,19 @@ def check_robot(robot: Robot, arms: int, planar: bool, task: str) -> None:
         arms: how many it needs. planar: whether in the plane. task: its name, for messages.
 
     Raises:
-        ConfigurationError: for another number of arms, too few joints, or a home at the end of a range.
+        UnfitRobotError: for another number of arms or too few joints.
+        ConfigurationError: for a home at the end of a range.
     """
     kind, needed = (_words(*pair) for pair in ((len(robot.arms), robot.planar), (arms, planar)))
     if kind != needed:
-        raise ConfigurationError(f"{task} needs a robot with {needed}, {robot.name!r} has {kind}")
+        raise UnfitRobotError(task, f"needs a robot with {needed}, {robot.name!r} has {kind}")
     least = LEAST_JOINTS[planar]
     for arm in robot.arms:
         if len(arm.links) < least:
-            raise ConfigurationError(
-                f"an arm {'in the plane' if planar else 'in space'} needs at least {least} joints, "
-                f"{robot.name!r} has one of {len(arm.links)}"
+            raise UnfitRobotError(
+                task,
+                f"needs arms of at least {least} joints {'in the plane' if planar else 'in space'}, "
+                f"{robot.name!r} has one of {len(arm.links)}",
             )
     room = np.abs(robot.joint_range - robot.home[:, None]).min(axis=1)
     outside = (robot.home <= robot.joint_range[:, 0]) | (robot.home >= robot.joint_range[:, 1])

@@ -133,6 +133,7 @@ def to_markdown(card: Mapping[str, Any]) -> str:
         f"| outcomes | {outcomes} |",
         f"| omitted | {len(counts['omitted'])} lost or not reproduced, "
         f"{counts['not_captured']} not captured |",
+        f"| robot | {plain(request['robot'])}, {request['robot_digest']} |",
         f"| seed | {request['seed']}, of the policy and of the order of the goals |",
         f"| control mode | {action['control_mode']}: {action['meaning']} |",
         f"| action scale | {', '.join(f'{value:.6g}' for value in action['scale'])} per unit action |",

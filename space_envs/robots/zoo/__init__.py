@@ -1,11 +1,13 @@
 """Robots by name: those of this package, and those that a user registers."""
 
+import os
 from collections.abc import Callable
 from functools import lru_cache
 from importlib.resources import files
+from itertools import takewhile
 from pathlib import Path
 
-from space_envs.errors import ConfigurationError, shown, unknown_name
+from space_envs.errors import ConfigurationError, no_path, shown, unknown_name
 from space_envs.robots.description.reading import read_robot
 from space_envs.robots.robot import Robot, StepLimits
 
@@ -22,6 +24,21 @@ def robot_names() -> tuple[str, ...]:
     return tuple(_SOURCES)
 
 
+def robot_summary(name: str) -> str:
+    """First sentence of the comment at the beginning of a robot's description; empty if there is none.
+
+    Raises:
+        ConfigurationError: for an unknown name.
+    """
+    if name not in _SOURCES:
+        raise unknown_name("robot", name, _SOURCES)
+    source = _SOURCES[name]
+    if isinstance(source, Robot):
+        return f"{len(source.arms)} arm{'s' * (len(source.arms) > 1)}, {source.n_joints} joints"
+    lines = takewhile(lambda line: line.startswith("#"), source.read_text(encoding="utf-8").splitlines())
+    return " ".join(line.lstrip("# ") for line in lines).partition(". ")[0]
+
+
 def register_robot(name: str, source: str | Path | Robot) -> None:
     """Make a robot available by name.
 
@@ -31,7 +48,7 @@ def register_robot(name: str, source: str | Path | Robot) -> None:
     Raises:
         ConfigurationError: for a name that is another robot's, or a file that does not exist.
     """
-    if not isinstance(name, str) or not name.strip() or _is_path(name):
+    if not isinstance(name, str) or not name.strip() or is_path(name):
         raise ConfigurationError(f"the name of a robot is a text without / and {_SUFFIX}, got {shown(name)}")
     value = source if isinstance(source, Robot) else Path(source).absolute()
     if isinstance(value, Path) and not value.is_file():
@@ -64,15 +81,29 @@ def find_robot(source: Source, variant: str | None = None, measure: Measure | No
         raise ConfigurationError(
             f"robot must be a name, a path of a TOML file or a Robot, got {shown(source)}"
         )
-    if isinstance(source, Path) or _is_path(source):
-        path = Path(source).expanduser().absolute()
-        if not path.is_file():
-            raise ConfigurationError(f"robot: there is no file {str(path)!r}")
+    if isinstance(source, Path) or is_path(source):
+        path = _existing(source)
         return _noted(str(source), variant, _read(path, path.stat().st_mtime_ns, variant, measure))
     if source not in _SOURCES:
-        raise unknown_name("robot", source, _SOURCES)
+        file = f"{source}{_SUFFIX}"
+        raise unknown_name("robot", source, [*_SOURCES, *([file] if os.path.isfile(file) else [])])
     found = _SOURCES[source]
     return _noted(source, variant, find_robot(found, variant, measure))
+
+
+def _existing(source: str | Path) -> Path:
+    """Absolute path of a description.
+
+    Raises:
+        ConfigurationError: if it is not a file, with the nearest description in its folder.
+    """
+    path = Path(os.path.expanduser(source)).absolute()
+    if os.path.isdir(path):
+        raise ConfigurationError(f"robot: {str(path)!r} is a folder, expected a description (TOML)")
+    if not os.path.isfile(path):
+        near = [each.name for each in path.parent.glob(f"*{_SUFFIX}")] if os.path.isdir(path.parent) else []
+        raise no_path("file", path, near)
+    return path
 
 
 def _noted(source: str, variant: str | None, robot: Robot) -> Robot:
@@ -85,5 +116,6 @@ def _read(path: Path, changed: int, variant: str | None, measure: Measure | None
     return read_robot(path, variant, measure)
 
 
-def _is_path(text: str) -> bool:
+def is_path(text: str) -> bool:
+    """Whether a text is the path of a description rather than a robot's name."""
     return text.endswith(_SUFFIX) or "/" in text or "\\" in text

@@ -15,12 +15,12 @@ def task_of(robot: Robot) -> str:
     Raises:
         ConfigurationError: if there is none.
     """
-    reasons = []
+    reasons: dict[str, None] = {}
     for env_id in ENTRIES:
         try:
             make_task(env_id, {"robot": robot})
         except SpaceEnvsError as error:
-            reasons.append(f"{env_id}: {error}")
+            reasons[str(error)] = None
         else:
             return env_id
     raise ConfigurationError(f"no task takes robot {robot.name!r}: {'; '.join(reasons)}")
