@@ -191,12 +191,12 @@ def test_collada_is_read_with_its_nodes_units_and_colours(tmp_path, monkeypatch)
     vertices = np.unique(np.round(mesh_vertices(MeshFile(file, (1.0, 1.0, 2.0))), 9), axis=0)
     expected = [[-1, 0, 1], [-1, 1, 1], [0, 0, 1], [0, 0, 3], [0, 1, 1]]
     np.testing.assert_allclose(vertices, expected, atol=1e-9)
-    plain, red = converted(file)
-    assert (red.colour, plain.colour) == ((1.0, 0.0, 0.0, 1.0), None)
+    (red,) = converted(file)  # a part of a single triangle is left out: MuJoCo reads no such file
+    assert red.colour == (1.0, 0.0, 0.0, 1.0)
     again = mesh_vertices(MeshFile(red.path, (1.0, 1.0, 2.0)))
     np.testing.assert_allclose(np.unique(np.round(again, 6), axis=0), expected, atol=1e-6)
     changed = red.path.stat().st_mtime_ns
-    assert converted(file)[1].path.stat().st_mtime_ns == changed
+    assert converted(file)[0].path.stat().st_mtime_ns == changed
 
 
 HOME = (0.1, 0.2, 0.3)

@@ -1,7 +1,6 @@
 """COLLADA drawings as STL files, which MuJoCo reads, in the user's cache."""
 
 import hashlib
-import json
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,6 +14,7 @@ from space_envs.system.files import atomic_write, write_json
 from space_envs.system.reading import read_bytes, read_object
 
 _FOLDER, _INDEX = "meshes", "colours.json"
+_MOST_FACES, _LEAST_VERTICES = 200_000, 4  # of a file that MuJoCo reads
 _FACE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
@@ -49,13 +49,20 @@ def _part(folder: Path, number: int) -> Path:
 
 def _convert(path: Path, folder: Path) -> None:
     """Write all parts, and the index when they are complete."""
-    colours: dict[str, tuple[Colour | None, list[Array]]] = {}
+    groups: dict[Colour | None, list[Array]] = {}
     for surface in read_collada(path):
-        colours.setdefault(json.dumps(surface.colour), (surface.colour, []))[1].append(surface.corners)
-    for number, (_, corners) in enumerate(colours.values()):
-        with atomic_write(_part(folder, number)) as file:
-            file.write_bytes(_stl(np.concatenate(corners)))
-    write_json(folder / _INDEX, {"colours": [colour for colour, _ in colours.values()]})
+        groups.setdefault(surface.colour, []).append(surface.corners)
+    colours = []
+    for colour, group in groups.items():
+        corners = np.concatenate(group)
+        for first in range(0, len(corners), _MOST_FACES):
+            piece = corners[first : first + _MOST_FACES].astype(np.float32)
+            if len(np.unique(piece.reshape(-1, 3), axis=0)) < _LEAST_VERTICES:
+                continue
+            with atomic_write(_part(folder, len(colours))) as file:
+                file.write_bytes(_stl(piece))
+            colours.append(colour)
+    write_json(folder / _INDEX, {"colours": colours})
 
 
 def _stl(corners: Array) -> bytes:
