@@ -13,8 +13,8 @@ from space_envs.robots.description.importing.meshes.converted import converted
 from space_envs.robots.description.importing.meshes.reading import MeshFile, mesh_vertices
 from space_envs.robots.description.reading import read_robot
 from space_envs.robots.description.shape.clouds import Cloud, cloud_of
-from space_envs.robots.description.shape.contact import link_capsules
 from space_envs.robots.description.shape.enclosing import enclosing_capsule, reach
+from space_envs.robots.description.shape.grouping import link_capsules
 from space_envs.robots.export import urdf
 from space_envs.robots.inertias import matrix
 from space_envs.robots.robot import UNCHECKED, Robot, Visual

@@ -1,22 +1,19 @@
 """The contact shape of an arm: capsules around its links, and what they are checked against."""
 
 from collections.abc import Sequence
-from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 
 from space_envs.dynamics.capsules import box_distance
 from space_envs.dynamics.rotations import exponential
-from space_envs.robots.description.shape.clouds import Cloud, joined
-from space_envs.robots.description.shape.enclosing import Segment, enclosing_capsule
+from space_envs.robots.description.shape.clouds import Cloud
+from space_envs.robots.description.shape.enclosing import Segment
+from space_envs.robots.description.shape.grouping import link_capsules
 from space_envs.robots.pose import Pose
 from space_envs.robots.robot import ORIGIN, UNCHECKED, Anchor, Capsule, Link, Satellite, Vector3
 
 END_EFFECTOR = "end_effector"
-_MOST = 3  # capsules of a link
-_WORTH = 1.3  # joined volume over the sum of volumes, up to which two capsules become one
-_ROUGH = 1  # rounds of fits that are only compared
 _SHARE, _THINNEST = 0.08, 0.02  # radius of links without geometry: of their length, and m at least
 _SHORT = 1e-6  # m
 _SAMPLES, _SEED = 256, 20  # configurations in which capsules and satellite are tested
@@ -52,26 +49,6 @@ def contact_shape(
     notes = [f"links without collision geometry have capsules along their axes: {', '.join(bare)}."]
     radii, more = _satellite_radii(links, segments, satellite)
     return ContactShape(*_capsules(links, tool, segments, radii), (*(notes if bare else []), *more))
-
-
-def link_capsules(clouds: Sequence[Cloud]) -> list[Segment]:
-    """Capsules that enclose all geometry of a link, fewer where that costs little volume."""
-    fits: dict[tuple[int, ...], Segment] = {
-        (number,): enclosing_capsule(cloud, _ROUGH) for number, cloud in enumerate(clouds)
-    }
-    parts = list(fits)
-    while len(parts) > 1:
-        pairs = [(one + other, one, other) for one, other in combinations(parts, 2)]
-        for whole, _, _ in pairs:
-            if whole not in fits:
-                fits[whole] = enclosing_capsule(joined([clouds[number] for number in whole]), _ROUGH)
-        growth = [fits[whole].volume / (fits[one].volume + fits[other].volume) for whole, one, other in pairs]
-        least = int(np.argmin(growth))
-        if growth[least] > _WORTH and len(parts) <= _MOST:
-            break
-        whole, one, other = pairs[least]
-        parts = [*(part for part in parts if part not in (one, other)), whole]
-    return [enclosing_capsule(joined([clouds[number] for number in part])) for part in parts]
 
 
 def _along(end: Vector3) -> Segment:
