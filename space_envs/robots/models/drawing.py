@@ -83,8 +83,7 @@ def _draw_satellite(spec: mujoco.MjSpec, robot: Robot) -> None:
         draw_arm_deck(bus, side)
     else:
         draw_plain_bus(body, sides)
-        bus = body
-    out = 0.0 if bus is not body else satellite.box[1] - side / 2
+    out = satellite.box[1 if robot.target is None else 2] - side / 2  # wings are beside the arms
     for sign in (-1.0, 1.0):
         draw_wing(bus.at((0.0, sign * out, 0.0)), side, sign, panels=3 if robot.target is None else 2)
 
