@@ -92,6 +92,7 @@ class Drive:
         self.rate_limit = robot.rate_limit
         self.acceleration_limit = robot.acceleration_limit
         self.torque_limit = robot.torque_limit
+        self._fastest = OVERSPEED * self.rate_limit
         self._stops = JointStops(robot)
         self.extrapolate = True
         self._b = simulation.n_base
@@ -146,7 +147,7 @@ class Drive:
         need, held, braking, stopping = self._inverse_dynamics(acceleration, late)
         torque = held + need
         load = (np.abs(held) / self.torque_limit).max(axis=1, keepdims=True)
-        overspeed = (np.abs(now) > OVERSPEED * self.rate_limit).any(axis=1, keepdims=True)
+        overspeed = (np.abs(now) > self._fastest).any(axis=1, keepdims=True)
         fast = (load > CORIOLIS_SHARE) | overspeed
         if not (late.any() or fast.any()) and (np.abs(torque) <= self.torque_limit).all():
             return torque

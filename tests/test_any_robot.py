@@ -4,6 +4,7 @@ import pickle
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, cast
 
 import gymnasium as gym
 import numpy as np
@@ -24,7 +25,7 @@ from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError, GoalError
 from space_envs.policy import Needs, PolicyContext
 from space_envs.registration import make_task
-from space_envs.robots.robot import Robot
+from space_envs.robots.robot import Robot, Target
 from space_envs.robots.zoo import find_robot, register_robot
 from space_envs.tasks.common import DIFFICULTIES, SPLITS
 from space_envs.tasks.goals import poses
@@ -56,7 +57,7 @@ def robots(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Robot]:
     return found
 
 
-def make(robots: dict[str, Robot], env_id: str, n: int = 4, **keywords: object) -> CaptureVectorEnv:
+def make(robots: dict[str, Robot], env_id: str, n: int = 4, **keywords: Any) -> CaptureVectorEnv:
     return CaptureVectorEnv(
         env_id, n, robot=robots[DESCRIPTIONS[env_id]], autoreset_mode="disabled", **keywords
     )
@@ -173,7 +174,7 @@ def test_goals_of_an_arm_are_reached_within_its_ranges(
 
 
 @pytest.mark.parametrize(("env_id", "move"), [(PLANAR, reach), (SPATIAL, reach_rotating)])
-def test_goals_of_two_arms_are_reached(robots: dict[str, Robot], env_id: str, move: object) -> None:
+def test_goals_of_two_arms_are_reached(robots: dict[str, Robot], env_id: str, move: Any) -> None:
     """Without rotating the satellite, where there are joints enough for it."""
     task = make_task(env_id, {"robot": robots[DESCRIPTIONS[env_id]]})
     goals = task.goals("test", np.arange(64))
@@ -210,7 +211,7 @@ def test_a_robot_without_room_for_goals_says_so(robots: dict[str, Robot]) -> Non
     with pytest.raises(GoalError, match=r"64 of 64 goals of split 'test'.*for 'six_joints'.*another mount"):
         make_task(SINGLE, {"robot": large, "collisions": False}).goals("test", np.arange(1))
     two = robots[TWO_SIX]
-    far = replace(two, target=replace(two.target, position=(0.0, 9.0, 0.0)))
+    far = replace(two, target=replace(cast("Target", two.target), position=(0.0, 9.0, 0.0)))
     with pytest.raises(GoalError, match="0 of 64 are in reach.*target.position"):
         make_task(SPATIAL, {"robot": far}).goals("test", np.arange(1))
 
@@ -224,7 +225,8 @@ def test_the_box_of_a_satellite_need_not_be_a_cube_around_the_centre_of_mass(
     moved = replace(robot, satellite=replace(robot.satellite, box_centre=tuple(shift.tolist())))
     here, there = (make_task(SINGLE, {"robot": each}).contacts for each in (robot, moved))
     mechanics = make_task(SINGLE, {"robot": robot}).mechanics
-    q = np.random.default_rng(0).uniform(*robot.joint_range.T, (200, 6))
+    low, high = robot.joint_range.T
+    q = np.random.default_rng(0).uniform(low, high, (200, 6))
     points = here.points(mechanics, q)
     np.testing.assert_allclose(there.satellite_gaps(points), here.satellite_gaps(points - shift), atol=1e-12)
     gaps = here.satellite_gaps(points)

@@ -6,7 +6,7 @@ robot has their sizes.
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import mujoco
 import numpy as np
@@ -46,12 +46,15 @@ class Capsules(NamedTuple):
         for number, arm in enumerate(robot.arms):
             rows += [(number, c.link, first + c.start, first + c.end, *c[3:]) for c in arm.capsules]
             first += len(arm.anchors)
-        columns = zip(*rows, strict=True)
-        return cls(*(np.array(column) for column in columns))
+        places = np.array([row[:4] for row in rows], dtype=np.int64).reshape(-1, 4)
+        radii = np.array([row[4:] for row in rows], dtype=np.float64).reshape(-1, 3)
+        columns: list[Any] = [*places.T, *radii.T]
+        return cls(*columns)
 
     def take(self, chosen: NDArray[np.bool_]) -> "Capsules":
         """The chosen (S,) ones."""
-        return Capsules(*(column[chosen] for column in self))
+        columns: list[Any] = [column[chosen] for column in self]
+        return Capsules(*columns)
 
     @property
     def split(self) -> int:

@@ -116,8 +116,9 @@ class Contacts(ArmGaps):
         ends = in_box(course.first[row, number]), in_box(course.second[row, number])
         close = box_distance(*ends, sides[row]) <= radius[number] + course.move[row]
         row, number = row[close], number[close]
-        ends = tuple(in_box(end) for end in course.at_shares(row, number))
-        touching = box_distance(*ends, sides[row][:, None]) <= radius[number][:, None]
+        first, second = course.at_shares(row, number)
+        distance = box_distance(in_box(first), in_box(second), sides[row][:, None])
+        touching = distance <= radius[number][:, None]
         return [_Hits(row, self.first_pair[body] + number, touching)]
 
     def _arm_hits(self, course: _Course) -> list[_Hits]:

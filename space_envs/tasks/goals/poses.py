@@ -109,7 +109,8 @@ def _first_usable(robot: Robot, q: Array) -> tuple[NDArray[np.int64], NDArray[np
 
 def away_from_satellite(contacts: Contacts, position: Array, distance: float) -> NDArray[np.bool_]:
     """Whether positions (..., 3) in the satellite's frame are farther from its box than a distance, m."""
-    return (np.abs(contacts.in_box(position)) > contacts.satellite_half + distance).any(axis=-1)
+    outside = np.abs(contacts.in_box(position)) > contacts.satellite_half + distance
+    return np.asarray(outside.any(axis=-1))
 
 
 @lru_cache(maxsize=512)
