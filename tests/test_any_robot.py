@@ -233,6 +233,21 @@ def test_the_box_of_a_satellite_need_not_be_a_cube_around_the_centre_of_mass(
     assert (gaps > 0.0).any() and (gaps < 0.0).any()
 
 
+def test_bounds_of_positions_grow_with_the_robot(robots: dict[str, Robot], tmp_path: Path) -> None:
+    text = SIX_JOINTS.replace("a = 0.9", "a = 9.0").replace("a = 0.7", "a = 7.0")
+    (tmp_path / "long.toml").write_text(text.replace("mass = 300.0", "mass = 20000.0"))
+    env = make(robots, SINGLE, 1)
+    assert env.task.layout == make_task(SINGLE, {"robot": robots[SIX_JOINTS]}).layout
+    long = CaptureVectorEnv(SINGLE, 2, robot=tmp_path / "long.toml", difficulty="hard")
+    observation, _ = long.reset(options={"split": "ood", "index": [0, 1]})
+    field = {field.name: field for field in long.task.layout.fields}["goal_position"]
+    assert field.bound > 2.0 * long.task.robot.reach > 30.0
+    assert long.observation_space.contains(observation)
+    (tmp_path / "long.toml").unlink()
+    copy = pickle.loads(pickle.dumps(long))
+    np.testing.assert_array_equal(copy.episodes.observation, observation)
+
+
 def test_policies_see_the_robot_and_need_joints_enough(robots: dict[str, Robot]) -> None:
     context = PolicyContext.from_env(make(robots, SPATIAL, 1))
     robot = robots[TWO_SIX]

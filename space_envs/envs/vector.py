@@ -82,6 +82,8 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
             raise unknown_name("autoreset mode", autoreset_mode, _AUTORESET)
         options, task_keywords = EnvOptions.separated(keywords)
         self.task = entry.make(task_keywords)
+        if keywords.get("robot") is not None:
+            self._arguments["robot"] = self.task.robot  # a copy elsewhere may not find the file
         self._pictures = Pictures(self.task, options)
         self.num_envs = checked_num_envs(num_envs, self.task)
         self.env_id = entry.id

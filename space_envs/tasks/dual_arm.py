@@ -110,8 +110,9 @@ class DualArmTask(CaptureTask):
         for name, value in (("target", position), ("spin", angular_velocity), ("size", half_width)):
             if not np.isfinite(value).all():
                 raise GoalError(f"a goal must be finite, got a {name} with NaN or infinity")
-        if (half_width <= 0).any() or (half_width > 1.0).any():
-            raise GoalError(f"target_half_width must lie in (0, 1] m, got {half_width.tolist()}")
+        widest = max(1.0, 2.0 * self.target.half_width)
+        if (half_width <= 0).any() or (half_width > widest).any():
+            raise GoalError(f"target_half_width must lie in (0, {widest:g}] m, got {half_width.tolist()}")
         norm = np.linalg.norm(quaternion, axis=-1, keepdims=True)
         if (abs(norm - 1.0) > 1e-3).any():
             raise GoalError(

@@ -17,6 +17,7 @@ from space_envs.tasks.dual_arm import FASTEST_SPIN
 from space_envs.tasks.goals.targets import Draws, TargetGoals
 from space_envs.tasks.goals.tumbling import TumblingTargetTask
 from space_envs.tasks.rewards import DENSE
+from space_envs.tasks.robots import length_factor
 
 FARTHEST_MOUNT = 5.0  # m along each axis
 _PLANE, _ALL, _ROTATION = slice(0, 2), slice(0, None), slice(2, 3)
@@ -40,24 +41,28 @@ _MEASURED = (
 
 
 @lru_cache(maxsize=16)
-def planar_layout(joints: int) -> ObservationLayout:
-    """Observation of two planar arms with a number of joints together."""
+def planar_layout(joints: int, factor: float) -> ObservationLayout:
+    """Observation of two planar arms with a number of joints together.
+
+    Args:
+        factor: on the bounds of positions.
+    """
     return ObservationLayout(
         (
             Field("joint_position", joints, 20.0, "joint angles, arm 1 first, rad"),
             Field("joint_velocity", joints, 100.0, "joint rates, rad/s"),
-            Field("base_position", 2, 10.0, "satellite's centre of mass, inertial frame, m"),
+            Field("base_position", 2, 10.0 * factor, "satellite's centre of mass, inertial frame, m"),
             Field("base_angle", 1, 100.0, "satellite's attitude from its initial one, rad"),
             Field("base_linear_velocity", 2, 100.0, "of the satellite's centre of mass, inertial axes, m/s"),
             Field("base_angular_velocity", 1, 100.0, "of the satellite, rad/s"),
-            Field("end_effector_position", 4, 20.0, "of arm 1, then arm 2, inertial frame, m"),
+            Field("end_effector_position", 4, 20.0 * factor, "of arm 1, then arm 2, inertial frame, m"),
             Field("end_effector_linear_velocity", 4, 100.0, "of arm 1, then arm 2, inertial axes, m/s"),
-            Field("target_position", 2, 10.0, "target's centre, inertial frame, m"),
+            Field("target_position", 2, 10.0 * factor, "target's centre, inertial frame, m"),
             Field("target_angle", 1, 2e4, "target's attitude, rad; the grapple points lie on its y axis"),
             Field("target_angular_velocity", 1, 10.0, "of the target, rad/s"),
-            Field("goal_position", 4, 10.0, "grapple points of arm 1, then arm 2, inertial frame, m"),
+            Field("goal_position", 4, 10.0 * factor, "grapple points, arm 1 first, inertial frame, m"),
             Field("goal_linear_velocity", 4, 100.0, "of the grapple points, inertial axes, m/s"),
-            Field("position_error", 4, 30.0, "grapple points minus end-effectors, inertial axes, m"),
+            Field("position_error", 4, 30.0 * factor, "grapple points minus end-effectors, inertial axes, m"),
             Field("velocity_error", 4, 200.0, "of the grapple points minus of the end-effectors, m/s"),
             Field("time", 1, 1e4, "since the start of the episode, s"),
         )
@@ -101,7 +106,7 @@ class DualArmPlanarTask(TumblingTargetTask):
     @cached_property
     def layout(self) -> ObservationLayout:
         """Layout of the observation vector."""
-        return planar_layout(self.robot.n_joints)
+        return planar_layout(self.robot.n_joints, length_factor(self.robot))
 
     @property
     def measured(self) -> tuple[tuple[str, slice], ...]:
@@ -116,7 +121,7 @@ class DualArmPlanarTask(TumblingTargetTask):
     def goal_options(self) -> dict[str, GoalOption]:
         """Options of `reset` that together define a goal."""
         return {
-            "target_position": GoalOption(2),
+            "target_position": GoalOption(2, largest=10.0 * length_factor(self.robot)),
             "target_angle": GoalOption(1, (0.0,), 1e4),
             "target_angular_velocity": GoalOption(1, (0.0,), FASTEST_SPIN),
             "target_half_width": GoalOption(1, (self.target.half_width,)),

@@ -15,6 +15,7 @@ from space_envs.tasks.common import UNIT, CaptureEnvelope, CaptureLimits, Field,
 from space_envs.tasks.dual_arm import FASTEST_SPIN
 from space_envs.tasks.goals.targets import Draws, TargetGoals
 from space_envs.tasks.goals.tumbling import TumblingTargetTask
+from space_envs.tasks.robots import length_factor
 
 _ALL = slice(0, None)
 _MEASURED = (
@@ -41,26 +42,30 @@ _MEASURED = (
 
 
 @lru_cache(maxsize=16)
-def spatial_layout(joints: int) -> ObservationLayout:
-    """Observation of two arms in space with a number of joints together."""
+def spatial_layout(joints: int, factor: float) -> ObservationLayout:
+    """Observation of two arms in space with a number of joints together.
+
+    Args:
+        factor: on the bounds of positions.
+    """
     return ObservationLayout(
         (
             Field("joint_position", joints, 20.0, "joint angles, arm 1 first, rad"),
             Field("joint_velocity", joints, 100.0, "joint rates, rad/s"),
-            Field("base_position", 3, 10.0, "satellite's centre of mass, inertial frame, m"),
+            Field("base_position", 3, 10.0 * factor, "satellite's centre of mass, inertial frame, m"),
             Field("base_quaternion", 4, UNIT, "satellite's attitude, w x y z, body to inertial"),
             Field("base_linear_velocity", 3, 100.0, "of the satellite's centre of mass, inertial axes, m/s"),
             Field("base_angular_velocity", 3, 100.0, "of the satellite, inertial axes, rad/s"),
-            Field("end_effector_position", 6, 20.0, "of arm 1, then arm 2, inertial frame, m"),
+            Field("end_effector_position", 6, 20.0 * factor, "of arm 1, then arm 2, inertial frame, m"),
             Field("end_effector_linear_velocity", 6, 100.0, "of arm 1, then arm 2, inertial axes, m/s"),
             Field("end_effector_axis", 6, UNIT, "approach axes of arm 1, then arm 2, inertial axes, unit"),
-            Field("target_position", 3, 10.0, "target's centre, inertial frame, m"),
+            Field("target_position", 3, 10.0 * factor, "target's centre, inertial frame, m"),
             Field("target_quaternion", 4, UNIT, "target's attitude, w x y z; the fixtures lie on its x axis"),
             Field("target_angular_velocity", 3, 10.0, "of the target, inertial axes, rad/s"),
-            Field("goal_position", 6, 10.0, "fixtures of arm 1, then arm 2, inertial frame, m"),
+            Field("goal_position", 6, 10.0 * factor, "fixtures of arm 1, then arm 2, inertial frame, m"),
             Field("goal_linear_velocity", 6, 100.0, "of the fixtures, inertial axes, m/s"),
             Field("goal_axis", 6, UNIT, "insertion axes of the fixtures, inertial axes, unit"),
-            Field("position_error", 6, 30.0, "fixtures minus end-effectors, inertial axes, m"),
+            Field("position_error", 6, 30.0 * factor, "fixtures minus end-effectors, inertial axes, m"),
             Field("velocity_error", 6, 200.0, "of the fixtures minus of the end-effectors, m/s"),
             Field("axis_error", 6, 3.1416, "rotations from approach to insertion axes, inertial axes, rad"),
             Field("time", 1, 1e4, "since the start of the episode, s"),
@@ -116,7 +121,7 @@ class DualArmSpatialTask(TumblingTargetTask):
     @cached_property
     def layout(self) -> ObservationLayout:
         """Layout of the observation vector."""
-        return spatial_layout(self.robot.n_joints)
+        return spatial_layout(self.robot.n_joints, length_factor(self.robot))
 
     @property
     def measured(self) -> tuple[tuple[str, slice], ...]:
@@ -129,7 +134,7 @@ class DualArmSpatialTask(TumblingTargetTask):
     def goal_options(self) -> dict[str, GoalOption]:
         """Options of `reset` that together define a goal."""
         return {
-            "target_position": GoalOption(3),
+            "target_position": GoalOption(3, largest=10.0 * length_factor(self.robot)),
             "target_quaternion": GoalOption(4, (1.0, 0.0, 0.0, 0.0)),
             "target_angular_velocity": GoalOption(3, (0.0, 0.0, 0.0), FASTEST_SPIN),
             "target_half_width": GoalOption(1, (self.target.half_width,)),

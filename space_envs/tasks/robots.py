@@ -1,4 +1,4 @@
-"""Checks that a robot is one for a task, and its default control period."""
+"""Checks that a robot is one for a task, its default control period, and the room that it needs."""
 
 import numpy as np
 
@@ -9,6 +9,7 @@ from space_envs.robots.robot import Robot, StepLimits
 LEAST_TIMESTEP = 1e-4  # s; finer steps change nothing, and a control period of them takes minutes
 LEAST_JOINTS = {True: 3, False: 6}  # of an arm in the plane and in space, that can reach poses nearby
 USUAL_PERIOD = 0.1  # s
+USUAL_EXTENT = 5.0  # m from the satellite's centre of mass, for which bounds of observed positions are 10 m
 _COUNTS = {1: "one arm", 2: "two arms"}
 
 
@@ -51,3 +52,9 @@ def usual_period(steps: StepLimits) -> float:
     """Default control period, s: whole steps of the simulation, up to 0.1 s."""
     longest = min(USUAL_PERIOD, steps.largest_control_period)
     return max(int(longest / steps.default_timestep + 1e-9), 1) * steps.default_timestep
+
+
+def length_factor(robot: Robot) -> float:
+    """Factor from 1 on the bounds of observed positions, for robots that reach farther than usual."""
+    mounts = [float(np.linalg.norm(arm.links[0].position)) for arm in robot.arms]
+    return max(1.0, (robot.reach + max(mounts)) / USUAL_EXTENT)

@@ -29,28 +29,33 @@ from space_envs.tasks.common import (
     ObservationLayout,
 )
 from space_envs.tasks.goals.poses import SPLIT_SIZE, PoseGoals, goal_block
+from space_envs.tasks.robots import length_factor
 
 _TINY = 1e-300  # avoids 0 / 0
 
 
 @lru_cache(maxsize=16)
-def pose_layout(joints: int) -> ObservationLayout:
-    """Observation of an arm with a number of joints; sensors, in order, before the errors and the time."""
+def pose_layout(joints: int, factor: float) -> ObservationLayout:
+    """Observation of an arm with a number of joints; sensors, in order, before the errors and the time.
+
+    Args:
+        factor: on the bounds of positions.
+    """
     return ObservationLayout(
         (
             Field("joint_position", joints, 20.0, "joint angles, rad"),
             Field("joint_velocity", joints, 100.0, "joint rates, rad/s"),
-            Field("base_position", 3, 10.0, "satellite's centre of mass, inertial frame, m"),
+            Field("base_position", 3, 10.0 * factor, "satellite's centre of mass, inertial frame, m"),
             Field("base_quaternion", 4, UNIT, "satellite's attitude, w x y z, body to inertial"),
             Field("base_linear_velocity", 3, 100.0, "of the satellite's centre of mass, inertial axes, m/s"),
             Field("base_angular_velocity", 3, 100.0, "of the satellite, inertial axes, rad/s"),
-            Field("end_effector_position", 3, 10.0, "inertial frame, m"),
+            Field("end_effector_position", 3, 10.0 * factor, "inertial frame, m"),
             Field("end_effector_quaternion", 4, UNIT, "w x y z, end-effector to inertial; either sign"),
             Field("end_effector_linear_velocity", 3, 100.0, "inertial axes, m/s"),
             Field("end_effector_angular_velocity", 3, 100.0, "inertial axes, rad/s"),
-            Field("goal_position", 3, 10.0, "grapple, inertial frame, m"),
+            Field("goal_position", 3, 10.0 * factor, "grapple, inertial frame, m"),
             Field("goal_quaternion", 4, UNIT, "grapple, w x y z, grapple to inertial, w >= 0"),
-            Field("position_error", 3, 20.0, "goal minus end-effector, inertial axes, m"),
+            Field("position_error", 3, 20.0 * factor, "goal minus end-effector, inertial axes, m"),
             Field(
                 "rotation_error", 3, 3.1416, "rotation vector from end-effector to goal, inertial axes, rad"
             ),
@@ -100,12 +105,13 @@ class SingleArmTask(CaptureTask):
     @cached_property
     def layout(self) -> ObservationLayout:
         """Layout of the observation vector."""
-        return pose_layout(self.robot.n_joints)
+        return pose_layout(self.robot.n_joints, length_factor(self.robot))
 
     @property
     def goal_options(self) -> dict[str, GoalOption]:
         """Options of `reset` that together define a goal."""
-        return {"goal_position": GoalOption(3), "goal_quaternion": GoalOption(4)}
+        farthest = 10.0 * length_factor(self.robot)
+        return {"goal_position": GoalOption(3, largest=farthest), "goal_quaternion": GoalOption(4)}
 
     def check_start(self, goals: Goals) -> None:
         """Reject joint angles for which a link touches the satellite; errors as in the base class."""

@@ -29,12 +29,9 @@ from space_envs.tasks.contacts import SHARES
 from space_envs.tasks.goals.clutter import COUNT, ClutteredGoals, bus_gaps, draw_scenes
 from space_envs.tasks.goals.detours import find_draws
 from space_envs.tasks.goals.stored import stored_draws
+from space_envs.tasks.robots import length_factor
 from space_envs.tasks.single_arm import SingleArmTask
 
-OBSTACLE_FIELDS = (
-    Field("obstacle_position", 3 * COUNT, 10.0, "centres of the keep-out spheres, inertial frame, m"),
-    Field("obstacle_radius", COUNT, 1.0, "of the keep-out spheres, m"),
-)
 CLUTTERED_SPLIT_SIZE = {"train": 1024, "validation": 128, "test": 512, "ood": 256}
 _ROOT_3 = 3.0**0.5  # largest length of a vector whose components are at most 1
 _FILE = "single_arm_cluttered_draws.npz"
@@ -49,14 +46,24 @@ class SingleArmClutteredTask(SingleArmTask):
     @cached_property
     def layout(self) -> ObservationLayout:
         """Layout of the observation vector."""
-        return ObservationLayout((*super().layout.fields, *OBSTACLE_FIELDS))
+        farthest = 10.0 * length_factor(self.robot)
+        centres = "centres of the keep-out spheres, inertial frame, m"
+        return ObservationLayout(
+            (
+                *super().layout.fields,
+                Field("obstacle_position", 3 * COUNT, farthest, centres),
+                Field("obstacle_radius", COUNT, 1.0, "of the keep-out spheres, m"),
+            )
+        )
 
     @property
     def goal_options(self) -> dict[str, GoalOption]:
         """Options of `reset` that together define a goal."""
         return {
             **super().goal_options,
-            "obstacle_position": GoalOption(3 * COUNT, parts=f"{COUNT} spheres x 3"),
+            "obstacle_position": GoalOption(
+                3 * COUNT, largest=10.0 * length_factor(self.robot), parts=f"{COUNT} spheres x 3"
+            ),
             "obstacle_radius": GoalOption(COUNT, parts=f"{COUNT} spheres x 1"),
         }
 
