@@ -15,10 +15,13 @@ from agents.planners.common.robot_files import described_robot, refuse_other_rob
 from agents.planners.single_arm.library import NAMES, Library, library_command, library_name
 from agents.planners.single_arm.problem import Reach
 from agents.planners.single_arm.promp.optimal import OptimalPlanner
+from agents.policies.single_arm.optimal import further_rows
 from agents.policies.single_arm.reaching import motion_duration
 from space_envs.checks import count, flag
 from space_envs.dynamics.rotations import Array
+from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError, positive_integer
+from space_envs.policy import PolicyContext
 from space_envs.robots.robot import Robot
 from space_envs.system.files import write_json
 from space_envs.system.provenance import commit, machine, versions
@@ -27,6 +30,7 @@ from space_envs.system.threads import on_one_thread
 from space_envs.tasks.single_arm import SingleArmTask
 
 COUNTS = {"easy": 120, "medium": 900, "hard": 180}  # goals of the train split
+ENV_ID = "SpaceCapture/SingleArm-v0"  # whose train split gives the goals
 ROUNDS = 3  # in which the solutions of neighbouring goals are tried
 CHUNK = 30  # goals a file of partial results
 
@@ -193,8 +197,10 @@ def _part(
 ) -> int:
     """Write one file of a round; returns the number of its goals."""
     on_one_thread()  # several threads of BLAS give other bits
-    robot, duration = SingleArmTask(robot=recipe.robot).mechanics, motion_duration(recipe.robot)
-    planner = OptimalPlanner(robot, robot_limits(recipe.robot) if recipe.limited else Limits())
+    context = PolicyContext.from_env(CaptureVectorEnv(ENV_ID, robot=recipe.robot))
+    robot, duration = context.arm, motion_duration(recipe.robot)
+    limits = robot_limits(recipe.robot) if recipe.limited else Limits()
+    planner = OptimalPlanner(robot, limits, further=further_rows(context, limited=recipe.limited))
     rows = []
     for number, goal_position, goal_quaternion in zip(numbers, position, quaternion, strict=True):
         goal = goal_position, goal_quaternion, duration

@@ -21,7 +21,8 @@ def first_motion(
     planner: OptimalPlanner, reach: Reach, rng: np.random.Generator
 ) -> tuple[Array, float, float]:
     """The best of several starts: coordinates, cost (infinite if no start led to the goal), their number."""
-    space, bounds, rows = planner.setting(reach)
+    problem = planner.setting(reach)
+    space, bounds, rows = problem
     rest = np.zeros((len(reach.start), space.free))
     # To first order an arm at rest cannot rotate its base back: these start around an unconstrained motion.
     centre = minimise(space, bounds, rest, False, rows).y if reach.keep_attitude else rest
@@ -29,7 +30,7 @@ def first_motion(
     guesses = [*around] if reach.keep_attitude else [rest, *around]
     y, cost = rest, np.inf
     for guess in guesses:
-        found = minimise(space, bounds, guess, reach.keep_attitude, rows, iterations=ITERATIONS)
+        found = planner.solve(problem, guess, reach.keep_attitude, iterations=ITERATIONS)
         y, cost = _cheaper(found, y, cost)
     return y, cost, float(len(guesses))
 
@@ -38,19 +39,19 @@ def improved_motion(
     planner: OptimalPlanner, reach: Reach, before: Library, number: int, last: bool
 ) -> tuple[Array, float, float]:
     """The best so far, or the result from a neighbouring goal's solution whose predicted cost is lower."""
-    space, bounds, rows = planner.setting(reach)
+    problem = planner.setting(reach)
     y, cost = before.coordinates[number], float(before.cost[number])
     neighbours = before.order(reach.position, reach.quaternion)
     neighbours = neighbours[(neighbours != number) & np.isfinite(before.cost[neighbours])][:NEIGHBOURS]
     starts = before.coordinates[neighbours]
-    predicted = predicted_costs(space, starts, reach.keep_attitude)
+    predicted = predicted_costs(problem[0], starts, reach.keep_attitude)
     order = np.argsort(predicted, kind="stable")[:TRIED]
     chosen = starts[order[predicted[order] < COST_RATIO * cost]]
     for guess in chosen:
-        found = minimise(space, bounds, guess, reach.keep_attitude, rows)
+        found = planner.solve(problem, guess, reach.keep_attitude)
         y, cost = _cheaper(found, y, cost)
     if last and np.isfinite(cost):
-        found = minimise(space, bounds, y, reach.keep_attitude, rows, tolerance=FINE)
+        found = planner.solve(problem, y, reach.keep_attitude, tolerance=FINE)
         y, cost = _cheaper(found, y, cost)
     return y, cost, float(before.attempts[number] + len(chosen))
 

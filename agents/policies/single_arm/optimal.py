@@ -1,6 +1,7 @@
 """Policies that plan an optimal motion at the start of an episode, and follow it to the goal pose."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -19,8 +20,10 @@ from agents.policies.clearance import SPHERE_MARGIN, KeepOut, link_radii, sphere
 from agents.policies.following import FollowedPlans, sampled_plans
 from agents.policies.single_arm.reaching import ReachingPolicy, motion_duration, motion_times
 from space_envs.drives import CORIOLIS_SHARE, braking_deceleration
+from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array, conjugate, multiply, rotate
 from space_envs.policy import PolicyContext
+from space_envs.tasks.contacts import Contacts
 
 STARTS = 4  # initial guesses of the collocation
 TORQUE_SHARE = 0.9  # of the torque limit of the drives, available to a plan
@@ -38,8 +41,10 @@ def drive_limits(context: PolicyContext) -> Limits:
     )
 
 
-def further_rows(context: PolicyContext) -> Callable[[WeightSpace], tuple[Rows, ...]] | None:
-    """Inequalities that keep plans clear of the satellite, and slow before the ends of the joint ranges.
+def further_rows(
+    context: PolicyContext, limited: bool = True
+) -> Callable[[WeightSpace], tuple[Rows, ...]] | None:
+    """Inequalities that keep plans clear of the satellite and, where limited, slow before the joints' ends.
 
     None for robots whose libraries ship: their motions ignore both, which hardly ever matters to those
     robots, and so do the plans that start from them.
@@ -49,13 +54,19 @@ def further_rows(context: PolicyContext) -> Callable[[WeightSpace], tuple[Rows, 
     contacts, arm, deceleration = context.contacts, context.arm, braking_deceleration(context.robot)
 
     def rows(space: WeightSpace) -> tuple[Rows, ...]:
-        braking = Braking(space, deceleration, context.joint_limits)
-        if contacts is None:
-            return (braking,)
-        clearance = SatelliteClearance(space, lambda q: contacts.satellite_gaps(contacts.points(arm, q)))
-        return braking, clearance
+        found: list[Rows] = []
+        if limited:
+            found.append(Braking(space, deceleration, context.joint_limits))
+        if contacts is not None:
+            gaps = partial(_satellite_gaps, contacts, arm)
+            found.append(SatelliteClearance(space, gaps))
+        return tuple(found)
 
     return rows
+
+
+def _satellite_gaps(contacts: Contacts, arm: FloatingRobot, q: Array) -> Array:
+    return contacts.satellite_gaps(contacts.points(arm, q))
 
 
 def reaches(context: PolicyContext, observation: Array, keep_attitude: bool) -> list[Reach]:

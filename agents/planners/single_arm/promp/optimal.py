@@ -1,6 +1,7 @@
 """Optimal motions in the weights of a ProMP, within milliseconds, started from stored optimal motions."""
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -100,6 +101,21 @@ class OptimalPlanner:
             rows.append(Spheres(space, self._robot, reach.spheres, reach.link_radius))
         bounds = Bounds(space.even, space.even_fixed, *lower_and_upper(self._robot, limits))
         return space, bounds, tuple(rows)
+
+    def solve(
+        self,
+        problem: tuple[WeightSpace, Bounds, tuple[Rows, ...]],
+        guess: Array,
+        keep_attitude: bool,
+        **options: Any,
+    ) -> SqpResult:
+        """Improve coordinates (n, m) within all inequalities, the further ones last; options of `minimise`."""
+        space, bounds, rows = problem
+        found = minimise(space, bounds, guess, keep_attitude, rows, **options)
+        further = () if self._further is None else self._further(space)
+        if any(row.violation(found.y) > 0.0 for row in further):
+            return minimise(space, bounds, found.y, keep_attitude, (*rows, *further), **options)
+        return found
 
     def motion(self, space: WeightSpace, solution: SqpResult) -> ReachPlan:
         """Return the plan of a solution."""
