@@ -14,7 +14,7 @@ from agents.policies.base import BasePolicy
 from agents.policies.clearance import KeepOut
 from agents.policies.following import rows_to_plan
 from agents.policies.needs import POSE
-from agents.policies.single_arm.optimal import drive_limits
+from agents.policies.single_arm.optimal import drive_limits, further_rows
 from space_envs.dynamics.rotations import Array
 from space_envs.evaluation.play.causes import PlanState
 from space_envs.policy import PolicyContext
@@ -52,7 +52,8 @@ class NMPC(BasePolicy):
         super().__init__(context, seed)
         limits = drive_limits(context)
         library = find_library(context.robot, keep_attitude=True, limited=False)
-        self.controller = Controller(context.arm, limits, context.c, library, self.weights)
+        further = further_rows(context)
+        self.controller = Controller(context.arm, limits, context.c, library, self.weights, further=further)
 
     def target(self, observation: Array) -> Target:
         """Predicted goal from one observation (size,), which moves at the observed velocity, if any."""

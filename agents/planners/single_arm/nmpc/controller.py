@@ -5,6 +5,7 @@ by one Gauss-Newton iteration from the previous motion (real-time iteration; Die
 The goal is a pose in the inertial frame at a given time and may move.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +21,7 @@ from agents.planners.single_arm.weights.bounds import Bounds, lower_and_upper
 from agents.planners.single_arm.weights.elastic import ElasticProgram
 from agents.planners.single_arm.weights.legendre import LegendreBasis
 from agents.planners.single_arm.weights.shapes import Basis, Shapes
+from agents.planners.single_arm.weights.sqp import Rows
 from agents.planners.single_arm.weights.weight_space import WeightSpace
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array, conjugate, multiply, rotate, to_matrix
@@ -37,7 +39,8 @@ class Controller:
 
     Args:
         robot: of one arm. limits: on motions. c: m/rad, of eq. 20. library: of stored motions that the first
-            plan starts from. weights: of the objective. basis: of the motions.
+            plan starts from. weights: of the objective. basis: of the motions. further: soft inequalities of
+            a space of motions; None for none.
     """
 
     def __init__(
@@ -48,11 +51,13 @@ class Controller:
         library: Library | None = None,
         weights: Weights = Weights(),
         basis: Basis = LegendreBasis(),
+        further: Callable[[WeightSpace], tuple[Rows, ...]] | None = None,
     ) -> None:
         self.weights = weights
         limits = limits.checked(robot)
         self._robot, self._limits, self._c, self._basis = robot, limits, positive("c", c), basis
-        self._planner = OptimalPlanner(robot, limits, library)
+        self._further = further
+        self._planner = OptimalPlanner(robot, limits, library, further=further)
         self._sides = lower_and_upper(robot, limits)
         shapes = Shapes.of(basis)
         self._fit = np.linalg.pinv(shapes.even[1] @ shapes.free)  # from rates by phase to coordinates
@@ -106,18 +111,20 @@ class Controller:
         y = (self._fit @ (rates - space.even_fixed[1] * duration)).T
         # The first sample is the observed state, which cannot be bounded.
         bounds = Bounds(space.even[:, 1:], space.even_fixed[:, 1:], *self._sides)
-        torques = [
+        inequalities: list[Rows] = [
             Torques(space, limit, accelerating)
             for limit, accelerating in ((self._limits.torque, True), (self._limits.coriolis, False))
             if limit is not None
         ]
-        objective = Objective(space, bounds, torques, self.weights, self._attitude(before, state))
+        if self._further is not None:
+            inequalities += self._further(space)
+        objective = Objective(space, bounds, inequalities, self.weights, self._attitude(before, state))
         at = space.disturbance(y[None])
         value, accepted = objective.value(y, at), False
         program = ElasticProgram(bounds, before.active)
         for _ in range(self.weights.iterations):
             hessian, gradient = objective.quadratic(at)
-            step = program.solve(hessian, gradient, y, [row.linear(y, at, 1.0) for row in torques])
+            step = program.solve(hessian, gradient, y, [row.linear(y, at, 1.0) for row in inequalities])
             if isinstance(step, Failure):
                 break
             for halving in range(MAX_HALVINGS + 1):

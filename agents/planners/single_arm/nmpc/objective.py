@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from agents.planners.single_arm.inequalities.torques import Torques
 from agents.planners.single_arm.nmpc.problem import Weights
 from agents.planners.single_arm.weights.elastic import SHARE_PENALTY, SLACK
 from agents.planners.single_arm.weights.quadratic import Bounds
 from agents.planners.single_arm.weights.shapes import INTERVALS
+from agents.planners.single_arm.weights.sqp import Rows
 from agents.planners.single_arm.weights.weight_space import Disturbance, WeightSpace
 from space_envs.dynamics.rotations import Array
 
@@ -24,11 +24,11 @@ class Objective:
         self,
         space: WeightSpace,
         bounds: Bounds,
-        torques: Sequence[Torques],
+        inequalities: Sequence[Rows],
         weights: Weights,
         attitude: Array,
     ) -> None:
-        self._space, self._bounds, self._torques = space, bounds, torques
+        self._space, self._bounds, self._inequalities = space, bounds, inequalities
         self._weights, self._back = weights, attitude.T
         length = space.duration / INTERVALS
         remaining = space.duration - length * np.arange(1, INTERVALS + 1)  # s until the end
@@ -41,7 +41,7 @@ class Objective:
     def value(self, y: Array, at: Disturbance) -> float:
         """Objective at coordinates (n, m), with a penalty on violated bounds."""
         error, rotation = at.goal_error[0, :6], self._scale[:, None] * self._rotations(at)
-        beyond = sum(row.violation(y) for row in self._torques)
+        beyond = sum(row.violation(y) for row in self._inequalities)
         if self._bounds.any:
             beyond += max(float(self._bounds.excess(y).max()) - SLACK, 0.0)
         terminal = self._weights.goal * (error @ error)

@@ -109,7 +109,7 @@ class OptimalPlanner:
         keep_attitude: bool,
         **options: Any,
     ) -> SqpResult:
-        """Improve coordinates (n, m) within all inequalities, the further ones last; options of `minimise`."""
+        """Improve coordinates (n, m) within all inequalities, further ones last; options as of `minimise`."""
         space, bounds, rows = problem
         found = minimise(space, bounds, guess, keep_attitude, rows, **options)
         further = () if self._further is None else self._further(space)
