@@ -1,5 +1,6 @@
 """Laws of imported arms: frames, lumping and locking change no motion, and capsules enclose their links."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -242,6 +243,7 @@ def test_an_mjcf_arm_brings_its_home_limits_and_shapes(tmp_path):
     assert [capsule.link for capsule in capsules] == [1, 2, 3]
     assert capsules[0].satellite == UNCHECKED != capsules[1].satellite
     assert capsules[2].radius == pytest.approx(0.05, abs=1e-3)
+    assert replace(robot, notes=()).digest == robot.digest
     text = " ".join(robot.notes)
     for words in (
         "damping of joints is not simulated: yaw.",

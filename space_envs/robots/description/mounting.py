@@ -12,7 +12,7 @@ from space_envs.robots.description.contact_shape import explicit_shape
 from space_envs.robots.description.importing.arms import imported_arms
 from space_envs.robots.description.inline import inline_arm
 from space_envs.robots.description.satellites import read_satellite
-from space_envs.robots.description.shape.contact import contact_shape
+from space_envs.robots.description.shape.contact import ContactShape, contact_shape
 from space_envs.robots.description.tables import DescriptionTable
 from space_envs.robots.inertias import moved, quaternion, vector
 from space_envs.robots.pose import Pose
@@ -101,10 +101,11 @@ def _mounted(arm: DescribedArm, mount: Pose, satellite: Satellite) -> tuple[Arm,
     first = arm.links[0]
     pose = mount @ Pose(np.array(first.position), np.array(first.orientation))
     root = replace(first, position=vector(pose.position), orientation=quaternion(pose.orientation))
-    links, notes, shape = (root, *arm.links[1:]), (), (arm.anchors, arm.capsules)
+    links = (root, *arm.links[1:])
+    shape = ContactShape(arm.anchors, arm.capsules, ())
     if not arm.capsules:
-        *shape, notes = contact_shape(links, arm.tool_position, arm.solids, satellite)
-    return Arm(links, arm.tool_position, arm.tool_orientation, *shape), notes
+        shape = contact_shape(links, arm.tool_position, arm.solids, satellite)
+    return Arm(links, arm.tool_position, arm.tool_orientation, shape.anchors, shape.capsules), shape.notes
 
 
 def _moved(visual: Visual, by: Pose) -> Visual:
