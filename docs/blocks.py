@@ -11,6 +11,7 @@ from agents.planners.dual_arm.tracking import FINE, Tracking
 from agents.policies.registry import POLICIES, control_mode, policies_for
 from docs.reading import attributes, comments, number, summary, table
 from docs.robots import links, planar_links, spatial_links
+from docs.zoo import robot_pictures, robots
 from space_envs import control, drives
 from space_envs.evaluation.leaderboard.columns import COLUMNS, NOTE, RULES
 from space_envs.evaluation.leaderboard.pareto import FRONT
@@ -165,5 +166,7 @@ BLOCKS: dict[str, Callable[[], str]] = {
         pareto_front,
         record_fields,
         outcomes,
+        robots,
+        robot_pictures,
     )
 }

@@ -8,13 +8,13 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from files_of_the_docs import write_files
 from joblib.externals.loky import get_reusable_executor
 
 from space_envs.registration import ENTRIES, unregister
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "extending.md"
 NAME = "my_capture"
-_FILE = re.compile(r"^<!-- file: (my_capture/\S+) -->\n```python\n(.*?)^```$", re.M | re.S)
 _COMMAND = re.compile(
     r"^python ((?:evaluate|train)\.py .*my_capture:.*|train\.py --resume runs/sprint.*)$", re.M
 )
@@ -36,9 +36,7 @@ def forget(package: str = NAME) -> None:
 @contextmanager
 def installed(folder: Path) -> Iterator[None]:
     """The package in a folder that this process, and those that it starts, find modules in."""
-    for name, code in _FILE.findall(PAGE.read_text(encoding="utf-8")):
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        (folder / name).write_text(code, encoding="utf-8")
+    write_files(PAGE, folder)
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(folder)
         patch.setenv("PYTHONPATH", str(folder), prepend=":")

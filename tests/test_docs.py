@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from files_of_the_docs import write_files
 from offenders import assert_none
 from package_of_the_docs import installed
 from PIL import Image
@@ -35,6 +36,7 @@ from space_envs.tasks.base import CaptureTask
 from space_envs.tasks.common import CaptureEnvelope
 from space_envs.tasks.dual_arm_planar import DualArmPlanarTask
 from space_envs.tasks.dual_arm_spatial import ApproachEnvelope
+from space_envs.tasks.single_arm import pose_layout
 
 ROOT = generate.DOCS.parent
 PAGES = [ROOT / "README.md", *sorted(generate.DOCS.rglob("*.md"))]
@@ -42,6 +44,7 @@ NAMES = [path.relative_to(ROOT).as_posix() for path in PAGES]
 FENCE = re.compile(
     r"^(?:<!-- (?P<mark>no-run|file: \S+) -->\n)?```(?P<kind>\w*)\n(?P<code>.*?)^```$", re.M | re.S
 )
+INNER = {"evaluate.py": COMMANDS, "space_envs.robots": ("check",)}  # commands with commands of their own
 OWN_MODULES = ("agents", "benchmarks", "docs", "promp", "reproduce", "space_envs")
 
 
@@ -120,6 +123,7 @@ def test_the_readme_has_the_tables_of_both_ids():
 def test_examples_run(name, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     namespace: dict[str, object] = {}
+    write_files(ROOT / name, tmp_path)
     with installed(tmp_path):
         for mark, code, line in blocks(ROOT / name, "python"):
             if mark is None:
@@ -178,7 +182,7 @@ def command_offenders(command: str, usage: Callable[[str, str], str]) -> Iterato
         program, *words = words
     elif program not in ("train.py", "evaluate.py"):
         return
-    inner = words[0] if program == "evaluate.py" and set(words[:1]) & set(COMMANDS) else ""
+    inner = words[0] if set(words[:1]) & set(INNER.get(program, ())) else ""
     known = usage(program, inner)
     for option in (word for word in words if word.startswith("-")):
         if not re.search(rf"(?<![\w-]){option}(?![\w-])", known):
@@ -295,9 +299,8 @@ def test_every_symbol_has_a_place_in_the_code():
         names = re.findall(r"`([\w.]+)`", row.split(" | ")[2])
         assert names, f"no code for {row}"
         resolve(names[0])
-        if names[0].endswith("LAYOUT"):
-            layout = importlib.import_module(names[0].rpartition(".")[0]).LAYOUT
-            assert set(names[1:]) <= set(layout.slices)
+        if names[0].endswith("pose_layout"):
+            assert set(names[1:]) <= set(pose_layout(7).slices)
 
 
 def test_reading_of_comments_and_docstrings():
@@ -356,7 +359,10 @@ def test_pictures_of_the_readme_are_those_of_their_command(tmp_path, monkeypatch
     for shot in pictures.SHOTS:
         assert f"docs/images/{shot.name}.jpg" in (ROOT / "README.md").read_text(encoding="utf-8")
         assert Image.open(pictures.IMAGES / f"{shot.name}.jpg").size == (pictures.WIDTH, pictures.HEIGHT)
+    assert "docs/images/robots.jpg" in (ROOT / "README.md").read_text(encoding="utf-8")
+    assert {path.stem for path in (pictures.IMAGES / "robots").iterdir()} == set(pictures.zoo())
     monkeypatch.setattr(pictures, "SHOTS", [replace(pictures.SHOTS[0], seconds=0.4)])
+    monkeypatch.setattr(pictures, "zoo", lambda: ["shyam2020"])
     status = pictures.main(["--output", str(tmp_path)])
     if missing_gl() is not None:
         assert status == 2 and "libegl1" in capsys.readouterr().err
