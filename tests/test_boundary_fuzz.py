@@ -42,7 +42,17 @@ ANYTHING = st.one_of(
     st.sampled_from([np.datetime64("2020"), 3j, np.array([1j]), object(), int, b"", ..., slice(3)]),
 )
 KEYWORDS = (
-    *("difficulty", "split", "reward", "variant", "horizon", "timestep", "control_period", "attitude_limit"),
+    *(
+        "difficulty",
+        "split",
+        "reward",
+        "robot",
+        "variant",
+        "horizon",
+        "timestep",
+        "control_period",
+        "attitude_limit",
+    ),
     *("c", "mounts", "num_envs", "control_mode", "autoreset_mode", "threads", "render_mode", "width"),
     *("height", "camera", "max_episode_steps", "nothing", *ENVELOPE_KEYWORDS),
 )

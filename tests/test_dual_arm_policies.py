@@ -243,7 +243,7 @@ def test_what_does_not_fit_is_one_line_and_status_2(
         (["--policy", "reactionless_rate"], "does not fit SpaceCapture/SingleArm-v0: it needs 2 arms"),
         (
             ["--env", IDS[0], "--policy", "hold", "--variant", "paper"],
-            "unexpected keyword argument 'variant'",
+            "unknown model variant 'paper'; valid are 'nominal'",
         ),
         (
             ["--env", IDS[0], "--policy", "reactionless_rate", "--control-mode", "joint_torque"],

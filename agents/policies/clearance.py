@@ -94,7 +94,7 @@ class KeepOut:
         position, quaternion = roll_out_base(self.arm, path, rate, dt)
         points = position[..., None, :] + rotate(quaternion[..., None, :], points)
         gaps = self.contacts.sphere_gaps(points, self.spheres[:, None])
-        return np.concatenate([found, gaps.reshape(*gaps.shape[:2], -1)], axis=-1)
+        return np.concatenate([found, gaps.reshape(*gaps.shape[:2], gaps.shape[2] * gaps.shape[3])], axis=-1)
 
     def clear(self, path: Array, rate: Array, dt: float) -> NDArray[np.bool_]:
         """Whether each motion (N,) has a clearance of at least `MARGIN`; arguments as in `gaps`."""

@@ -73,6 +73,8 @@ def find_robot(source: Source, variant: str | None = None, measure: Measure | No
     Raises:
         ConfigurationError: for an unknown name, with the nearest one, or a file that is not valid.
     """
+    if variant is not None and not isinstance(variant, str):
+        raise ConfigurationError(f"variant must be the name of a variant of the robot, got {shown(variant)}")
     if isinstance(source, Robot):
         if variant not in (None, source.variant):
             raise unknown_name("model variant", variant, [source.variant])
