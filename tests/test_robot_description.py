@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from space_envs import register_robot
 from space_envs.dynamics.rotations import rotate
 from space_envs.errors import ConfigurationError
 from space_envs.robots.description.reading import read_robot
@@ -15,7 +16,7 @@ from space_envs.robots.inertias import combined, matrix, moved, principal
 from space_envs.robots.kinematics import tool_poses
 from space_envs.robots.models import robot_model
 from space_envs.robots.robot import Inertial, Robot
-from space_envs.robots.zoo import find_robot, register_robot, robot_names
+from space_envs.robots.zoo import find_robot, robot_names
 
 ARM = """
 [[arm]]
