@@ -1,10 +1,14 @@
 """Robots of the zoo against their sources, typed again in `published_robots`."""
 
+import json
+from importlib.resources import files
+
 import numpy as np
 import pytest
 from published_robots import PUBLISHED
 
 from space_envs.dynamics.rotations import rotate
+from space_envs.robots.description.plain import robot_from_plain, to_plain
 from space_envs.robots.kinematics import tool_poses
 from space_envs.robots.robot import Robot
 from space_envs.robots.zoo import find_robot
@@ -24,6 +28,14 @@ def test_masses_and_inertias() -> None:
         assert robot.satellite.inertial.mass == pytest.approx(published.satellite, rel=1e-9), name
         traces = [sum(link.inertial.moments) for link in robot.links][: len(published.traces)]
         assert traces == pytest.approx(list(published.traces), rel=1e-4), name
+
+
+def test_plain_values_are_the_same_robots() -> None:
+    """As in the files of recorded episodes, which are read without a robot's description."""
+    for file in (files("space_envs") / "robots" / "zoo").iterdir():
+        if file.name.endswith(".toml"):
+            robot = find_robot(file.name.removesuffix(".toml"))
+            assert robot_from_plain(json.loads(json.dumps(to_plain(robot)))) == robot
 
 
 def test_joint_limits() -> None:
