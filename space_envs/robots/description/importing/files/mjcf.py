@@ -58,9 +58,7 @@ def read_mjcf(path: Path) -> FileTree:
         for site in range(model.nsite)
         if model.site(site).name
     }
-    return FileTree(
-        path, tuple(bodies), "mjcf", frames, _home(model), coupled(model), tuple(ignored(spec, model))
-    )
+    return FileTree(tuple(bodies), "mjcf", frames, _home(model), coupled(model), tuple(ignored(spec, model)))
 
 
 def _inertial(model: mujoco.MjModel, body: int) -> Inertial | None:

@@ -1,7 +1,6 @@
 """A robot file in one form, whether it is URDF or MJCF: bodies, joints, shapes, frames."""
 
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -106,14 +105,13 @@ class FileTree:
     """The content of a robot file.
 
     Attributes:
-        path: of the file. bodies: parents before their children. frames: by name.
+        bodies: parents before their children. frames: by name.
         format: `urdf`, or `mjcf`, whose first body is the world.
         home: angles of a pose named home, by joint; empty if there is none.
         coupled: joints and bodies that a constraint couples, with a word for it, by name.
         notes: sentences about what was ignored.
     """
 
-    path: Path
     bodies: tuple[FileBody, ...]
     format: str
     frames: dict[str, Frame] = field(default_factory=dict)

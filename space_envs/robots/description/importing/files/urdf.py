@@ -47,7 +47,7 @@ def read_urdf(path: Path, root: ET.Element, packages: Packages) -> FileTree:
                 shapes=tuple(shapes.get(number, ())),
             )
         )
-    return FileTree(path, tuple(bodies), "urdf", notes=tuple(_ignored(root)))
+    return FileTree(tuple(bodies), "urdf", notes=tuple(_ignored(root)))
 
 
 def _ignored(root: ET.Element) -> list[str]:

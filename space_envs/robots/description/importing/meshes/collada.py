@@ -9,13 +9,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array, exponential, to_matrix
 from space_envs.errors import ConfigurationError
 from space_envs.robots.description.importing.files.document import parse_xml
+from space_envs.robots.description.importing.meshes.polygons import counts, triangles
 
-Indices = NDArray[np.int64]
 Colour = tuple[float, float, float, float]
 _DEEPEST = 50  # nodes within each other
 _MOST = 2_000_000  # triangles of a file, after instancing
@@ -103,7 +102,7 @@ class _Scene:
         lists = [np.array((each.text or "").split(), dtype=np.int64) for each in group.findall("p")]
         indices = np.concatenate(lists) if lists else np.zeros(0, dtype=np.int64)
         places = indices.reshape(-1, width)[:, int(inputs["VERTEX"].get("offset", 0))]
-        return points[_triangles(_counts(group, places, [len(each) // width for each in lists]), places)]
+        return points[triangles(counts(group, places, [len(each) // width for each in lists]), places)]
 
     def _colour(self, material: str | None) -> Colour | None:
         if material not in self._elements:
@@ -131,24 +130,3 @@ def _transform(element: ET.Element) -> Array:
     else:
         result[range(3), range(3)] = values
     return result
-
-
-def _counts(group: ET.Element, places: Indices, lengths: list[int]) -> Indices:
-    """Number of corners of each polygon of a primitive."""
-    if group.tag == "triangles":
-        return np.full(len(places) // 3, 3)
-    if group.tag == "polygons":
-        return np.array(lengths, dtype=np.int64)
-    count = group.find("vcount")
-    return np.array((count.text or "").split() if count is not None else [], dtype=np.int64)
-
-
-def _triangles(counts: Indices, places: Indices) -> Indices:
-    """(m, 3) corners of triangles, from polygons whose corners stand one after another."""
-    if counts.sum() != len(places):
-        raise ValueError("polygons and their corners do not match")
-    first = np.concatenate([[0], np.cumsum(counts)[:-1]]) if len(counts) else np.zeros(0)
-    fans = np.maximum(counts - 2, 0)
-    start = np.repeat(first, fans).astype(np.int64)
-    step = np.arange(len(start)) - np.repeat(np.cumsum(fans) - fans, fans) + 1
-    return places[np.stack([start, start + step, start + step + 1], axis=1)]
