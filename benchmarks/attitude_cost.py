@@ -21,10 +21,12 @@ from space_envs.dynamics import (
     trajectory_cost,
 )
 from space_envs.dynamics.symbolic import SymbolicRobot
-from space_envs.robots.single_arm import single_arm_model
+from space_envs.robots.models import robot_mechanics, robot_model
+from space_envs.robots.zoo import find_robot
 from space_envs.system.command_line import Parser, exit_status
 
 TARGET = 10.0  # ms
+ROBOT = "shyam2020"
 
 
 def best_time(function: Callable[[], object], repeats: int) -> float:
@@ -57,7 +59,7 @@ def physical_limit(robot: FloatingRobot, samples: int, repeats: int) -> float:
 
 def mujoco_time(q: np.ndarray, repeats: int) -> float:
     """Time, ms, in which MuJoCo computes the mass matrix at every configuration, called from Python."""
-    model = single_arm_model()
+    model = robot_model(find_robot(ROBOT))
     data = mujoco.MjData(model)
 
     def run() -> None:
@@ -81,7 +83,7 @@ def main() -> None:
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
 
-    robot = FloatingRobot.from_model(single_arm_model())
+    robot = robot_mechanics(find_robot(ROBOT))
     goals = robot.home + np.random.default_rng(0).uniform(-1.0, 1.0, (options.trajectories, robot.n_joints))
     q, qdot, dt = minimum_jerk(robot.home, goals, 10.0, options.points)
     start = time.perf_counter()

@@ -23,7 +23,6 @@ from agents.planners.single_arm.weights.sqp import GOAL_TOLERANCE, minimise
 from benchmarks.arguments import check_goals, split, whole
 from benchmarks.machine import machine_class, markdown_table
 from space_envs.dynamics.rotations import Array
-from space_envs.robots.single_arm import single_arm_model
 from space_envs.system.command_line import Parser, exit_status
 from space_envs.tasks.single_arm import SingleArmTask
 
@@ -102,7 +101,8 @@ def compared(
     setting: ReachSetting, reaches: list[Reach], plans: list[ReachPlan | Failure], times: Array, best: Array
 ) -> tuple[list[str], Counter[str]]:
     """Cells of a row and counts of failure causes; `best` (K, 2) from `best_known`."""
-    model, robot = single_arm_model(), SingleArmTask().mechanics
+    task = SingleArmTask()
+    model, robot = task.model, task.mechanics
     causes = Counter(str(plan.cause) for plan in plans if isinstance(plan, Failure))
     checked = [
         check(model, robot, reach, setting.limits, plan) if isinstance(plan, ReachPlan) else None

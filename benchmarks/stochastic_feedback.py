@@ -19,7 +19,6 @@ from benchmarks.arguments import check_goals, seed, whole
 from benchmarks.machine import machine_class, markdown_table
 from promp import ProMP
 from space_envs.dynamics.rotations import Array, angle_between, from_matrix, multiply, rotate
-from space_envs.robots.single_arm import ModelOptions, single_arm_model
 from space_envs.simulation import Simulation
 from space_envs.system.command_line import Parser, exit_status
 from space_envs.tasks.single_arm import SingleArmTask
@@ -107,7 +106,7 @@ def simulated_errors(
 
 def _start(reach: Reach, setting: ModelErrors, episodes: int, rng: np.random.Generator) -> Simulation:
     """Simulation of episodes at rest, with mass errors if the setting has them."""
-    model, every = single_arm_model(ModelOptions(timestep=TIMESTEP)), np.arange(episodes)
+    model, every = SingleArmTask(timestep=TIMESTEP).model, np.arange(episodes)
     simulation = Simulation(model, episodes)
     simulation.reset(every)
     if setting.masses:

@@ -13,6 +13,7 @@ from docs.pictures import IMAGES
 from docs.primer_motions import (
     LINE,
     NODES,
+    ROBOT,
     PlanarMotion,
     loops,
     planar_robot,
@@ -23,7 +24,6 @@ from docs.primer_motions import (
 from promp import ProMP, ViaPoint
 from space_envs.evaluation.report.drawing.look import BLUE, GREEN, VERMILION
 from space_envs.evaluation.report.drawing.panel import INK, LONE, draw_panel
-from space_envs.robots.parameters import DUAL_ARM_PLANAR
 from space_envs.robots.zoo import find_robot
 from space_envs.system.command_line import Parser, exit_status, output_path
 from space_envs.system.files import atomic_write_text
@@ -36,7 +36,7 @@ ROUNDS = 3  # of the closed loop
 
 def draw_robot(axes: Axes, motion: PlanarMotion, node: int, alpha: float, color: str = BLUE) -> None:
     """Draw the satellite and both arms at a node of a motion."""
-    half, angle = DUAL_ARM_PLANAR.satellite_side / 2, motion.angle[node]
+    half, angle = ROBOT.satellite.box[0], motion.angle[node]
     corners = half * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1], [1, 1], [0, 0], [1, -1]])
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     square = corners[:5] @ turn.T + motion.position[node, :2]

@@ -5,15 +5,16 @@ posture except where the reaction null space moves it.
 """
 
 from collections.abc import Callable
-from functools import cache
 
 import numpy as np
 
 from space_envs.dynamics import FloatingRobot, minimum_jerk, roll_out_base, trajectory_cost
 from space_envs.dynamics.reactionless import reactionless_projection
 from space_envs.dynamics.rotations import Array, rotate
-from space_envs.robots.dual_arm import END_EFFECTORS, DualArmOptions, dual_arm_model
+from space_envs.robots.models import robot_mechanics
+from space_envs.robots.zoo import find_robot
 
+ROBOT = find_robot("shah2013")
 ARM = slice(0, 3)  # joints of the arm that moves
 REACH = np.array([1.5, -0.9, -0.5, 0.0, 0.0, 0.0])  # rad, joint displacement of the examples
 DURATION = 20.0  # s, of a motion or of one round
@@ -51,10 +52,9 @@ class PlanarMotion:
         return float(np.degrees(self.angle[-1] - self.angle[0]))
 
 
-@cache
 def planar_robot() -> FloatingRobot:
     """The planar robot with two arms."""
-    return FloatingRobot.from_model(dual_arm_model(DualArmOptions("planar")), end_effectors=END_EFFECTORS)
+    return robot_mechanics(ROBOT)
 
 
 def swing(duration: float = DURATION, base_held: bool = False) -> PlanarMotion:

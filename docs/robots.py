@@ -1,76 +1,60 @@
-"""Tables of the robots: links as compiled, and parameters with their comments in the code."""
+"""Tables of the papers' robots."""
 
-import inspect
-from collections.abc import Iterator
-from dataclasses import fields, is_dataclass
-from math import pi
-from typing import Any
+from collections.abc import Sequence
+from math import atan2, pi
 
-from docs.reading import comments, number, table
-from space_envs.robots.dual_arm import DualArmOptions, dual_arm_model
-from space_envs.robots.parameters import DUAL_ARM_PLANAR, DUAL_ARM_SPATIAL, SINGLE_ARM, DHLink
-from space_envs.robots.single_arm import ModelOptions, single_arm_model
+from docs.reading import number, table
+from space_envs.robots.robot import Arm, Inertial
+from space_envs.robots.zoo import find_robot
+
+FRAME = ("body", "alpha, rad", "a, m", "d, m")
+_TITLE = {1: "link {}", 2: "link {} of each arm"}  # by the number of arms
 
 
 def links() -> str:
-    """Tables I and II of shyam2020, and the inertias of the physical variant as compiled."""
-    physical = single_arm_model(ModelOptions("physical"))
-    satellite = number(physical.body("satellite").inertia.tolist())
-    first = number(SINGLE_ARM.satellite_mass), number(SINGLE_ARM.satellite_inertia), satellite
-    rows = [("satellite", "", "", "", *first)]
-    for i, link in enumerate(SINGLE_ARM.links, start=1):
-        inertia = number(physical.body(f"link{i}").inertia.tolist())
-        rows.append(
-            (
-                f"link {i}",
-                *_frame(link.alpha, link.a, link.d),
-                number(link.mass),
-                number(link.inertia),
-                inertia,
-            )
-        )
+    """Tables I and II of shyam2020, and the inertias of the physical variant."""
     header = (*FRAME, "mass, kg", "`paper` inertia, kg m^2", "`physical` inertia, kg m^2")
-    convention = " ".join((inspect.getdoc(DHLink) or "").split("\n\n")[1].split())
-    return f"{convention}\n\n{table(header, rows)}"
+    return table(header, _rows("shyam2020", "paper", "physical"))
 
 
 def planar_links() -> str:
     """Table I of shah2013."""
-    robot = DUAL_ARM_PLANAR
-    rows = [("satellite", "", number(robot.satellite_mass), number(robot.satellite_inertia))]
-    for i, link in enumerate(robot.arm, start=1):
-        rows.append((f"link {i} of each arm", number(link.length), number(link.mass), number(link.inertia)))
+    robot = find_robot("shah2013")
+    base = robot.satellite.inertial
+    rows = [("satellite", "", number(base.mass), number(base.moments[2]))]
+    for i, (link, frame) in enumerate(zip(robot.arms[0].links, _frames(robot.arms[0]), strict=True), start=1):
+        inertial = link.inertial
+        row = frame[1], number(inertial.mass), number(inertial.moments[2])
+        rows.append((f"link {i} of each arm", *row))
     return table(("body", "length, m", "mass, kg", "Izz, kg m^2"), rows)
 
 
 def spatial_links() -> str:
-    """Links of the spatial dual-arm robot, with their inertias as compiled."""
-    model, robot = dual_arm_model(DualArmOptions("spatial")), DUAL_ARM_SPATIAL
-    satellite = number(model.body("satellite").inertia.tolist())
-    rows = [("satellite", "", "", "", number(robot.satellite_mass), satellite)]
-    for i, frame in enumerate(zip(robot.alpha, robot.a, robot.d, strict=True), start=1):
-        inertia = number(model.body(f"arm1_link{i}").inertia.tolist())
-        rows.append((f"link {i} of each arm", *_frame(*frame), number(robot.mass[i - 1]), inertia))
-    return table((*FRAME, "mass, kg", "inertia, kg m^2"), rows)
+    """Links of the spatial dual-arm robot."""
+    return table((*FRAME, "mass, kg", "inertia, kg m^2"), _rows("spatial_dual_arm", None))
 
 
-FRAME = ("body", "alpha, rad", "a, m", "d, m")
+def _rows(name: str, *variants: str | None) -> list[Sequence[str]]:
+    """Denavit-Hartenberg parameters, masses and inertias of a robot's bodies, those of each variant."""
+    robots = [find_robot(name, variant) for variant in variants]
+    arms = [robot.arms[0] for robot in robots]
+    rows: list[Sequence[str]] = [
+        ("satellite", "", "", "", *_inertias([robot.satellite.inertial for robot in robots]))
+    ]
+    bodies = zip(*(arm.links for arm in arms), strict=True)
+    for i, (frame, body) in enumerate(zip(_frames(arms[0]), bodies, strict=True), start=1):
+        title = _TITLE[len(robots[0].arms)].format(i)
+        rows.append((title, *frame, *_inertias([link.inertial for link in body])))
+    return rows
 
 
-def _frame(alpha: float, a: float, d: float) -> tuple[str, str, str]:
-    return f"{alpha / pi:+g} pi", number(a), number(d)
+def _inertias(variants: Sequence[Inertial]) -> list[str]:
+    """Mass of a body, kg, and its principal inertias in each variant, kg m^2."""
+    return [number(variants[0].mass), *(number(list(inertial.moments)) for inertial in variants)]
 
 
-def parameters(values: Any) -> str:
-    """Table of a robot's parameters without its links, with their comments in the code."""
-    return table(("parameter", "value", "unit and source"), list(_parameters(values)))
-
-
-def _parameters(values: Any, prefix: str = "") -> Iterator[tuple[str, str, str]]:
-    said = comments(type(values))
-    for field in fields(values):
-        value = getattr(values, field.name)
-        if is_dataclass(value):
-            yield from _parameters(value, f"{prefix}{field.name}.")
-        elif not (isinstance(value, tuple) and is_dataclass(value[0])):  # links have tables of their own
-            yield f"`{prefix}{field.name}`", number(value), said[field.name]
+def _frames(arm: Arm) -> list[tuple[str, str, str]]:
+    """Denavit-Hartenberg parameters alpha, a and d of each link: the pose of the next one in its frame."""
+    poses = [(link.position, link.orientation) for link in arm.links[1:]]
+    poses.append((arm.tool_position, arm.tool_orientation))
+    return [(f"{2 * atan2(x, w) / pi:+g} pi", number(a), number(d)) for (a, _, d), (w, x, *_) in poses]

@@ -34,7 +34,7 @@ class Renderer:
     the context or window of its parent: it raises a RenderingError.
 
     Args:
-        model: compiled with `ModelOptions(visual=True)`. It is copied.
+        model: compiled with `SceneOptions(visual=True)`. It is copied.
         width: of pictures, pixels.
         height: of pictures, pixels.
         camera: the model's camera to look through when none is named later; a model without an `overview` is
@@ -64,7 +64,7 @@ class Renderer:
         self._cameras = {model.cam(index).name: index for index in range(model.ncam)}
         if not model.ngeom:
             raise ConfigurationError(
-                "the model has no geometry to draw; compile it with ModelOptions(visual=True)"
+                "the model has no geometry to draw; compile it with SceneOptions(visual=True)"
             )
         self._camera = self._camera_named(camera)
         self._data = mujoco.MjData(self._model)

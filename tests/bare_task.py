@@ -6,7 +6,8 @@ from functools import lru_cache
 import mujoco
 
 from space_envs import register
-from space_envs.robots.single_arm import ModelOptions, single_arm_spec
+from space_envs.robots.models import SceneOptions, robot_spec
+from space_envs.robots.robot import Robot
 from space_envs.tasks.goals.poses import PoseGoals
 from space_envs.tasks.single_arm import SingleArmTask
 
@@ -25,7 +26,7 @@ class BareTask(SingleArmTask):
     @property
     def render_model(self) -> mujoco.MjModel:
         """The usual one without its cameras."""
-        return _without_cameras(self.step_size)
+        return _without_cameras(self.robot, self.step_size)
 
     def goal_block(self, split: str, block: int) -> PoseGoals:
         """The easiest of the single arm."""
@@ -33,8 +34,8 @@ class BareTask(SingleArmTask):
 
 
 @lru_cache(maxsize=1)
-def _without_cameras(timestep: float) -> mujoco.MjModel:
-    spec = single_arm_spec(ModelOptions(timestep=timestep, visual=True))
+def _without_cameras(robot: Robot, timestep: float) -> mujoco.MjModel:
+    spec = robot_spec(robot, SceneOptions(timestep=timestep, visual=True))
     for camera in tuple(spec.cameras):
         spec.delete(camera)
     return spec.compile()

@@ -6,9 +6,15 @@ import mujoco
 import numpy as np
 
 from space_envs.dynamics.rotations import Array
-from space_envs.robots.dual_arm import DualArmOptions, dual_arm_spec
-from space_envs.robots.parameters import DUAL_ARM_PLANAR, DUAL_ARM_SPATIAL, SINGLE_ARM
-from space_envs.robots.single_arm import ModelOptions, single_arm_spec
+from space_envs.robots.models import SceneOptions, robot_spec
+from space_envs.robots.zoo import find_robot
+
+# m: radius of the links, half sides of the satellite and of the target, and the nominal half width of that.
+RADIUS = {"single": 0.08, "planar": 0.05, "spatial": 0.05}
+BUS = np.full(3, 0.5)
+TARGET = {"planar": (0.16, 0.18, 0.16), "spatial": (0.18, 0.24, 0.22)}
+HALF_WIDTH = 0.3
+ROBOTS = {"single": "shyam2020", "planar": "shah2013", "spatial": "spatial_dual_arm"}
 
 
 class Oracle:
@@ -16,26 +22,18 @@ class Oracle:
 
     def __init__(self, env_id: str) -> None:
         dual, planar, cluttered = "Dual" in env_id, "Planar" in env_id, "Cluttered" in env_id
-        if dual:
-            spec = dual_arm_spec(DualArmOptions("planar" if planar else "spatial"))
-            parameters = DUAL_ARM_PLANAR if planar else DUAL_ARM_SPATIAL
-            lengths = [(p.length, 0.0) for p in parameters.arm] if planar else None
-            lengths = lengths or list(zip(parameters.a, parameters.d, strict=True))
-        else:
-            spec, parameters = (
-                single_arm_spec(ModelOptions(obstacles=3 * cluttered)),
-                SINGLE_ARM,
-            )
-            lengths = [(link.a, link.d) for link in parameters.links]
-        radius, n = parameters.link_radius, len(lengths)
+        name = "planar" if planar else "spatial" if dual else "single"
+        robot, radius = find_robot(ROBOTS[name]), RADIUS[name]
+        spec = robot_spec(robot, SceneOptions(obstacles=3 * cluttered))
+        ends = [*(link.position for link in robot.arms[0].links[1:]), robot.arms[0].tool_position]
+        n = len(ends)
         kinds = ("satellite", "target", "arms", "obstacle")
         self.pairs: dict[str, list[tuple[str, str]]] = {kind: [] for kind in kinds}
         bodies: list[list[str]] = []
         for arm in (1, 2) if dual else (1,):
             bodies.append([])
-            for number, (a, d) in enumerate(lengths, start=1):
+            for number, end in enumerate(map(np.array, ends), start=1):
                 body = f"arm{arm}_link{number}" if dual else f"link{number}"
-                end = np.array([a, 0.0, d])
                 length = float(np.linalg.norm(end))
                 if length == 0.0:
                     continue
@@ -64,11 +62,11 @@ class Oracle:
             self.pairs["arms"] = [(one, other) for one in bodies[0] for other in bodies[1]]
         if not planar:
             bus = spec.body("satellite").add_geom(name="bus", mass=0.0)
-            bus.type, bus.size = mujoco.mjtGeom.mjGEOM_BOX, np.full(3, 0.5 * parameters.satellite_side)
+            bus.type, bus.size = mujoco.mjtGeom.mjGEOM_BOX, BUS
         if dual:
             box = spec.body("target").add_geom(name="box", mass=0.0)
-            box.type, box.size = mujoco.mjtGeom.mjGEOM_BOX, np.array(parameters.target.body)
-            self.nominal = parameters.target
+            box.type, box.size = mujoco.mjtGeom.mjGEOM_BOX, np.array(TARGET[name])
+            self.target = np.array(TARGET[name])
         if cluttered:
             for number in range(3):
                 ball = spec.worldbody.add_geom(name=f"ball{number}", mass=0.0)
@@ -83,8 +81,7 @@ class Oracle:
         model, data = self.model, self.data
         data.qpos[:] = qpos
         if self.pairs["target"]:
-            size = np.array(self.nominal.body) * goals.half_width[row] / self.nominal.half_width
-            model.geom("box").size = size
+            model.geom("box").size = self.target * goals.half_width[row] / HALF_WIDTH
         for number in range(3 if self.pairs["obstacle"] else 0):
             ball = model.geom(f"ball{number}")
             ball.pos, ball.size[0] = goals.obstacle_position[row, number], goals.obstacle_radius[row, number]

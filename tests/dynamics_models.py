@@ -8,7 +8,8 @@ import numpy as np
 
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
-from space_envs.robots.single_arm import ModelOptions, single_arm_model
+from space_envs.robots.models import robot_model
+from space_envs.robots.zoo import find_robot
 
 ROBOTS = ("single arm", "random tree")
 TIMESTEP = 0.005  # s
@@ -18,7 +19,7 @@ TIMESTEP = 0.005  # s
 def robot_and_model(name: str) -> tuple[FloatingRobot, mujoco.MjModel]:
     """The project's arm, without rotors or with, or a tree with two arms that branch and random axes."""
     if name in ("single arm", "arm with rotors"):
-        model = single_arm_model(ModelOptions(variant="paper" if name == "single arm" else "physical"))
+        model = robot_model(find_robot("shyam2020", "paper" if name == "single arm" else "physical"))
         return FloatingRobot.from_model(model), model
     model = random_tree(np.random.default_rng(20))
     return FloatingRobot.from_model(model, "bus", ("left", "right")), model

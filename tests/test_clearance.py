@@ -5,6 +5,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from dual_arm_robots import DUAL_ARMS
 
 from agents.planners.dual_arm.clearance import Links, gaps
 from agents.planners.dual_arm.free_paths.nearness import POSE, Nearness, parameters
@@ -14,18 +15,18 @@ from space_envs.dynamics.capsules import box_distance, point_segment, segment_di
 from space_envs.dynamics.rigid_body import tumble
 from space_envs.dynamics.rotations import Array, exponential
 from space_envs.errors import ConfigurationError
-from space_envs.robots.dual_arm import END_EFFECTORS, KINDS, DualArmOptions, dual_arm_model, dual_arm_spec
+from space_envs.robots.models import robot_mechanics, robot_spec
 
 RADIUS = 0.05
 CENTRE = {"planar": np.array([2.0, 1.0, 0.0]), "spatial": np.array([0.0, 1.25, 0.0])}
 TURN = {"planar": np.array([0.0, 0.0, 0.4]), "spatial": np.array([0.3, -0.2, 0.5])}
 HALF = np.array([0.2, 0.15, 0.25])
 BUS = np.full(3, 0.5)
-every_kind = pytest.mark.parametrize("kind", KINDS)
+every_kind = pytest.mark.parametrize("kind", DUAL_ARMS)
 
 
 def robot_of(kind: str) -> FloatingRobot:
-    return FloatingRobot.from_model(dual_arm_model(DualArmOptions(kind)), end_effectors=END_EFFECTORS)
+    return robot_mechanics(DUAL_ARMS[kind])
 
 
 def surroundings(kind: str, **changes: Any) -> Surroundings:
@@ -98,7 +99,7 @@ def test_links_run_from_joint_to_joint_and_to_the_end_effector(kind: str) -> Non
 def test_gaps_are_those_that_mujoco_measures_between_the_same_shapes(kind: str) -> None:
     robot, around = robot_of(kind), surroundings(kind)
     links, n = Links.of(robot), robot.n_joints
-    spec = dual_arm_spec(DualArmOptions(kind))
+    spec = robot_spec(DUAL_ARMS[kind])
     names = [f"arm{arm}_link{number}" for arm in (1, 2) for number in range(1, n // 2 + 1)]
     for place, link in enumerate(links.link):
         capsule = spec.body(names[link - 1]).add_geom(name=f"capsule{place}", mass=0.0)

@@ -19,12 +19,13 @@ from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError, GoalError
 from space_envs.evaluation.records.storage import read_records
 from space_envs.policy import PolicyContext
-from space_envs.robots.parameters import SINGLE_ARM, VARIANTS
-from space_envs.robots.single_arm import ModelOptions, single_arm_model
+from space_envs.robots.models import SceneOptions, robot_model
+from space_envs.robots.zoo import find_robot
 from space_envs.tasks.goals import clutter
 from space_envs.tasks.single_arm_cluttered import SingleArmClutteredTask
 
-RADIUS = SINGLE_ARM.link_radius
+RADIUS = 0.08  # m, of the links
+RATE_LIMIT = 0.3  # rad/s, of every joint
 
 
 # Distances ---------------------------------------------------------------------------------------------
@@ -136,7 +137,7 @@ def test_the_straight_way_ends_in_a_collision_which_is_reported():
     for step in range(1, 101):
         before = env.episodes.outcome.copy()
         state = env.simulation.qpos.copy()
-        observation, reward, terminated, truncated, info = env.step(rates[:, step] / SINGLE_ARM.rate_limit)
+        observation, reward, terminated, truncated, info = env.step(rates[:, step] / RATE_LIMIT)
         new = terminated & (before == 0)
         ends[new] = step
         if new.any():
@@ -159,7 +160,7 @@ def test_every_kind_of_end_leaves_later_episodes_alone():
         env = CaptureVectorEnv(ENV_ID, 1, autoreset_mode=mode)
         env.reset(seed=0, options=options)
         for step in range(1, 101):
-            _, _, terminated, _, info = env.step(rates[:, step] / SINGLE_ARM.rate_limit)
+            _, _, terminated, _, info = env.step(rates[:, step] / RATE_LIMIT)
             if terminated[0]:
                 break
         said = info["final_info"] if mode == "same_step" else info
@@ -180,7 +181,7 @@ def test_a_row_is_the_same_alone_and_among_64():
         ones[row] = make(1, difficulty="hard")
         ones[row].reset(seed=0, options={"split": "test", "index": row})
     for step in range(1, 80):
-        action = rates[:, step] / SINGLE_ARM.rate_limit
+        action = rates[:, step] / RATE_LIMIT
         all_of = many.step(action)
         for row, one in ones.items():
             alone = one.step(action[row : row + 1])
@@ -205,7 +206,7 @@ def test_copies_keep_the_spheres():
     assert len(np.unique(env.task.layout.read(expected[0], "obstacle_radius"))) == 9
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("variant", ["paper", "physical"])
 def test_spheres_leave_the_dynamics_of_the_single_arm_alone(variant):
     env = make(8, variant=variant, difficulty="hard")
     plain = gym.make_vec("SpaceCapture/SingleArm-v0", num_envs=8, variant=variant, autoreset_mode="disabled")
@@ -293,8 +294,9 @@ def test_a_goal_needs_its_spheres():
 
 def test_the_model_refuses_fewer_than_no_obstacles():
     with pytest.raises(ConfigurationError, match="must be an integer from 0"):
-        ModelOptions(obstacles=-1)
-    names = [single_arm_model(ModelOptions(obstacles=2)).body(i).name for i in range(12)]
+        SceneOptions(obstacles=-1)
+    model = robot_model(find_robot("shyam2020"), SceneOptions(obstacles=2))
+    names = [model.body(i).name for i in range(model.nbody)]
     assert names[-2:] == ["obstacle1", "obstacle2"]
 
 

@@ -17,7 +17,7 @@ from space_envs.dynamics.rotations import Array, rotate
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError, GoalError
 from space_envs.registration import ENTRIES
-from space_envs.robots.parameters import DUAL_ARM_SPATIAL, SINGLE_ARM
+from space_envs.robots.zoo import find_robot
 from space_envs.tasks.base import BLOCK
 from space_envs.tasks.common import DIFFICULTIES, SPLITS
 from space_envs.tasks.goals.poses import goal_configurations
@@ -112,7 +112,7 @@ def test_episodes_end_where_mujoco_sees_a_link_in_a_body_and_nowhere_else(env_id
 
 
 # The upper arm a little above the deck, and the action that lowers it.
-LOW = {"joint_position": np.array(SINGLE_ARM.home) - 0.65 * np.eye(7)[1]}
+LOW = {"joint_position": find_robot("shyam2020").home - 0.65 * np.eye(7)[1]}
 LOWER = -np.eye(7)[1]
 
 
@@ -224,10 +224,10 @@ def test_points_measured_and_computed_are_the_same():
 def lowered(env_id: str) -> Array:
     """Joint angles with a link in something."""
     if "Single" in env_id:
-        return np.array(SINGLE_ARM.home) - np.eye(7)[1]
+        return find_robot("shyam2020").home - np.eye(7)[1]
     if "Planar" in env_id:  # the hands meet
         return np.array([1.57, 0.0, 0.0, 0.5, 0.0, 0.0])
-    return np.array(DUAL_ARM_SPATIAL.home) - 0.9 * np.eye(14)[1]
+    return find_robot("spatial_dual_arm").home - 0.9 * np.eye(14)[1]
 
 
 @every_id

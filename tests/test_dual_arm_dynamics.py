@@ -6,13 +6,14 @@ from functools import cache
 import mujoco
 import numpy as np
 import pytest
+from dual_arm_robots import DUAL_ARMS, END_EFFECTORS
 
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.bodies import body_motion, momentum_drift
 from space_envs.dynamics.rotations import Array
 from space_envs.dynamics.symbolic import SymbolicRobot
-from space_envs.robots.dual_arm import END_EFFECTORS, KINDS, DualArmOptions, dual_arm_model
-from space_envs.robots.single_arm import ModelOptions, single_arm_model
+from space_envs.robots.models import robot_mechanics, robot_model
+from space_envs.robots.zoo import find_robot
 
 ROTORS = ("spatial", "physical")  # the robots whose joints have rotor inertia
 EPSILON = 1e-6  # of central differences
@@ -21,16 +22,12 @@ EPSILON = 1e-6  # of central differences
 @cache
 def robot_and_model(name: str) -> tuple[FloatingRobot, SymbolicRobot, mujoco.MjModel]:
     """A dual-arm robot, or the single arm with rotors."""
-    if name == "physical":
-        model = single_arm_model(ModelOptions(variant="physical"))
-        robot = FloatingRobot.from_model(model)
-    else:
-        model = dual_arm_model(DualArmOptions(name))
-        robot = FloatingRobot.from_model(model, end_effectors=END_EFFECTORS)
-    return robot, SymbolicRobot(robot), model
+    robot = find_robot("shyam2020", "physical") if name == "physical" else DUAL_ARMS[name]
+    mechanics = robot_mechanics(robot)
+    return mechanics, SymbolicRobot(mechanics), robot_model(robot)
 
 
-@pytest.fixture(params=[*KINDS, "physical"])
+@pytest.fixture(params=[*DUAL_ARMS, "physical"])
 def name(request: pytest.FixtureRequest) -> str:
     return request.param
 
@@ -86,7 +83,7 @@ class State:
         mujoco.mj_forward(self.model, self.data)
 
 
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", DUAL_ARMS)
 def test_momentum_matrices_are_those_of_mujoco(name: str, rng: np.random.Generator) -> None:
     state = State(name, rng)
     robot, symbolic, _ = robot_and_model(name)
@@ -105,7 +102,7 @@ def test_momentum_matrices_are_those_of_mujoco(name: str, rng: np.random.Generat
     np.testing.assert_allclose(np.ravel(twist.full()), base_map @ state.qdot, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", DUAL_ARMS)
 def test_end_effector_jacobians_are_those_of_mujoco(name: str, rng: np.random.Generator) -> None:
     state = State(name, rng)
     robot, symbolic, model = robot_and_model(name)
@@ -130,7 +127,7 @@ def test_end_effector_jacobians_are_those_of_mujoco(name: str, rng: np.random.Ge
         np.testing.assert_allclose(found, generalized, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", DUAL_ARMS)
 def test_generalized_jacobians_are_derivatives_of_poses(name: str, rng: np.random.Generator) -> None:
     state = State(name, rng)
     robot, _, model = robot_and_model(name)
@@ -243,7 +240,7 @@ def vigorous(name: str, timestep: float, seconds: float = 30.0) -> tuple[Array, 
     return qpos, qvel
 
 
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", DUAL_ARMS)
 def test_momentum_drifts_with_the_fourth_power_of_the_step(name: str) -> None:
     robot, _, _ = robot_and_model(name)
     drifts, ratios = [], {}

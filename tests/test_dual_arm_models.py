@@ -2,16 +2,17 @@
 
 from copy import copy
 from math import pi
+from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
 from drawn_models import assert_only_drawn, geoms
+from dual_arm_robots import DUAL_ARMS, END_EFFECTORS
 
 from space_envs.errors import ConfigurationError, RenderingError
 from space_envs.rendering import Renderer, missing_gl
-from space_envs.robots.dual_arm import END_EFFECTORS, GRAPPLES, KINDS, DualArmOptions, dual_arm_model
-from space_envs.robots.parameters import DUAL_ARM_PLANAR, DUAL_ARM_SPATIAL
+from space_envs.robots.models import GRAPPLES, SceneOptions, robot_model
 from space_envs.scenery.dual_arm import scale_target
 
 # shah2013, Table I: satellite and each link of either arm.
@@ -44,10 +45,26 @@ SPATIAL_INERTIA = [
     (AXIAL_10, 0.00625 + 10 * 0.4**2 / 12, 0.00625 + 10 * 0.4**2 / 12),
     (0.00625 + 10 * 0.4**2 / 12, AXIAL_10, 0.00625 + 10 * 0.4**2 / 12),
 ]
+# rad, m, kg and kg m^2; our choice.
+HOME = {
+    "planar": (-0.9, 1.4, 0.6, 1.4, -0.5, -0.6),
+    "spatial": (
+        *(-1.17, -1.86, -1.23, 2.10, 0.21, -0.22, 0.17),
+        *(-1.85, -1.80, -1.49, 1.12, 0.10, 0.81, 0.41),
+    ),
+}
+FORWARD = 0.35  # m, of the spatial mounts from the middle of their faces
+HALF_WIDTH = 0.3  # m, of the grapple points from the target's centre
+TARGET_MASS = {"planar": 100.0, "spatial": 120.0}
+TARGET_INERTIA = {"planar": (10.0, 10.0, 10.0), "spatial": (12.0, 16.0, 20.0)}
 FREE, SLIDE, HINGE = (
     int(kind)
     for kind in (mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE)
 )
+
+
+def model_of(kind: str, **options: Any) -> mujoco.MjModel:
+    return robot_model(DUAL_ARMS[kind], SceneOptions(**options))
 
 
 def joint_names(model: mujoco.MjModel) -> list[str]:
@@ -88,7 +105,7 @@ def inertia_in_body(model: mujoco.MjModel, name: str) -> np.ndarray:
 
 @pytest.mark.parametrize("visual", [False, True])
 def test_the_planar_robot_is_that_of_table_i(visual: bool) -> None:
-    model = dual_arm_model(DualArmOptions("planar", visual=visual))
+    model = model_of("planar", visual=visual)
     links = [f"arm{arm}_link{number}" for arm in (1, 2) for number in (1, 2, 3)]
     assert [model.body(i).name for i in range(model.nbody)] == ["world", "satellite", *links, "target"]
     assert model.body("satellite").mass[0] == SATELLITE_MASS
@@ -111,7 +128,7 @@ def test_the_planar_robot_is_that_of_table_i(visual: bool) -> None:
 
 
 def test_the_spatial_robot_has_rods_as_links_and_a_cube_as_bus() -> None:
-    model = dual_arm_model(DualArmOptions("spatial"))
+    model = model_of("spatial")
     assert model.body("satellite").mass[0] == 500.0
     np.testing.assert_allclose(inertia_in_body(model, "satellite"), 500 / 6 * np.eye(3), rtol=1e-15)
     for arm in (1, 2):
@@ -126,14 +143,14 @@ def test_the_spatial_robot_has_rods_as_links_and_a_cube_as_bus() -> None:
 
 
 def test_frames_of_the_spatial_arms_are_dh_frames() -> None:
-    model = dual_arm_model(DualArmOptions("spatial"))
+    model = model_of("spatial")
     generator = np.random.default_rng(0)
     for _ in range(20):
         theta = generator.uniform(-pi, pi, 14)
         data = posed(model, theta)
         for arm, sign in ((1, 1.0), (2, -1.0)):
             # Frame 0: z out of the face at +x or -x.
-            frame = shift(sign * 0.5, DUAL_ARM_SPATIAL.forward, 0.0) @ turn(1, sign * pi / 2)
+            frame = shift(sign * 0.5, FORWARD, 0.0) @ turn(1, sign * pi / 2)
             np.testing.assert_allclose(frame[:3, 2], [sign, 0, 0], atol=1e-15)
             angles = theta[7 * (arm - 1) : 7 * arm]
             for number, (angle, (alpha, a, d)) in enumerate(zip(angles, SPATIAL_DH, strict=True), start=1):
@@ -146,10 +163,9 @@ def test_frames_of_the_spatial_arms_are_dh_frames() -> None:
             np.testing.assert_allclose(site.xmat.reshape(3, 3), frame[:3, :3], rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", DUAL_ARMS)
 def test_joints_actuators_and_physics(kind: str) -> None:
-    model = dual_arm_model(DualArmOptions(kind, timestep=0.01))
-    parameters = DUAL_ARM_PLANAR if kind == "planar" else DUAL_ARM_SPATIAL
+    model = model_of(kind, timestep=0.01)
     n = 6 if kind == "planar" else 14
     floating = [SLIDE, SLIDE, HINGE] if kind == "planar" else [FREE]
     assert [int(t) for t in model.jnt_type] == [*floating, *([HINGE] * n), *floating]
@@ -172,22 +188,21 @@ def test_joints_actuators_and_physics(kind: str) -> None:
     assert model.opt.density == model.opt.viscosity == 0
     first = int(model.joint("arm1_joint1").qposadr[0])
     home = model.key("home").qpos
-    np.testing.assert_array_equal(home[first : first + n], parameters.home)
+    np.testing.assert_array_equal(home[first : first + n], HOME[kind])
     np.testing.assert_array_equal(home[:first], [0, 0, 0, 1, 0, 0, 0][:first])
     limits = model.jnt_range[[model.joint(name).id for name in joint_names(model)]]
     assert (np.abs(home[first : first + n]) < limits[:, 1] - 0.3).all()
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", DUAL_ARMS)
 def test_the_target_has_a_grapple_point_on_either_side(kind: str) -> None:
-    model = dual_arm_model(DualArmOptions(kind))
-    target = (DUAL_ARM_PLANAR if kind == "planar" else DUAL_ARM_SPATIAL).target
+    model = model_of(kind)
     body = model.body("target")
     assert int(body.parentid[0]) == 0
-    assert body.mass[0] == target.mass
-    np.testing.assert_allclose(inertia_in_body(model, "target"), np.diag(target.inertia), atol=1e-14)
+    assert body.mass[0] == TARGET_MASS[kind]
+    np.testing.assert_allclose(inertia_in_body(model, "target"), np.diag(TARGET_INERTIA[kind]), atol=1e-14)
     np.testing.assert_array_equal(body.ipos, np.zeros(3))
-    half = target.half_width
+    half = HALF_WIDTH
     places = [[0, -half, 0], [0, half, 0]] if kind == "planar" else [[half, 0, 0], [-half, 0, 0]]
     for name, place in zip(GRAPPLES, places, strict=True):
         site = model.site(name)
@@ -200,46 +215,24 @@ def test_the_target_has_a_grapple_point_on_either_side(kind: str) -> None:
 
 
 def test_end_effectors_of_the_canonical_start() -> None:
-    data = posed(dual_arm_model(), np.array(CANONICAL_THETA))
+    data = posed(model_of("planar"), np.array(CANONICAL_THETA))
     for name, place in zip(END_EFFECTORS, CANONICAL_END_EFFECTORS, strict=True):
         np.testing.assert_allclose(data.site(name).xpos, [*place, 0.0], rtol=0, atol=5.1e-7)
 
 
-def test_mounts_are_an_option() -> None:
+def test_the_arms_can_be_mounted_elsewhere() -> None:
     mounts = ((0.3, 0.2), (-0.4, 0.1))
-    usual, moved = dual_arm_model(), dual_arm_model(DualArmOptions(mounts=mounts))
+    usual, moved = model_of("planar"), robot_model(DUAL_ARMS["planar"].mounted_at(mounts))
     for index, name in enumerate(END_EFFECTORS):
         offset = posed(moved, np.array(CANONICAL_THETA)).site(name).xpos
         offset = offset - posed(usual, np.array(CANONICAL_THETA)).site(name).xpos
         np.testing.assert_allclose(offset[:2], np.subtract(mounts[index], MOUNTS[index]), atol=1e-15)
-    assert dual_arm_model(DualArmOptions(mounts=MOUNTS)).body("arm2_link1").pos.tolist() == [-0.5, 0, 0]
-    listed = DualArmOptions(mounts=[[0.3, 0.2], [-0.4, 0.1]])  # type: ignore[arg-type]
-    assert listed == DualArmOptions(mounts=mounts)
-    assert dual_arm_model(listed) is moved
+    assert DUAL_ARMS["planar"].mounted_at(MOUNTS) == DUAL_ARMS["planar"]
 
 
-@pytest.mark.parametrize(
-    ("keywords", "message"),
-    [
-        ({"kind": "plannar"}, "Did you mean 'planar'"),
-        ({"timestep": 0.0}, "timestep must be a finite positive number"),
-        ({"timestep": float("nan")}, "timestep must be a finite positive number"),
-        ({"kind": "spatial", "mounts": MOUNTS}, "planar robot only"),
-        ({"mounts": ((0.5, 0.0),)}, "mounts must be two"),
-        ({"mounts": ((0.5, 0.0, 0.0), (-0.5, 0.0, 0.0))}, "mounts must be two"),
-        ({"mounts": ((0.5, float("inf")), (-0.5, 0.0))}, "mounts must be two"),
-        ({"mounts": ((0.5,), (-0.5, 0.0))}, "mounts must be two"),
-        ({"mounts": "left and right"}, "mounts must be two"),
-    ],
-)
-def test_bad_options_are_refused(keywords: dict, message: str) -> None:
-    with pytest.raises(ConfigurationError, match=message):
-        DualArmOptions(**keywords)
-
-
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", DUAL_ARMS)
 def test_drawing_changes_nothing_that_is_simulated(kind: str) -> None:
-    plain, drawn = dual_arm_model(DualArmOptions(kind)), dual_arm_model(DualArmOptions(kind, visual=True))
+    plain, drawn = model_of(kind), model_of(kind, visual=True)
     cameras = {drawn.cam(i).name for i in range(drawn.ncam)}
     assert cameras == {"overview", "chase", *END_EFFECTORS}
 
@@ -258,10 +251,10 @@ def heights(model: mujoco.MjModel, data: mujoco.MjData, which: list[int]) -> tup
     return float((middle - half).min()), float((middle + half).max())
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", DUAL_ARMS)
 def test_what_is_drawn_stands_where_the_frames_say(kind: str) -> None:
-    model = dual_arm_model(DualArmOptions(kind, visual=True))
-    data = posed(model, np.array((DUAL_ARM_PLANAR if kind == "planar" else DUAL_ARM_SPATIAL).home))
+    model = model_of(kind, visual=True)
+    data = posed(model, np.array(HOME[kind]))
     last = 3 if kind == "planar" else 7
     for arm in (1, 2):
         for number in range(1, last + 1):  # housings of joints are centred on their axes
@@ -286,9 +279,9 @@ def test_what_is_drawn_stands_where_the_frames_say(kind: str) -> None:
         assert heights(model, data, bus)[1] <= heights(model, data, arms)[0] + 1e-9
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", DUAL_ARMS)
 def test_the_drawn_target_is_scaled_with_its_half_width(kind: str) -> None:
-    shared = dual_arm_model(DualArmOptions(kind, visual=True))
+    shared = model_of(kind, visual=True)
     model = copy(shared)
     mine = np.isin(np.arange(model.ngeom), geoms(model, "target"))
     assert mine.sum() > 60
@@ -311,16 +304,16 @@ def test_the_drawn_target_is_scaled_with_its_half_width(kind: str) -> None:
             scale_target(model, bad)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", DUAL_ARMS)
 def test_the_renderer_shows_the_target_at_its_size(kind: str) -> None:
-    plain = dual_arm_model(DualArmOptions(kind))
+    plain = model_of(kind)
     data = mujoco.MjData(plain)
     mujoco.mj_resetDataKeyframe(plain, data, 0)
     if kind == "planar":
         data.qpos[-3:-1] = 2.0, 1.0
     state = np.empty(mujoco.mj_stateSize(plain, mujoco.mjtState.mjSTATE_INTEGRATION))
     mujoco.mj_getState(plain, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
-    with Renderer(dual_arm_model(DualArmOptions(kind, visual=True)), width=120, height=120) as renderer:
+    with Renderer(model_of(kind, visual=True), width=120, height=120) as renderer:
         if missing_gl() is not None:
             with pytest.raises(RenderingError):
                 renderer.render(state)

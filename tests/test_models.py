@@ -4,6 +4,7 @@ import json
 from functools import partial
 from math import pi
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -13,8 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from space_envs.errors import ConfigurationError
-from space_envs.robots.parameters import VARIANTS
-from space_envs.robots.single_arm import ModelOptions, single_arm_model
+from space_envs.robots.models import SceneOptions, robot_model
+from space_envs.robots.zoo import find_robot
 
 # Table I: alpha (rad), a (m), d (m).
 TABLE_I = [
@@ -81,14 +82,18 @@ def dh_frames(q: np.ndarray) -> list[np.ndarray]:
     return frames
 
 
-@pytest.fixture(params=VARIANTS)
+def model_of(variant: str = "paper", **options: Any) -> mujoco.MjModel:
+    return robot_model(find_robot("shyam2020", variant), SceneOptions(**options))
+
+
+@pytest.fixture(params=["paper", "physical"])
 def variant(request: pytest.FixtureRequest) -> str:
     return request.param
 
 
 @pytest.mark.parametrize("visual", [False, True])
 def test_masses_and_inertias_are_those_of_table_ii(variant: str, visual: bool) -> None:
-    model = single_arm_model(ModelOptions(variant=variant, visual=visual))
+    model = model_of(variant, visual=visual)
     assert [model.body(i).name for i in range(model.nbody)] == ["world", *BODIES, "target"]
     for number, name in enumerate(BODIES):
         body = model.body(name)
@@ -104,14 +109,14 @@ def test_masses_and_inertias_are_those_of_table_ii(variant: str, visual: bool) -
 
 
 def test_centres_of_mass_lie_mid_link(variant: str) -> None:
-    model = single_arm_model(ModelOptions(variant=variant))
+    model = model_of(variant)
     np.testing.assert_array_equal(model.body("satellite").ipos, np.zeros(3))
     for number, (_, a, d) in enumerate(TABLE_I, start=1):
         np.testing.assert_allclose(model.body(f"link{number}").ipos, [a / 2, 0, d / 2], rtol=0, atol=1e-15)
 
 
 def test_physics_options(variant: str) -> None:
-    options = single_arm_model(ModelOptions(variant=variant, timestep=0.01)).opt
+    options = model_of(variant, timestep=0.01).opt
     np.testing.assert_array_equal(options.gravity, np.zeros(3))
     assert int(options.integrator) == int(mujoco.mjtIntegrator.mjINT_RK4)
     assert options.timestep == 0.01
@@ -120,7 +125,7 @@ def test_physics_options(variant: str) -> None:
 
 
 def test_joints_and_actuators(variant: str) -> None:
-    model = single_arm_model(ModelOptions(variant=variant))
+    model = model_of(variant)
     assert (model.nq, model.nv, model.nu, model.na, model.nmocap) == (14, 13, 7, 0, 1)
     assert int(model.joint("satellite").type[0]) == int(mujoco.mjtJoint.mjJNT_FREE)
     for number in range(1, 8):
@@ -147,7 +152,7 @@ def test_joints_and_actuators(variant: str) -> None:
     turn=st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(lambda v: float(np.linalg.norm(v)) > 0.1),
 )
 def test_frames_are_the_dh_frames(q: list[float], base: list[float], turn: list[float]) -> None:
-    model = single_arm_model()
+    model = model_of()
     data = mujoco.MjData(model)
     data.qpos[:] = [*base, *(np.array(turn) / np.linalg.norm(turn)), *q]
     mujoco.mj_kinematics(model, data)
@@ -166,7 +171,7 @@ def test_frames_are_the_dh_frames(q: list[float], base: list[float], turn: list[
 
 
 def test_home_pose_and_matrices_of_the_case() -> None:
-    model = single_arm_model()
+    model = model_of()
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.key("home").id)
     mujoco.mj_forward(model, data)
@@ -187,8 +192,8 @@ def test_home_pose_and_matrices_of_the_case() -> None:
 
 
 def test_drawing_changes_nothing_that_is_simulated(variant: str) -> None:
-    plain = single_arm_model(ModelOptions(variant=variant))
-    drawn = single_arm_model(ModelOptions(variant=variant, visual=True))
+    plain = model_of(variant)
+    drawn = model_of(variant, visual=True)
 
     def disturb(data: mujoco.MjData) -> None:
         data.ctrl[:] = [9, -20, 15, 5, -8, 3, 30]
@@ -197,7 +202,7 @@ def test_drawing_changes_nothing_that_is_simulated(variant: str) -> None:
 
 
 def test_what_is_drawn_stands_where_the_frames_say() -> None:
-    model = single_arm_model(ModelOptions(visual=True))
+    model = model_of(visual=True)
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
     mujoco.mj_kinematics(model, data)
@@ -238,4 +243,4 @@ def test_what_is_drawn_stands_where_the_frames_say() -> None:
 )
 def test_bad_options_are_refused(keywords: dict, message: str) -> None:
     with pytest.raises(ConfigurationError, match=message):
-        ModelOptions(**keywords)
+        model_of(**keywords)

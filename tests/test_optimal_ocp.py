@@ -25,9 +25,10 @@ from space_envs.dynamics.rotations import rotate
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError
 from space_envs.policy import PolicyContext
-from space_envs.robots.single_arm import single_arm_model
+from space_envs.robots.models import robot_model
+from space_envs.robots.zoo import find_robot
 
-MODEL = single_arm_model()
+MODEL = robot_model(find_robot("shyam2020"))
 
 
 def planned(reach: Reach, limits: Limits = Limits(), starts: int = 3) -> ReachPlan:

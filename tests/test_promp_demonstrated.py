@@ -23,7 +23,7 @@ from space_envs.dynamics.rotations import Array
 from space_envs.dynamics.spheres import link_ends, sphere_gaps
 from space_envs.envs import CaptureVectorEnv
 from space_envs.policy import PolicyContext
-from space_envs.robots.single_arm import single_arm_model
+from space_envs.robots.models import robot_model
 from space_envs.robots.zoo import find_robot
 from space_envs.tasks.single_arm import SingleArmTask
 from space_envs.tasks.single_arm_cluttered import SingleArmClutteredTask
@@ -56,7 +56,7 @@ def cluttered(number: int) -> Reach:
 
 def measured(reach: Reach, plan: ReachPlan | Failure) -> ReachPlan:
     assert isinstance(plan, ReachPlan), plan
-    return check(single_arm_model(), robot(), reach.checked(robot()), robot_limits(ROBOT), plan)
+    return check(robot_model(ROBOT), robot(), reach.checked(robot()), robot_limits(ROBOT), plan)
 
 
 def assert_within_limits(plan: ReachPlan) -> None:

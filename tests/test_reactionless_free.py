@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 from dual_arm_goals import IDS, at_meeting, task_of
+from dual_arm_robots import DUAL_ARMS, END_EFFECTORS
 
 from agents.planners.common.plans import Cause, Failure, Limits
 from agents.planners.common.smooth import Smooth
@@ -26,7 +27,7 @@ from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
 from space_envs.dynamics.symbolic import SymbolicRobot
 from space_envs.errors import ConfigurationError
-from space_envs.robots.dual_arm import END_EFFECTORS, DualArmOptions, dual_arm_model
+from space_envs.robots.models import robot_mechanics, robot_model
 from space_envs.tasks.goals.tumbling import RENDEZVOUS_TIME
 
 # The canonical planar case: configuration, target and half distance of the grapple points are our reading of
@@ -41,9 +42,8 @@ KNOWN_ENERGY = 0.455773  # J s
 every_kind = pytest.mark.parametrize("kind", ["planar", "spatial"])
 
 
-@cache
 def robot_of(kind: str) -> FloatingRobot:
-    return FloatingRobot.from_model(dual_arm_model(DualArmOptions(kind)), end_effectors=END_EFFECTORS)
+    return robot_mechanics(DUAL_ARMS[kind])
 
 
 def drives(kind: str, **changes: Any) -> Limits:
@@ -93,7 +93,7 @@ class Mujoco:
     """The floating robot in MuJoCo, moved by its joints alone from rest."""
 
     def __init__(self, kind: str, start: Array) -> None:
-        self.model = dual_arm_model(DualArmOptions(kind))
+        self.model = robot_model(DUAL_ARMS[kind])
         self.data = mujoco.MjData(self.model)
         self._linear, base = (3, 6) if kind == "spatial" else (2, 3)
         self._joints = slice(base, base + len(start))

@@ -5,24 +5,21 @@ from functools import cache
 import mujoco
 import numpy as np
 import pytest
+from dual_arm_robots import DUAL_ARMS, END_EFFECTORS
 
 from agents.planners.dual_arm.prescribed_paths.model import PathModel
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.reactionless import end_effectors
 from space_envs.dynamics.rotations import Array
-from space_envs.robots.dual_arm import END_EFFECTORS, DualArmOptions, dual_arm_model
+from space_envs.robots.models import robot_mechanics, robot_model
 
-OPTIONS = {
-    "planar": DualArmOptions("planar"),
-    "other mounts": DualArmOptions("planar", mounts=((0.3, 0.4), (-0.2, 0.5))),
-    "spatial": DualArmOptions("spatial"),
-}
+ROBOTS = DUAL_ARMS | {"other mounts": DUAL_ARMS["planar"].mounted_at(((0.3, 0.4), (-0.2, 0.5)))}
 STATES = 6
 
 
 @cache
 def robot_of(name: str) -> FloatingRobot:
-    return FloatingRobot.from_model(dual_arm_model(OPTIONS[name]), end_effectors=END_EFFECTORS)
+    return robot_mechanics(ROBOTS[name])
 
 
 def states(name: str) -> tuple[FloatingRobot, PathModel, Array, Array]:
@@ -38,7 +35,7 @@ def reactionless(model: PathModel, q: Array, rate: Array) -> Array:
     return rate - np.linalg.pinv(turning) @ turning @ rate
 
 
-@pytest.mark.parametrize("name", OPTIONS)
+@pytest.mark.parametrize("name", ROBOTS)
 def test_places_and_rows_are_those_of_the_momentum_level(name):
     robot, model, positions, rates = states(name)
     d = model.dimensions
@@ -56,7 +53,7 @@ def test_places_and_rows_are_those_of_the_momentum_level(name):
         np.testing.assert_allclose(at.angular @ rate, angular.ravel() if d == 3 else angular[:, 2], atol=1e-9)
 
 
-@pytest.mark.parametrize("name", OPTIONS)
+@pytest.mark.parametrize("name", ROBOTS)
 def test_linear_rows_are_derivatives_of_the_places(name):
     robot, model, positions, _ = states(name)
     step = 1e-5
@@ -68,7 +65,7 @@ def test_linear_rows_are_derivatives_of_the_places(name):
         np.testing.assert_allclose(model(q).task[: -model.momenta], np.transpose(slopes), atol=1e-8)
 
 
-@pytest.mark.parametrize("name", OPTIONS)
+@pytest.mark.parametrize("name", ROBOTS)
 def test_last_rows_are_the_angular_momentum_about_the_common_centre(name):
     robot, model, positions, rates = states(name)
     for q, rate in zip(positions, rates, strict=True):
@@ -81,7 +78,7 @@ def test_last_rows_are_the_angular_momentum_about_the_common_centre(name):
         np.testing.assert_allclose(found, momentum[3:] if model.momenta == 3 else momentum[5:], atol=1e-9)
 
 
-@pytest.mark.parametrize("name", OPTIONS)
+@pytest.mark.parametrize("name", ROBOTS)
 def test_reactionless_rates_do_not_rotate_the_base(name):
     robot, model, positions, rates = states(name)
     for q, rate in zip(positions, rates, strict=True):
@@ -90,10 +87,10 @@ def test_reactionless_rates_do_not_rotate_the_base(name):
         assert np.abs(robot.base_twist(q, rate)[3:]).max() > 1e-3
 
 
-@pytest.mark.parametrize("name", OPTIONS)
+@pytest.mark.parametrize("name", ROBOTS)
 def test_mass_gives_the_kinetic_energy_that_mujoco_has(name):
     robot, model, positions, rates = states(name)
-    mj = dual_arm_model(OPTIONS[name])
+    mj = robot_model(ROBOTS[name])
     data = mujoco.MjData(mj)
     home = mj.key_qpos[0]
     joints = [int(mj.jnt_qposadr[mj.joint(mj.actuator(i).name).id]) for i in range(mj.nu)]
@@ -115,7 +112,7 @@ def test_mass_gives_the_kinetic_energy_that_mujoco_has(name):
 def test_one_model_per_robot_and_no_shared_results():
     robot = robot_of("planar")
     model = PathModel.of(robot)
-    again = FloatingRobot.from_model(dual_arm_model(OPTIONS["planar"]), end_effectors=END_EFFECTORS)
+    again = FloatingRobot.from_model(robot_model(ROBOTS["planar"]), end_effectors=END_EFFECTORS)
     assert PathModel.of(again) is model
     assert PathModel.of(robot_of("other mounts")) is not model
     first = model(robot.home)

@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from dual_arm_robots import DUAL_ARMS
 
 from agents.planners.common.plans import Cause, Failure, Limits
 from agents.planners.dual_arm.prescribed_paths.instantaneous import plan_local, plan_zeta_zero
@@ -15,7 +16,7 @@ from space_envs.dynamics.reactionless import end_effectors
 from space_envs.dynamics.rotations import Array
 from space_envs.dynamics.symbolic import SymbolicRobot
 from space_envs.errors import ConfigurationError
-from space_envs.robots.dual_arm import END_EFFECTORS, DualArmOptions, dual_arm_model
+from space_envs.robots.models import robot_mechanics
 
 # The canonical case of the lost Fig. 1 of shah2013 and its energies, J s, found by two implementations.
 CANONICAL = Capture(
@@ -31,8 +32,8 @@ MOUNTS = ((0.4, 0.3), (-0.3, 0.4))
 
 @cache
 def robot_of(mounts: tuple[tuple[float, float], ...] | None = None) -> FloatingRobot:
-    options = DualArmOptions("planar", mounts=mounts)
-    return FloatingRobot.from_model(dual_arm_model(options), end_effectors=END_EFFECTORS)
+    planar = DUAL_ARMS["planar"]
+    return robot_mechanics(planar if mounts is None else planar.mounted_at(mounts))
 
 
 def planned(
@@ -225,8 +226,7 @@ def test_singular_captures_are_failures_of_every_method(seed):
 
 
 def test_space_is_refused_by_name():
-    model = dual_arm_model(DualArmOptions("spatial"))
-    robot = FloatingRobot.from_model(model, end_effectors=END_EFFECTORS)
+    robot = robot_mechanics(DUAL_ARMS["spatial"])
     capture = Capture(robot.home, 20.0, np.zeros((2, 3)), np.zeros((2, 3)))
     with pytest.raises(ConfigurationError, match="planar"):
         plan_ocp(robot, capture)

@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from dual_arm_robots import DUAL_ARMS
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import minimize
@@ -20,7 +21,7 @@ from space_envs.dynamics.reactionless import end_effectors, reach
 from space_envs.dynamics.rotations import Array
 from space_envs.dynamics.symbolic import SymbolicRobot
 from space_envs.errors import ConfigurationError
-from space_envs.robots.dual_arm import END_EFFECTORS, DualArmOptions, dual_arm_model
+from space_envs.robots.models import robot_mechanics
 
 # The canonical case of the lost Fig. 1 of shah2013 and its energies, J s, found by two implementations.
 START = np.array([0.0, 1.8, -1.5, 0.9, -0.6, 1.0])
@@ -34,10 +35,9 @@ lengths = st.floats(-3.0, 3.0)
 speeds = st.floats(-1.0, 1.0)
 
 
-@cache
 def robot_of(kind: str = "planar", mounts: tuple[tuple[float, float], ...] | None = None) -> FloatingRobot:
-    options = DualArmOptions(kind, mounts=mounts)
-    return FloatingRobot.from_model(dual_arm_model(options), end_effectors=END_EFFECTORS)
+    robot = DUAL_ARMS[kind]
+    return robot_mechanics(robot if mounts is None else robot.mounted_at(mounts))
 
 
 def canonical(**changes: object) -> Capture:

@@ -18,9 +18,11 @@ from mujoco import viewer
 from space_envs import rendering
 from space_envs.errors import ConfigurationError, RenderingError
 from space_envs.rendering import Renderer, missing_gl
-from space_envs.robots.single_arm import ModelOptions, single_arm_model
+from space_envs.robots.models import SceneOptions, robot_model
+from space_envs.robots.zoo import find_robot
 from space_envs.system import opengl
 
+ROBOT = find_robot("shyam2020")
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 WITHOUT_GL = """
 import gymnasium as gym, numpy as np, space_envs
@@ -38,9 +40,13 @@ env.close()
 """
 
 
+def drawn_model() -> mujoco.MjModel:
+    return robot_model(ROBOT, SceneOptions(visual=True))
+
+
 def home_state(first_joint: float = 0.0, seconds: float = 0.0) -> np.ndarray:
     """State of the model without geometry, as the simulation holds it."""
-    model = single_arm_model()
+    model = robot_model(ROBOT)
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
     data.qpos[7] += first_joint
@@ -52,7 +58,7 @@ def home_state(first_joint: float = 0.0, seconds: float = 0.0) -> np.ndarray:
 
 @pytest.fixture
 def renderer() -> Iterator[Renderer]:
-    with Renderer(single_arm_model(ModelOptions(visual=True)), width=160, height=120) as made:
+    with Renderer(drawn_model(), width=160, height=120) as made:
         yield made
 
 
@@ -81,9 +87,7 @@ def test_a_picture_or_the_reason_why_not(renderer: Renderer) -> None:
 def test_shadows_are_a_choice() -> None:
     pictures = []
     for shadows in (True, False):
-        with Renderer(
-            single_arm_model(ModelOptions(visual=True)), width=160, height=120, shadows=shadows
-        ) as made:
+        with Renderer(drawn_model(), width=160, height=120, shadows=shadows) as made:
             if missing_gl() is not None:
                 with pytest.raises(RenderingError):
                     made.render(home_state())
@@ -119,7 +123,7 @@ def test_two_renderers_do_not_disturb_each_other(renderer: Renderer) -> None:
             renderer.render(home_state())
         return
     alone = renderer.render(home_state())
-    with Renderer(single_arm_model(ModelOptions(visual=True)), width=64, height=64, camera="chase") as other:
+    with Renderer(drawn_model(), width=64, height=64, camera="chase") as other:
         other.render(home_state())
         np.testing.assert_array_equal(renderer.render(home_state()), alone)
     np.testing.assert_array_equal(renderer.render(home_state()), alone)
@@ -223,7 +227,7 @@ def test_the_window_follows_the_clock_until_it_is_closed(
 
 
 def test_bad_input_is_refused(renderer: Renderer) -> None:
-    model = single_arm_model(ModelOptions(visual=True))
+    model = drawn_model()
     with pytest.raises(ConfigurationError, match="unknown camera 'overveiw'.*Did you mean 'overview'"):
         Renderer(model, camera="overveiw")
     with pytest.raises(ConfigurationError, match="unknown camera"):
@@ -232,7 +236,7 @@ def test_bad_input_is_refused(renderer: Renderer) -> None:
         with pytest.raises(ConfigurationError, match="width must be a positive integer"):
             Renderer(model, width=size)  # type: ignore[arg-type]
     with pytest.raises(ConfigurationError, match="visual=True"):
-        Renderer(single_arm_model())
+        Renderer(robot_model(ROBOT))
     for state in (home_state()[:-1], home_state() * np.nan, "a", [[1.0], [2.0, 3.0]], None, [10**400]):
         with pytest.raises(ConfigurationError, match="state must be"):
             renderer.render(state)  # type: ignore[arg-type]
@@ -252,7 +256,7 @@ def test_bad_input_is_refused(renderer: Renderer) -> None:
 
 
 def test_a_long_trail_keeps_its_end(renderer: Renderer) -> None:
-    scene = mujoco.MjvScene(single_arm_model(ModelOptions(visual=True)), 10)
+    scene = mujoco.MjvScene(drawn_model(), 10)
     points = np.linspace([0, 0, 0], [0, 0, 30], 31)
     rendering.draw_trail(scene, points)
     assert scene.ngeom == 10

@@ -30,7 +30,6 @@ from reproduce.shyam2020.steps import (
 )
 from space_envs.dynamics.rotations import angle_between
 from space_envs.errors import RenderingError
-from space_envs.robots.parameters import SINGLE_ARM
 
 # Tables
 
@@ -84,6 +83,7 @@ def made(**changes) -> dict:
     return record | changes
 
 
+LINK_RADIUS = 0.08  # m
 FAILED = {"cause": "infeasible", "reason": "none within the limits"}
 
 
@@ -170,8 +170,8 @@ def test_goals_are_the_frozen_ones_and_the_own_one_is_none_of_them():
     np.testing.assert_array_equal(goal(1).position, second.position)
     layout = context().layout
     np.testing.assert_array_equal(layout.read(own.observation, "goal_position")[0], own.position)
-    assert (limits().rate == SINGLE_ARM.rate_limit).all()
-    assert (limits().torque == SINGLE_ARM.torque_limit).all()
+    assert (limits().rate == 0.3).all()
+    assert (limits().torque == 60.0).all()
 
 
 def test_a_motion_is_measured_as_mujoco_simulates_it():
@@ -264,9 +264,7 @@ def test_the_sphere_is_in_the_path_and_clear_of_the_ends():
         ends = np.array([*(data.body(f"link{i}").xpos for i in range(1, 8)), data.site("end_effector").xpos])
         share = np.linspace(0.0, 1.0, 400)[:, None, None]
         points = ends[:-1] + share * np.diff(ends, axis=0)
-        gaps.append(
-            np.linalg.norm(points - sphere[0, :3], axis=-1).min() - SPHERE_RADIUS - SINGLE_ARM.link_radius
-        )
+        gaps.append(np.linalg.norm(points - sphere[0, :3], axis=-1).min() - SPHERE_RADIUS - LINK_RADIUS)
     assert min(gaps[0], gaps[-1]) >= ROOM - 1e-3
     assert min(gaps) < -0.5 * SPHERE_RADIUS
 

@@ -11,7 +11,8 @@ from reproduce.shyam2020.measures import link_vectors
 from reproduce.shyam2020.page.demonstrations import NAMES, learned, variations, workspace
 from reproduce.shyam2020.page.model import HOME, compiled
 from reproduce.shyam2020.page.vectors import vectors
-from space_envs.robots.single_arm import ModelOptions, single_arm_model
+from space_envs.robots.models import robot_model
+from space_envs.robots.zoo import find_robot
 
 
 def test_demonstrations_cover_the_workspace_and_vary_as_they_say():
@@ -34,7 +35,7 @@ def test_demonstrations_cover_the_workspace_and_vary_as_they_say():
 
 
 def test_vectors_of_fig_2_are_those_of_eq_1_and_4_and_of_mujoco():
-    model = single_arm_model(ModelOptions("paper"))
+    model = robot_model(find_robot("shyam2020", "paper"))
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
     data.qpos[7:] += np.linspace(-0.4, 0.5, 7)

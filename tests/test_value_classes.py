@@ -35,8 +35,7 @@ from promp import GaussianBasis, ProMP, PrompError, ViaPoint, regress_weights
 from promp.nonlinear import NonlinearTarget, condition_nonlinear
 from space_envs.errors import ConfigurationError
 from space_envs.registration import make_task
-from space_envs.robots.dual_arm import DualArmOptions
-from space_envs.robots.single_arm import ModelOptions, single_arm_model
+from space_envs.robots.models import SceneOptions, robot_model
 from space_envs.robots.zoo import find_robot
 from space_envs.tasks.rewards import RewardTerm
 from space_envs.tasks.single_arm import PoseEnvelope
@@ -46,7 +45,7 @@ ARMS = make_task("SpaceCapture/DualArmPlanar-v0", {}).mechanics
 REACH = Reach(ARM.home, *(np.ones(3), np.array([1.0, 0.0, 0.0, 0.0])), 10.0, np.zeros(7))
 REST = Capture(ARMS.home, 20.0, np.ones((2, 3)), np.zeros((2, 3)), np.ones((2, 3)))
 PROMP = ProMP(np.zeros((2, 10)), 0.01 * np.eye(20))
-MODEL = single_arm_model()
+MODEL = robot_model(find_robot("shyam2020"))
 
 ODD = st.sampled_from(
     ["no", "", b"1", True, False, 1j, [1.0], [], {}, float("nan"), float("inf"), -float("inf"), object()]
@@ -175,11 +174,9 @@ CASES = [
     *each(DemonstratorConfig, "per_goal", NO_COUNT),
     *each(DemonstratorConfig, "redundancy offset noise noise_free rest weight_decades", NEGATIVE),
     *each(DemonstratorConfig, "ramp radius", NO_RANGE),
-    *each(ModelOptions, "timestep", NOT_POSITIVE),
-    *each(ModelOptions, "visual", NO_FLAG),
-    *each(ModelOptions, "obstacles", NO_SIZE),
-    *each(DualArmOptions, "timestep", NOT_POSITIVE),
-    *each(DualArmOptions, "visual", NO_FLAG),
+    *each(SceneOptions, "timestep", NOT_POSITIVE),
+    *each(SceneOptions, "visual", NO_FLAG),
+    *each(SceneOptions, "obstacles", NO_SIZE),
     *each(PoseEnvelope, "position linear_velocity hold orientation angular_velocity", NOT_POSITIVE),
     *each(reward_term, "weight", NO_NUMBER),
     *each(GaussianBasis, "bandwidth", NOT_POSITIVE),

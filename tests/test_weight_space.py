@@ -28,7 +28,6 @@ from promp.errors import StorageError
 from space_envs.dynamics import roll_out_base, trajectory_cost
 from space_envs.dynamics.rotations import Array, exponential, to_matrix
 from space_envs.errors import ConfigurationError
-from space_envs.robots.single_arm import single_arm_model
 from space_envs.tasks.single_arm import SingleArmTask
 
 
@@ -202,7 +201,7 @@ def test_known_goals_cost_hardly_more_than_is_known(number: int, keep_attitude: 
     reach = reach_of(number, keep_attitude)
     plan = planner(keep_attitude, False).plan(reach)
     assert isinstance(plan, ReachPlan)
-    measured = check(single_arm_model(), robot(), reach, Limits(), plan)
+    measured = check(SingleArmTask().model, robot(), reach, Limits(), plan)
     assert measured.cost == pytest.approx(plan.cost, rel=0.01)
     assert measured.cost <= 1.05 * KNOWN[number]["kept" if keep_attitude else "free"]
     assert measured.violation["position_error"] < 1e-3
@@ -216,7 +215,7 @@ def test_limits_of_the_model_are_satisfied(keep_attitude: bool) -> None:
         reach = reach_of(number, keep_attitude)
         plan = planner(keep_attitude, True).plan(reach)
         assert isinstance(plan, ReachPlan)
-        violation = check(single_arm_model(), robot(), reach, drives(), plan).violation
+        violation = check(SingleArmTask().model, robot(), reach, drives(), plan).violation
         assert violation["position"] <= 0.0
         assert violation["rate"] <= 1e-4 * 0.3
         assert violation["acceleration"] <= 1e-2 * 0.25
@@ -228,7 +227,7 @@ def test_limits_of_the_model_are_satisfied(keep_attitude: bool) -> None:
 
 
 def test_torque_limit_is_active_and_satisfied() -> None:
-    model, bare = single_arm_model(), planner(False, True).plan(reach_of(1))
+    model, bare = SingleArmTask().model, planner(False, True).plan(reach_of(1))
     assert isinstance(bare, ReachPlan)
     most = 60.0 + check(model, robot(), reach_of(1), drives(), bare).violation["torque"]
     limits = replace(drives(), torque=0.8 * most)
@@ -243,7 +242,7 @@ def test_without_a_library_it_starts_from_rest() -> None:
         reach = reach_of(2, keep_attitude)
         plan = OptimalPlanner(robot(), Limits()).plan(reach)
         assert isinstance(plan, ReachPlan)
-        assert check(single_arm_model(), robot(), reach, Limits(), plan).violation["position_error"] < 1e-3
+        assert check(SingleArmTask().model, robot(), reach, Limits(), plan).violation["position_error"] < 1e-3
 
 
 # Validation goals; two of them are those at which an early end costs most.
@@ -288,7 +287,7 @@ def test_from_a_moving_start() -> None:
     reach = replace(reach_of(2), rate=np.full(7, 0.02), start=robot().home + 0.1, duration=8.0)
     plan = planner(False, True).plan(reach)
     assert isinstance(plan, ReachPlan)
-    violation = check(single_arm_model(), robot(), reach, drives(), plan).violation
+    violation = check(SingleArmTask().model, robot(), reach, drives(), plan).violation
     assert violation["start"] < 1e-9
     assert violation["position_error"] < 1e-3
 

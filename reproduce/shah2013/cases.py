@@ -1,7 +1,6 @@
 """The canonical case and random ones: start of the arms, pose and spin of the target."""
 
 from dataclasses import dataclass
-from functools import cache
 from math import pi
 
 import numpy as np
@@ -10,13 +9,12 @@ from agents.planners.dual_arm.problem import Capture
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import PlanningError
-from space_envs.robots.dual_arm import END_EFFECTORS, DualArmOptions, dual_arm_model
-from space_envs.robots.parameters import DUAL_ARM_PLANAR
+from space_envs.robots.models import robot_mechanics
+from space_envs.robots.zoo import find_robot
 
 DURATION = 20.0  # s
 _ATTEMPTS = 1000
-_LARGEST = np.array([DUAL_ARM_PLANAR.first_reach, *[DUAL_ARM_PLANAR.joint_reach] * 2] * 2)
-JOINT_LIMITS = np.column_stack([-_LARGEST, _LARGEST])  # (6, 2) rad
+ROBOT = find_robot("shah2013")
 
 
 @dataclass(frozen=True)
@@ -107,15 +105,14 @@ class Sampler:
                 spin=float(rng.uniform(-self.spin, self.spin)),
                 half_width=float(rng.uniform(*self.half_width)),
             )
-            if (np.abs(case.start) <= _LARGEST).all() and (reach_used(robot, case) <= self.reach).all():
+            if _in_range(case) and (reach_used(robot, case) <= self.reach).all():
                 return case
         raise PlanningError(f"no case within reach in {_ATTEMPTS} draws of seed {seed}, index {index}")
 
 
-@cache
 def planar_robot() -> FloatingRobot:
     """The planar robot of Table I, mounts at (0.5, 0) and (-0.5, 0) m."""
-    return FloatingRobot.from_model(dual_arm_model(DualArmOptions("planar")), end_effectors=END_EFFECTORS)
+    return robot_mechanics(ROBOT)
 
 
 def reach_used(robot: FloatingRobot, case: CaptureCase) -> Array:
@@ -123,6 +120,12 @@ def reach_used(robot: FloatingRobot, case: CaptureCase) -> Array:
     origin = robot.centre_of_mass(robot.kinematics(np.array(case.start)))
     distance = np.linalg.norm(case.capture.position - origin, axis=1)
     return distance / np.array([robot.reach(arm) for arm in range(2)])
+
+
+def _in_range(case: CaptureCase) -> bool:
+    """Whether every joint starts within its range."""
+    low, high = ROBOT.joint_range.T
+    return bool(((low <= case.start) & (case.start <= high)).all())
 
 
 def _plain(values: Array) -> tuple[float, ...]:

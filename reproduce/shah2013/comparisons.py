@@ -11,6 +11,7 @@ from reproduce.compare import ratio, ratios
 from reproduce.page.animation import AnimatedRobot, Chain, Movie, animate
 from reproduce.page.drawing import DASHES, shares, time_axes
 from reproduce.page.figures import Draw, Figure, figure
+from reproduce.shah2013.cases import ROBOT
 from reproduce.shah2013.figures import FIGURES, drawn_samples
 from reproduce.shah2013.methods import METHODS, DualArmMethod
 from reproduce.shah2013.runs import PlannedCase
@@ -18,7 +19,7 @@ from reproduce.shah2013.text import TEXT
 from space_envs.dynamics.rotations import Array
 from space_envs.evaluation.report.drawing.look import GREEN, ORANGE, PURPLE, SKY, VERMILION
 from space_envs.evaluation.report.drawing.panel import INK
-from space_envs.robots.parameters import DUAL_ARM_PLANAR
+from space_envs.robots.robot import Arm
 
 FRAMES = 61  # of the animation
 LOOP = 10.0  # s that the motion takes in it
@@ -136,15 +137,20 @@ def movie(planned: PlannedCase) -> Movie:
     return Movie("capture", **text, svg=svg, motion=duration, seconds=seconds)
 
 
+def _links(arm: Arm) -> tuple[Array, list[float]]:
+    """Mount (2,) of an arm and lengths of its links, m."""
+    ends = [*(link.position for link in arm.links[1:]), arm.tool_position]
+    return np.array(arm.links[0].position[:2]), [float(np.linalg.norm(end)) for end in ends]
+
+
 def _animated(planned: PlannedCase, method: DualArmMethod, most: float) -> AnimatedRobot:
     """Motion planned by one method; its bar is full at an energy of `most`, J s."""
     course, case = planned.curves[method.key], planned.case
     rows = np.linspace(0, len(course.time) - 1, FRAMES).round().astype(np.int64)
-    lengths = [link.length for link in DUAL_ARM_PLANAR.arm]
     colors = method.color, SKY if method.color != SKY else ORANGE
     chains = [
-        Chain(np.array(mount), lengths, course.position[rows, 3 * arm : 3 * arm + 3], colors[arm])
-        for arm, mount in enumerate(DUAL_ARM_PLANAR.mounts)
+        Chain(*_links(arm), course.position[rows, 3 * number : 3 * number + 3], colors[number])
+        for number, arm in enumerate(ROBOT.arms)
     ]
     return AnimatedRobot(
         title=method.title,

@@ -8,9 +8,8 @@ from agents.planners.dual_arm.free_paths.planner import plan_free
 from agents.planners.dual_arm.prescribed_paths.instantaneous import plan_local, plan_zeta_zero
 from agents.planners.dual_arm.prescribed_paths.ocp import plan_ocp
 from agents.planners.dual_arm.problem import CapturePlan
-from reproduce.shah2013.cases import JOINT_LIMITS, CaptureCase, planar_robot
+from reproduce.shah2013.cases import ROBOT, CaptureCase, planar_robot
 from space_envs.evaluation.report.drawing.look import BLUE, GREEN, ORANGE, PURPLE, VERMILION
-from space_envs.robots.parameters import DUAL_ARM_PLANAR
 
 ACCELERATION = 0.1  # rad/s^2, of the methods that start from rest by an optimisation
 
@@ -36,13 +35,13 @@ class DualArmMethod:
 
 
 # The paper bounds joint angles and controls and names no figures; these are the joints' own limits.
-_PATHS = Limits(position=JOINT_LIMITS)
-_REST = Limits(position=JOINT_LIMITS, acceleration=ACCELERATION)
+_PATHS = Limits(position=ROBOT.joint_range)
+_REST = Limits(position=ROBOT.joint_range, acceleration=ACCELERATION)
 _DRIVES = Limits(
-    position=JOINT_LIMITS,
-    rate=DUAL_ARM_PLANAR.rate_limit,
+    position=ROBOT.joint_range,
+    rate=ROBOT.rate_limit,
     acceleration=ACCELERATION,
-    torque=DUAL_ARM_PLANAR.torque_limit,
+    torque=ROBOT.torque_limit,
 )
 
 

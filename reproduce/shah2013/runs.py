@@ -15,10 +15,9 @@ from agents.planners.dual_arm import problem
 from agents.planners.dual_arm.problem import CapturePlan
 from agents.planners.dual_arm.tracking import FINE, Tracked, Tracking, track
 from reproduce.cases import CaseRecord, source_digest
-from reproduce.shah2013.cases import CaptureCase, Sampler
+from reproduce.shah2013.cases import ROBOT, CaptureCase, Sampler
 from reproduce.shah2013.measures import SAMPLES, Curves, curves, record
 from reproduce.shah2013.methods import ACCELERATION, METHODS
-from space_envs.robots.zoo import find_robot
 
 COARSE = Tracking()  # the suite's own step
 BEFORE = 2.0  # s before the fastest change of zeta, at which (a) and (b) are compared
@@ -65,13 +64,13 @@ def work_out(case: CaptureCase, fine: bool = False) -> PlannedCase:
             figures[key] = {"cause": str(found.cause), "reason": found.reason}
             continue
         plans[key], courses[key] = found, curves(found)
-        coarse[key] = track(found, find_robot("shah2013"), COARSE)
+        coarse[key] = track(found, ROBOT, COARSE)
         figures[key] = record(found, courses[key], case) | {
             "tracked_base_rate": coarse[key].peak_base_rate,
             "tracked_momentum": float(coarse[key].momentum.max()),
         }
         if fine:
-            finer[key] = track(found, find_robot("shah2013"), FINE)
+            finer[key] = track(found, ROBOT, FINE)
             figures[key] |= {
                 "tracked_base_rate_fine": finer[key].peak_base_rate,
                 "tracked_momentum_fine": float(finer[key].momentum.max()),

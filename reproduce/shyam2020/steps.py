@@ -12,6 +12,7 @@ from agents.planners.common.inverse_kinematics import (
     inverse_kinematics,
 )
 from agents.planners.common.plans import Failure
+from agents.policies.clearance import link_radii
 from agents.policies.single_arm.minimum_jerk import minimum_jerk_profile
 from agents.policies.single_arm.promp import prior_of
 from agents.policies.single_arm.reaching import motion_times
@@ -22,7 +23,6 @@ from reproduce.shyam2020.methods import planner
 from reproduce.shyam2020.sampling import DrawnSamples, prior
 from space_envs.dynamics.rotations import Array, angle_between
 from space_envs.dynamics.spheres import link_ends, sphere_gaps
-from space_envs.robots.parameters import SINGLE_ARM
 
 SPHERE_RADIUS = 0.1  # m, of the sphere in the path of the arm
 ROOM = 0.03  # m, that the links have from it at start and goal; else the case is not asked about
@@ -123,7 +123,7 @@ def sphere_in_the_path(mean: Course) -> Array | None:
     ends = link_ends(robot, mean.joints, mean.base, mean.attitude)
     passed = ends[:: len(ends) // PLACES].reshape(-1, 3)
     spheres = np.column_stack([passed, np.full(len(passed), SPHERE_RADIUS)])
-    gaps = sphere_gaps(ends[[0, -1]], spheres[None], SINGLE_ARM.link_radius).min(axis=(0, 1))
+    gaps = sphere_gaps(ends[[0, -1]], spheres[None], _radii()).min(axis=(0, 1))
     best = int(gaps.argmax())
     return spheres[best : best + 1] if gaps[best] >= ROOM else None
 
@@ -137,7 +137,7 @@ def sphere_figures(case: GoalCase, drawn: DrawnSamples) -> Mapping[str, Any] | N
     if sphere is None:
         return None
     ends = link_ends(context().arm, drawn.motion.position, drawn.base, drawn.attitude)
-    clear = sphere_gaps(ends, sphere, SINGLE_ARM.link_radius).min(axis=(1, 2, 3)) > 0.0
+    clear = sphere_gaps(ends, sphere, _radii()).min(axis=(1, 2, 3)) > 0.0
     usable = clear & drawn.within
     found = planner(False).plan(case.reach(spheres=sphere))
     refined: dict[str, Any]
@@ -154,7 +154,12 @@ def sphere_figures(case: GoalCase, drawn: DrawnSamples) -> Mapping[str, Any] | N
     }
 
 
+def _radii() -> Array:
+    """Radii (n,) of the links, m."""
+    return link_radii(context().robot)
+
+
 def _gaps(done: Course, sphere: Array) -> Array:
     """Least gap (K,) m between any link and the sphere."""
     ends = link_ends(context().arm, done.joints, done.base, done.attitude)
-    return sphere_gaps(ends, sphere, SINGLE_ARM.link_radius).min(axis=(1, 2))
+    return sphere_gaps(ends, sphere, _radii()).min(axis=(1, 2))

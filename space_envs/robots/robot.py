@@ -260,7 +260,7 @@ class Robot:
         """The robot in the plane with its arms at other points (x, y) of the satellite, m."""
         arms = []
         for arm, (x, y) in zip(self.arms, mounts, strict=True):
-            root = replace(arm.links[0], position=(x, y, 0.0))
+            root = replace(arm.links[0], position=(x, y, arm.links[0].position[2]))
             arms.append(replace(arm, links=(root, *arm.links[1:])))
         return replace(self, arms=tuple(arms))
 

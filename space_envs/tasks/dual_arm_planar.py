@@ -1,7 +1,7 @@
 """SpaceCapture/DualArmPlanar: two planar arms capture a tumbling object at its grapple points (shah2013)."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -182,8 +182,4 @@ def mounted(robot: Robot, mounts: Sequence[Sequence[float]]) -> Robot:
             f"mounts must be two points (x, y) within {FARTHEST_MOUNT:g} m of the satellite, got "
             f"{shown(mounts)}"
         )
-    arms = []
-    for arm, (x, y) in zip(robot.arms, points.tolist(), strict=True):
-        root = replace(arm.links[0], position=(x, y, arm.links[0].position[2]))
-        arms.append(replace(arm, links=(root, *arm.links[1:])))
-    return replace(robot, arms=tuple(arms))
+    return robot.mounted_at(points.tolist())

@@ -10,14 +10,13 @@ from reproduce.compare import short
 from reproduce.page.blocks import Table
 from reproduce.page.drawing import AXES, place_axes, shares
 from reproduce.page.figures import Draw, Figure, figure
-from reproduce.shyam2020.cases import GoalCase
+from reproduce.shyam2020.cases import GoalCase, context
 from reproduce.shyam2020.demonstrated import PAPER, DemonstratedWorkspace, bends, distance_to_demonstrated
 from reproduce.shyam2020.page.text import TEXT
 from reproduce.shyam2020.sampling import draw_samples
 from space_envs.dynamics.rotations import Array
 from space_envs.evaluation.report.drawing.look import BLUE, GREEN, ORANGE, VERMILION
 from space_envs.evaluation.report.drawing.panel import INK
-from space_envs.robots.parameters import SINGLE_ARM
 
 SHOWN = 45  # paths drawn of each variation
 EVERY = 4  # samples of a path between those that are drawn
@@ -52,7 +51,7 @@ def _paths(found: DemonstratedWorkspace, first: int, second: int) -> Draw:
     """Function that draws the paths of every variation in the plane of two axes."""
 
     def draw(axes: Axes) -> None:
-        half = 0.5 * SINGLE_ARM.satellite_side
+        half = context().robot.satellite.box[0]
         axes.plot(*half * np.array([[-1, 1, 1, -1, -1], [-1, -1, 1, 1, -1]]), color=INK, lw=0.9)
         goals = found.goals[:, [first, second]]
         axes.plot(*goals.T, ".", color=INK, ms=2, alpha=0.35, label="test goals")

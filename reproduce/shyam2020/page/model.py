@@ -9,7 +9,8 @@ import numpy as np
 from reproduce.page.blocks import Table
 from reproduce.shyam2020.page.text import TEXT
 from space_envs.dynamics.rotations import Array, to_matrix
-from space_envs.robots.single_arm import END_EFFECTOR, SATELLITE, ModelOptions, single_arm_model
+from space_envs.robots.models import SATELLITE, robot_model
+from space_envs.robots.zoo import find_robot
 
 # As printed: alpha rad, a m, d m; then mass kg and Ix, Iy, Iz kg m^2, link 0 being the satellite.
 TABLE_I = (
@@ -53,13 +54,13 @@ class CompiledModel:
 
 def compiled() -> CompiledModel:
     """Parameters of the compiled model of variant `paper`."""
-    model = single_arm_model(ModelOptions("paper"))
+    model = robot_model(find_robot("shyam2020", "paper"))
     names = [f"link{i}" for i in range(1, 8)]
     satellite = model.body(SATELLITE)
     inertias, masses, frames = [_inertia(satellite.inertia, satellite.iquat)], [satellite.mass[0]], []
     for i, name in enumerate(names):
         # Where joint i + 1 sits in the body of joint i: Tz(d) Tx(a) Rx(alpha).
-        after = model.body(names[i + 1]) if i + 1 < len(names) else model.site(END_EFFECTOR)
+        after = model.body(names[i + 1]) if i + 1 < len(names) else model.site("end_effector")
         rotation = to_matrix(after.quat)
         frames.append([np.arctan2(rotation[2, 1], rotation[1, 1]), after.pos[0], after.pos[2]])
         body = model.body(name)
@@ -73,7 +74,7 @@ def compiled() -> CompiledModel:
         np.array([[mass, *np.diag(inertia)] for mass, inertia in zip(masses, inertias, strict=True)]),
         max(map(_product, inertias)),
         data.qpos[7:].copy(),
-        data.site(END_EFFECTOR).xpos.copy(),
+        data.site("end_effector").xpos.copy(),
     )
 
 

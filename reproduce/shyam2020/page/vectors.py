@@ -21,7 +21,6 @@ from space_envs.dynamics.spheres import link_ends
 from space_envs.errors import RenderingError
 from space_envs.evaluation.report.drawing.look import BLUE, GREEN, SKY, VERMILION
 from space_envs.evaluation.report.drawing.panel import INK
-from space_envs.robots.parameters import SINGLE_ARM
 from space_envs.tasks.single_arm import SingleArmTask
 
 View = Callable[[Array], Array]  # from points (..., 3) to coordinates (..., 2) of a drawing
@@ -124,7 +123,7 @@ def _point(point: Array) -> tuple[float, float]:
 
 def _cube(position: Array, quaternion: Array) -> list[Array]:
     """Edges (2, 3) of the satellite's cube, m."""
-    half = 0.5 * SINGLE_ARM.satellite_side
+    half = np.array(context().robot.satellite.box)
     corners = half * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     placed = position + rotate(quaternion, corners)
     return [
