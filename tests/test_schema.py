@@ -95,7 +95,7 @@ def mutations() -> list[tuple[str, str, Any]]:
     wrong += [(name, value) for name in COUNTS for value in (-1, 1.5, "1", True, [])]
     wrong += [(name, value) for name in POSITIVE for value in (-0.1, "1", True, {})]
     wrong += [(name, value) for name in SIGNED for value in ("1", False, [])]
-    wrong += [("schema", value) for value in (1, 2, 4, "3", 3.5, True)]
+    wrong += [("schema", value) for value in (1, 2, 3, 5, "4", 4.5, True)]
     wrong += [("captured", value) for value in (0, 1, "true")]
     wrong += [("outcome", value) for value in ("captred", "", 3)]
     wrong += [("cause", value) for value in ("captured", "infeasable", "", 3, "collision")]
