@@ -32,10 +32,9 @@ class Braking:
         sign, rate, fastest = self._rates(y)
         share = np.abs(rate) / fastest
         time, joint = np.nonzero(share > CANDIDATES)
-        # Of the rate in the direction of motion minus the largest one, which falls with the angle.
-        falls = np.where(fastest > LEAST_RATE, 0.5 * FRACTION * self._twice / fastest, 0.0)[time, joint]
-        across = sign[time, joint]
-        own = across[:, None] * (self._rows[1][time] + falls[:, None] * self._rows[0][time])
+        # The largest rate falls with the angle in the direction of motion.
+        falls = np.where(fastest > LEAST_RATE, 0.5 * share * self._twice / fastest, 0.0)[time, joint]
+        own = sign[time, joint, None] * (self._rows[1][time] + falls[:, None] * self._rows[0][time])
         rows = np.zeros((len(time), *y.shape))
         rows[np.arange(len(time)), joint] = own / fastest[time, joint][:, None]
         excess = FRACTION - share[time, joint]

@@ -36,9 +36,9 @@ class SatelliteClearance:
         q = self._angles(y)
         gap = self._gaps(q)
         time, capsule = np.nonzero(gap < CANDIDATES)
-        moved = q[time, None] + _STEP * np.eye(q.shape[1])  # (k, n, n)
-        varied = self._gaps(moved)[np.arange(len(time)), :, capsule]
-        slope = (varied - gap[time, capsule][:, None]) / _STEP
+        times, place = np.unique(time, return_inverse=True)
+        varied = self._gaps(q[times, None] + _STEP * np.eye(q.shape[1]))  # (k, n, S)
+        slope = (varied[place, :, capsule] - gap[time, capsule][:, None]) / _STEP
         rows = (slope[..., None] * self._rows[time][:, None]).reshape(len(time), y.size)
         missing = self._required[capsule] - gap[time, capsule]
         return rows, np.where(missing > 0.0, part * missing, missing), np.full(len(time), np.inf)
