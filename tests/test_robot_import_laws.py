@@ -209,7 +209,8 @@ MODEL = """<mujoco model="arm"><compiler angle="radian" autolimits="true"/>
   <body name="two" pos="0 0 0.5"><joint name="elbow" axis="0 1 0" range="-2 2" frictionloss="0.1"/>
     <geom type="mesh" mesh="wedge"/>
     <body name="three" pos="0 0 0.5"><joint name="wrist" axis="0 1 0" range="-1 1"/>
-      <geom type="capsule" size=".05 .1"/><geom type="sphere" size=".06" contype="0" conaffinity="0"/>
+      <geom type="capsule" size=".05 .1" group="3"/>
+      <geom type="sphere" size=".06" contype="0" conaffinity="0"/>
       <site name="tool" pos="0 0 0.2"/></body></body></body></worldbody>
 <actuator><motor joint="yaw" ctrlrange="-4 4" gear="10"/><position joint="elbow" forcerange="-30 30"/>
 <motor joint="wrist" ctrlrange="-1 1"/></actuator>
@@ -243,6 +244,7 @@ def test_an_mjcf_arm_brings_its_home_limits_and_shapes(tmp_path):
     assert [capsule.link for capsule in capsules] == [1, 2, 3]
     assert capsules[0].satellite == UNCHECKED != capsules[1].satellite
     assert capsules[2].radius == pytest.approx(0.05, abs=1e-3)
+    assert [visual.kind for visual in robot.links[2].visuals] == ["sphere"]
     assert replace(robot, notes=()).digest == robot.digest
     text = " ".join(robot.notes)
     for words in (

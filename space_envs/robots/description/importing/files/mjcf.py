@@ -20,6 +20,8 @@ from space_envs.robots.description.importing.meshes.reading import READABLE, mes
 from space_envs.robots.pose import Pose
 from space_envs.robots.robot import Inertial
 
+_VISIBLE = 2  # largest group of geoms that MuJoCo's viewer shows by default; files put contact geometry above
+
 
 def read_mjcf(path: Path) -> FileTree:
     """The robot of an MJCF file, with what it includes.
@@ -98,7 +100,8 @@ def _shapes(path: Path, spec: mujoco.MjSpec, model: mujoco.MjModel, body: int) -
             visual = replace(
                 visual, size=(x, y, z), position=place.vector, orientation=place.quaternion, mesh=file
             )
-        shapes.append(Shape(visual, drawn=True, solid=solid, vertices=vertices))
+        visible = int(model.geom_group[geom]) <= _VISIBLE
+        shapes.append(Shape(visual, drawn=visible, solid=solid, vertices=vertices))
     return shapes
 
 
