@@ -176,7 +176,9 @@ def test_check_of_a_robot(browser: Browser, tmp_path: Path) -> None:
     findings = implausible(figures)
     assert len(findings) > 5
     planners = [
-        PlannerFigures(name, "joint_velocity", 20, reached, reached / 20, "no_plan: " + "words " * 12)
+        PlannerFigures(
+            name, "joint_velocity", 20, reached, reached / 20, 4.2, np.nan, "no_plan: " + "words " * 12
+        )
         for name, reached in (("promp_optimal_kept", 20), ("my_package.planners:Planner", 0))
     ]
     tests = [Verification("momentum, joint_velocity", passed, "3e-08") for passed in (True, False, None)]

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from robot_descriptions import SIX_JOINTS
 
+from space_envs.errors import SpaceEnvsError
 from space_envs.robots.__main__ import main
 from space_envs.robots.check.figures.conditioning import conditioning, scaled_jacobian
 from space_envs.robots.check.figures.contacts import home_gaps
@@ -19,6 +20,7 @@ from space_envs.robots.check.figures.masses import mass_figures, torque_figures
 from space_envs.robots.check.figures.robot_figures import RobotFigures, robot_figures
 from space_envs.robots.check.implausible import RULES, implausible
 from space_envs.robots.check.pictures import stretched
+from space_envs.robots.check.planners import planner_figures
 from space_envs.robots.check.verification import verify
 from space_envs.robots.description.reading import read_robot
 from space_envs.robots.models import robot_model
@@ -232,3 +234,12 @@ def test_a_robot_that_fails_a_test_ends_the_command_with_status_1(
     options = ["--no-planners", "--no-pictures", "--output", str(tmp_path / "page.html")]
     assert main(["check", str(described(tmp_path)), "--test", *options]) == 1
     assert re.search(r"momentum, joint_velocity +FAILED +relative drift", capsys.readouterr().out)
+
+
+def test_planners_are_measured_as_evaluate_py_does(tmp_path: Path) -> None:
+    found = planner_figures(str(described(tmp_path)), "SpaceCapture/SingleArm-v0", 2, ["gjm", "hold"])
+    assert [(one.policy, one.captured, one.goals) for one in found] == [("gjm", 2, 2), ("hold", 0, 2)]
+    assert 0.0 < found[0].score < 1.0 < found[0].peak_attitude and found[1].score == 0.0
+    assert found[0].failure == "" < found[1].failure and np.isnan(found[1].final_attitude)
+    with pytest.raises(SpaceEnvsError, match="evaluate.py ended with status 2"):
+        planner_figures("no_robot", "SpaceCapture/SingleArm-v0", 2)

@@ -29,7 +29,8 @@ class PlannerFigures:
 
     Attributes:
         policy: its name. control_mode: that it acts in. goals: of the validation split. captured: of them.
-        score: kept-attitude score. failure: the most frequent one, in words; empty where it captured all.
+        score: kept-attitude score. peak_attitude, final_attitude: of the captures, interquartile means, deg;
+            NaN where there are none. failure: the most frequent one, in words; empty where it captured all.
     """
 
     policy: str
@@ -37,6 +38,8 @@ class PlannerFigures:
     goals: int
     captured: int
     score: float
+    peak_attitude: float
+    final_attitude: float
     failure: str
 
 
@@ -69,5 +72,5 @@ def planner_figures(
 def _figures(row: Row) -> PlannerFigures:
     failure = row.failures[0] if row.failures else None
     words = "" if failure is None else ": ".join(part for part in (failure.cause, failure.reason) if part)
-    score = row.figures[HEADLINE].value
-    return PlannerFigures(row.policy, row.control_mode, row.episodes, row.captures, score, words)
+    score, peak, final = (row.figures[key].value for key in (HEADLINE, "peak_attitude", "final_attitude"))
+    return PlannerFigures(row.policy, row.control_mode, row.episodes, row.captures, score, peak, final, words)

@@ -36,6 +36,10 @@ def planner_table(planners: Sequence[PlannerFigures], split: str) -> FigureTable
             f"{one.captured} of {one.goals}",
             f"{100.0 * one.captured / one.goals:.0f} %",
             f"{one.score:.3f}",
+            *(
+                "-" if np.isnan(angle) else f"{angle:.2g}"
+                for angle in (one.peak_attitude, one.final_attitude)
+            ),
             one.failure or "-",
         )
         for one in planners
@@ -48,7 +52,10 @@ def planner_table(planners: Sequence[PlannerFigures], split: str) -> FigureTable
         "kept-attitude score",
         "most frequent failure",
     )
-    caption = f"Medium goals of the {split} split, drawn around the robot's home, as evaluate.py counts them."
+    caption = (
+        f"Medium goals of the {split} split, drawn around the robot's home, as evaluate.py counts them. "
+        "Attitudes are interquartile means over the captures."
+    )
     return FigureTable("Goals that each planner reaches", heads, tuple(rows), caption)
 
 
@@ -178,6 +185,10 @@ def _model_errors(figures: RobotFigures) -> FigureTable:
         "commanded rates and the momentum-level model that planners use."
     )
     return FigureTable("Tracking and attitude", ("figure", "largest"), rows, caption)
+
+
+def _angle(degrees: float) -> str:
+    return "-" if np.isnan(degrees) else f"{degrees:.2g}"
 
 
 def _vector(values: Sequence[float]) -> str:
