@@ -24,10 +24,10 @@ from space_envs.robots.check.planners import planner_figures
 from space_envs.robots.check.verification import verify
 from space_envs.robots.description.reading import read_robot
 from space_envs.robots.models import robot_model
+from space_envs.robots.models.mechanics import robot_mechanics
 from space_envs.robots.robot import Inertial, Link, Robot, StepLimits
 from space_envs.robots.zoo import find_robot
 from space_envs.step_limits.measured import measured_steps
-from space_envs.step_limits.motions import mechanics
 
 
 def described(folder: Path, text: str = SIX_JOINTS) -> Path:
@@ -66,7 +66,7 @@ def test_masses_are_those_of_mujoco(name: str) -> None:
 
 def test_conditioning_is_that_of_the_maps_in_use() -> None:
     robot = find_robot("spatial_dual_arm")
-    found, tree = conditioning(robot), mechanics(robot)
+    found, tree = conditioning(robot), robot_mechanics(robot)
     jacobian = scaled_jacobian(robot, robot.home)
     assert jacobian.shape == (12, 14)
     rotations = jacobian[[3, 4, 5, 9, 10, 11]]
@@ -90,7 +90,7 @@ def test_a_simulation_keeps_what_the_suite_promises(figures: RobotFigures) -> No
 
 def test_a_stretched_arm_is_as_long_as_its_links() -> None:
     robot = find_robot("shah2013")
-    position, _ = mechanics(robot).end_effector_pose(stretched(robot), 0)
+    position, _ = robot_mechanics(robot).end_effector_pose(stretched(robot), 0)
     mount = np.array(robot.arms[0].links[0].position)
     assert np.linalg.norm(position - mount) == pytest.approx(robot.arms[0].length, abs=1e-3)
 

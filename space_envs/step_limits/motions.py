@@ -4,7 +4,6 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import NamedTuple
 
 import mujoco
@@ -13,9 +12,9 @@ import numpy as np
 from space_envs.control import MODES
 from space_envs.drives import BRAKING_SHARE, STOP_MARGIN, Drive, JointStops, braking_shares
 from space_envs.dynamics.bodies import body_motion, momentum_drift
-from space_envs.dynamics.floating import FloatingRobot
 from space_envs.dynamics.rotations import Array, angle_between
-from space_envs.robots.models import SATELLITE, SceneOptions, end_effectors, robot_model
+from space_envs.robots.models import SceneOptions, robot_model
+from space_envs.robots.models.mechanics import robot_mechanics
 from space_envs.robots.robot import Robot
 from space_envs.simulation import Simulation
 
@@ -50,7 +49,7 @@ class RobotMotion:
         """Largest drift of total momentum, relative to the largest momentum of a body."""
         if self.diverged:
             return np.inf
-        return float(momentum_drift(body_motion(mechanics(self.robot), self.qpos, self.qvel))[1].max())
+        return float(momentum_drift(body_motion(robot_mechanics(self.robot), self.qpos, self.qvel))[1].max())
 
     @property
     def peak_rate(self) -> float:
@@ -69,12 +68,6 @@ class RobotMotion:
     def attitude(self) -> Array:
         """Angle (N, T + 1) of the satellite from its attitude at the start, rad."""
         return angle_between(self.qpos[..., 3:7], self.qpos[:, :1, 3:7])
-
-
-@lru_cache(maxsize=64)
-def mechanics(robot: Robot) -> FloatingRobot:
-    """Momentum-level mathematics of a robot."""
-    return FloatingRobot.from_model(robot_model(robot, SceneOptions(0.01)), SATELLITE, end_effectors(robot))
 
 
 def start_at_rest(robot: Robot, n: int) -> tuple[Array, Array]:

@@ -12,8 +12,8 @@ from space_envs.control import DAMPING
 from space_envs.drives import BRAKING_RATIO, STOP_MARGIN, braking_deceleration
 from space_envs.robots.check.figures.masses import LinkFigures
 from space_envs.robots.check.figures.robot_figures import RobotFigures
-from space_envs.robots.check.figures.simulated import CONTROL_PERIOD
 from space_envs.tasks.goals.poses import ROOM
+from space_envs.tasks.robots import USUAL_PERIOD
 
 LENGTHS = (0.2, 25.0)  # m, usual reach
 LINEAR_DENSITY = (0.5, 250.0)  # kg/m of a link, from a thin carbon tube to a thick steel bar
@@ -25,7 +25,7 @@ ARM_SHARE = 1.0  # of the satellite's mass; a heavier arm carries the satellite
 ROTOR = 0.01  # kg m^2, of a small motor behind a gear
 HOME_ROOM = 0.3 + STOP_MARGIN  # rad around home from which even easy goals are drawn
 NARROW = 2.0 * HOME_ROOM  # rad
-START_TIMES = (CONTROL_PERIOD, 20.0)  # s from rest to the rate limit
+START_TIMES = (USUAL_PERIOD, 20.0)  # s from rest to the rate limit
 FASTEST = 3.2  # rad/s; joints of space robots move at 0.05 to 0.5 rad/s
 SLOW_STEP = 0.005  # s; a smaller time step makes simulations slow
 BOUND = 1e-6  # of the drift of momentum
@@ -199,10 +199,10 @@ def _goals(figures: RobotFigures) -> Iterator[str]:
 
 def _control_period(figures: RobotFigures) -> Iterator[str]:
     largest = figures.measured.largest_control_period
-    if largest < CONTROL_PERIOD:
+    if largest < USUAL_PERIOD:
         yield (
             f"its drives are stable up to a control period of {largest:g} s only, where tasks have "
-            f"{CONTROL_PERIOD:g} s; lower rate limits make it longer"
+            f"{USUAL_PERIOD:g} s; lower rate limits make it longer"
         )
 
 

@@ -13,8 +13,8 @@ from space_envs.robots.check.figures.conditioning import random_configurations
 from space_envs.robots.inertias import vector
 from space_envs.robots.models import SceneOptions, robot_spec
 from space_envs.robots.models.drawing import default_view
+from space_envs.robots.models.mechanics import robot_mechanics
 from space_envs.robots.robot import Robot
-from space_envs.step_limits.motions import mechanics
 
 WIDTH, HEIGHT = 720, 540
 _FARTHER = 1.6  # times as far as at home, from where a stretched robot is seen
@@ -72,7 +72,7 @@ def stretched(robot: Robot) -> Array:
 
 def _distance(robot: Robot, q: Array) -> Array:
     """Sum (K,) of the distances of the end-effectors from the first joints of their arms, m."""
-    tree, total, first = mechanics(robot), np.zeros(len(q)), 0
+    tree, total, first = robot_mechanics(robot), np.zeros(len(q)), 0
     position = tree.kinematics(q).position
     for number, arm in enumerate(robot.arms):
         tool, _ = tree.end_effector_pose(q, number)

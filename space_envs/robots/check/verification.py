@@ -18,12 +18,14 @@ from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import SpaceEnvsError
 from space_envs.registration import find
 from space_envs.robots.check.figures.conditioning import random_configurations
-from space_envs.robots.check.figures.simulated import EPISODES, SECONDS, control_period
+from space_envs.robots.check.figures.simulated import EPISODES, SECONDS
 from space_envs.robots.check.implausible import BOUND
 from space_envs.robots.models import SceneOptions, robot_model
+from space_envs.robots.models.mechanics import robot_mechanics
 from space_envs.robots.robot import Robot
 from space_envs.step_limits.measured import stable
-from space_envs.step_limits.motions import SimulationSettings, full_range_motion, mechanics
+from space_envs.step_limits.motions import SimulationSettings, full_range_motion
+from space_envs.tasks.robots import usual_period
 
 STATES = 20  # random ones in which two implementations are compared
 AGREE = 1e-9  # of the largest entry of a matrix
@@ -63,7 +65,7 @@ def verify(robot: Robot, env_id: str) -> Iterator[Verification]:
 def _momentum(robot: Robot, mode: str) -> tuple[bool, str]:
     steps = robot.steps
     runs = {
-        (control_period(robot), steps.default_timestep),
+        (usual_period(steps), steps.default_timestep),
         (steps.largest_control_period, steps.largest_timestep),
     }
     motions = [
@@ -147,18 +149,18 @@ def _of_plane(robot: Robot, mass: Array) -> Array:
 
 
 def _numpy(robot: Robot, q: Array) -> Array:
-    return _of_plane(robot, np.concatenate(mechanics(robot).momentum_matrices(q), axis=-1))
+    return _of_plane(robot, np.concatenate(robot_mechanics(robot).momentum_matrices(q), axis=-1))
 
 
 def _casadi(robot: Robot, q: Array) -> Array:
-    symbolic = SymbolicRobot(mechanics(robot))
+    symbolic = SymbolicRobot(robot_mechanics(robot))
     return _of_plane(robot, np.array([np.array(symbolic.mass_matrix(q=each)["mass"]) for each in q]))
 
 
 def _pinocchio(robot: Robot, q: Array) -> Array:
     import pinocchio
 
-    tree = mechanics(robot)
+    tree = robot_mechanics(robot)
     model, joints = pinocchio.Model(), []
     for body in range(tree.n_joints + 1):
         if body == 0:

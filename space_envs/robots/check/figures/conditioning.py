@@ -6,8 +6,8 @@ import numpy as np
 
 from space_envs.drives import STOP_MARGIN
 from space_envs.dynamics.rotations import Array
+from space_envs.robots.models.mechanics import robot_mechanics
 from space_envs.robots.robot import Robot
-from space_envs.step_limits.motions import mechanics
 
 QUANTILES = (0.05, 0.5, 0.95)
 CONFIGURATIONS = 1000
@@ -61,7 +61,7 @@ def conditioning(robot: Robot) -> ConditioningFigures:
     q = np.concatenate([robot.home[None], random_configurations(robot)])
     jacobian = scaled_jacobian(robot, q)
     values = np.linalg.svd(jacobian, compute_uv=False)
-    rotation = np.linalg.svd(mechanics(robot).base_map(q)[:, 3:], compute_uv=False)
+    rotation = np.linalg.svd(robot_mechanics(robot).base_map(q)[:, 3:], compute_uv=False)
     free = robot.n_joints - (rotation > _RANK * rotation[:, :1]).sum(axis=1)
     return ConditioningFigures(
         _spread(values[:, -1]),
@@ -76,7 +76,7 @@ def conditioning(robot: Robot) -> ConditioningFigures:
 
 def scaled_jacobian(robot: Robot, q: Array) -> Array:
     """Generalised Jacobian (..., m, n) of all end-effectors, lengths in units of the longest reach."""
-    tree, arms = mechanics(robot), range(len(robot.arms))
+    tree, arms = robot_mechanics(robot), range(len(robot.arms))
     scale = np.repeat([1.0 / max(tree.reach(arm) for arm in arms), 1.0], 3)[:, None]
     parts = [scale * tree.generalized_jacobian(q, arm) for arm in arms]
     rows = _PLANE if robot.planar else list(range(6))

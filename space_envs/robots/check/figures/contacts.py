@@ -1,32 +1,18 @@
-"""Parts of a robot that touch each other at home, or nearly so, by the capsules of its arms."""
+"""Parts of a robot that are close to each other at home, by the capsules of its arms."""
 
 from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 
-from space_envs.dynamics.capsules import box_distance, segment_distance
+from space_envs.dynamics.capsules import segment_distance
 from space_envs.dynamics.rotations import Array
+from space_envs.robots.gaps import ArmGaps, Capsules
+from space_envs.robots.models import robot_mechanics, robot_model
 from space_envs.robots.robot import Robot
-from space_envs.step_limits.motions import mechanics
 from space_envs.tasks.goals.poses import ROOM
 
 NEIGHBOURS = 2  # links of an arm so near to each other in number may touch where they are joined
-
-
-class _Part(NamedTuple):
-    """Capsule of an arm: numbers of arm and link, ends (3,) in the satellite's frame, and radii, m."""
-
-    arm: int
-    link: int
-    start: Array
-    end: Array
-    radius: float
-    satellite: float
-
-    def name(self, arms: int) -> str:
-        """Name for messages."""
-        return f"link {self.link}" + (f" of arm {self.arm}" if arms > 1 else "")
 
 
 class HomeGap(NamedTuple):
@@ -37,42 +23,26 @@ class HomeGap(NamedTuple):
 
 
 def home_gaps(robot: Robot) -> tuple[HomeGap, ...]:
-    """Pairs of parts nearer to each other at home than goals need, the least gap of each pair."""
-    parts, arms = _parts(robot), len(robot.arms)
-    found = [HomeGap(f"{part.name(arms)} and the satellite", _to_satellite(robot, part)) for part in parts]
-    found += [
-        HomeGap(f"{a.name(arms)} and {b.name(arms)}", _between(a, b)) for a, b in combinations(parts, 2)
-    ]
+    """Pairs of parts that are nearer to each other at home than goals need, each with its least gap."""
+    arms = ArmGaps.of(robot_model(robot), robot)
+    points = arms.points(robot_mechanics(robot), robot.home[None])
+    names, gaps = list(arms.pairs), arms.all_gaps(points)[0].tolist()
+    if robot.target is not None:  # whose place is not a part of the robot
+        first = arms.first_pair
+        del names[first["target"] : first["arms"]]
     least: dict[str, float] = {}
-    for name, gap in found:
+    for name, gap in [*zip(names, gaps, strict=True), *_within_arms(arms, points[0])]:
         least[name] = min(gap, least.get(name, np.inf))
     return tuple(HomeGap(name, gap) for name, gap in least.items() if gap <= ROOM)
 
 
-def _parts(robot: Robot) -> list[_Part]:
-    kinematics, parts, first = mechanics(robot).kinematics(robot.home), [], 0
-    for number, arm in enumerate(robot.arms, start=1):
-        points = [
-            kinematics.position[first + link - 1] + kinematics.rotation[first + link - 1] @ np.array(at)
-            for link, at, _ in arm.anchors
-        ]
-        parts += [
-            _Part(number, one.link, points[one.start], points[one.end], one.radius, one.satellite)
-            for one in arm.capsules
-        ]
-        first += len(arm.links)
-    return parts
-
-
-def _to_satellite(robot: Robot, part: _Part) -> float:
-    satellite = robot.satellite
-    if not satellite.reachable:
-        return np.inf
-    centre, half = np.array(satellite.box_centre), np.array(satellite.box)
-    return float(box_distance(part.start - centre, part.end - centre, half)) - part.satellite
-
-
-def _between(a: _Part, b: _Part) -> float:
-    if a.arm == b.arm and abs(a.link - b.link) <= NEIGHBOURS:
-        return np.inf
-    return float(segment_distance(a.start, a.end, b.start, b.end)) - a.radius - b.radius
+def _within_arms(arms: ArmGaps, points: Array) -> list[HomeGap]:
+    """Gaps between links of one arm that are not joined, for points (P, 3) of the arms, m."""
+    capsules = Capsules.of(arms.robot)
+    names, found = arms.link_names(capsules), []
+    for a, b in combinations(range(len(names)), 2):
+        if capsules.arm[a] == capsules.arm[b] and capsules.link[b] - capsules.link[a] > NEIGHBOURS:
+            ends = (points[place] for one in (a, b) for place in (capsules.start[one], capsules.end[one]))
+            gap = float(segment_distance(*ends)) - capsules.radius[a] - capsules.radius[b]
+            found.append(HomeGap(f"{names[a]} and {names[b]}", float(gap)))
+    return found

@@ -6,8 +6,8 @@ import numpy as np
 
 from space_envs.dynamics.rotations import Array
 from space_envs.robots.models.accelerations import reduced_masses
+from space_envs.robots.models.mechanics import robot_mechanics
 from space_envs.robots.robot import Arm, Link, Robot
-from space_envs.step_limits.motions import mechanics
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ def torque_figures(robot: Robot) -> TorqueFigures:
 
 def mass_figures(robot: Robot) -> MassFigures:
     """Mass properties of a robot."""
-    tree = mechanics(robot)
+    tree = robot_mechanics(robot)
     kinematics = tree.kinematics(robot.home)
     centre = tree.centre_of_mass(kinematics)
     rotation = np.concatenate([np.eye(3)[None], kinematics.rotation])

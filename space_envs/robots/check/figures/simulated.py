@@ -8,17 +8,17 @@ import numpy as np
 from space_envs.control import CONTROL_MODES
 from space_envs.dynamics import minimum_jerk, roll_out_base
 from space_envs.dynamics.rotations import Array, angle_between
+from space_envs.robots.models.mechanics import robot_mechanics
 from space_envs.robots.robot import Robot
 from space_envs.step_limits.motions import (
     ControlledRobot,
     SimulationSettings,
     full_range_motion,
-    mechanics,
     start_at_rest,
 )
+from space_envs.tasks.robots import usual_period
 
 EPISODES, SECONDS = 10, 20.0
-CONTROL_PERIOD = 0.1  # s, default of the tasks
 MOTION, FINE = 10.0, 10  # s of a tracked motion; steps of its momentum-level model in a control period
 _SHARE = 0.8  # of the rate and acceleration limits that a tracked motion uses at most
 
@@ -61,11 +61,6 @@ class AttitudeFigures:
     joint_velocity: float
 
 
-def control_period(robot: Robot) -> float:
-    """Control period of the check, s: that of the tasks, or the robot's largest if it is smaller."""
-    return min(CONTROL_PERIOD, robot.steps.largest_control_period)
-
-
 def mode_figures(robot: Robot, seed: int = 0) -> tuple[ModeFigures, ...]:
     """Figures of each control mode."""
     found = []
@@ -78,16 +73,19 @@ def mode_figures(robot: Robot, seed: int = 0) -> tuple[ModeFigures, ...]:
 
 def tracking(robot: Robot, seed: int = 1) -> TrackingFigures:
     """Tracking of minimum-jerk motions from home, each joint to a random angle within 1 rad."""
-    period = control_period(robot)
+    period = usual_period(robot.steps)
     steps = round(MOTION / period)
+    duration = steps * period
     start, _ = start_at_rest(robot, EPISODES)
     goal = start + _displacements(robot, np.random.default_rng(seed))
-    _, rates, _ = minimum_jerk(start, goal, MOTION, steps + 1)
-    controlled = ControlledRobot(robot, EPISODES, SimulationSettings("joint_velocity", period, _step(robot)))
+    _, rates, _ = minimum_jerk(start, goal, duration, steps + 1)
+    controlled = ControlledRobot(
+        robot, EPISODES, SimulationSettings("joint_velocity", period, robot.steps.default_timestep)
+    )
     controlled.reset(start, np.zeros_like(start))
     motion = controlled.run(rates[:, 1:].swapaxes(0, 1) / robot.rate_limit)
-    fine_q, fine_rates, dt = minimum_jerk(start, goal, MOTION, FINE * steps + 1)
-    position, quaternion = roll_out_base(mechanics(robot), fine_q, fine_rates, dt)
+    fine_q, fine_rates, dt = minimum_jerk(start, goal, duration, FINE * steps + 1)
+    position, quaternion = roll_out_base(robot_mechanics(robot), fine_q, fine_rates, dt)
     peak = np.abs(rates).max(axis=(1, 2), keepdims=True)
     return TrackingFigures(
         float((np.abs(motion.qvel[..., 6:] - rates) / peak).max()),
@@ -102,18 +100,12 @@ def attitude(robot: Robot, seed: int = 2) -> AttitudeFigures:
     peaks = {}
     for mode in ("reactionless", "joint_velocity"):
         controlled = ControlledRobot(
-            robot, EPISODES, SimulationSettings(mode, control_period(robot), _step(robot))
+            robot, EPISODES, SimulationSettings(mode, usual_period(robot.steps), robot.steps.default_timestep)
         )
         controlled.reset(*start_at_rest(robot, EPISODES))
         actions = _random_actions(controlled, np.random.default_rng(seed))
         peaks[mode] = float(controlled.run(actions).attitude.max())
     return AttitudeFigures(**peaks)
-
-
-def _step(robot: Robot) -> float:
-    """The default time step or, if it does not divide the control period, the next smaller that does."""
-    period = control_period(robot)
-    return period / np.ceil(period / robot.steps.default_timestep - 1e-9)
 
 
 def _displacements(robot: Robot, rng: np.random.Generator) -> Array:
