@@ -2,7 +2,9 @@
 
 import argparse
 import shutil
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from space_envs.errors import ConfigurationError, positive_integer, unknown_name
 from space_envs.registration import ENTRIES, make_task
@@ -45,13 +47,16 @@ def executable(text: str) -> Path:
     return Path(found)
 
 
-def check_goals(env_id: str, split: str, goals: int) -> None:
+def check_goals(env_id: str, split: str, goals: int, robot: Mapping[str, Any] | None = None) -> None:
     """Refuse more goals than a split has.
 
+    Args:
+        robot: keywords of the task that choose it.
+
     Raises:
-        ConfigurationError: with the number of goals in the split.
+        ConfigurationError: with the number of goals in the split, or as in `make_task`.
     """
-    size = make_task(env_id, {}).split_size(split)
+    size = make_task(env_id, robot or {}).split_size(split)
     if goals > size:
         raise ConfigurationError(
             f"split {split!r} has {size} goals, so --goals must be at most {size}, got {goals}"

@@ -1,11 +1,14 @@
 """Feedback against plan following under unmodelled errors of the satellite's mass and inertia."""
 
 import sys
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from agents.commands.robots import add_robot, robot_keywords, robot_words
 from agents.policies.registry import make_policy
 from agents.policies.single_arm.reaching import DURATION
 from benchmarks.arguments import check_goals, split, whole
@@ -23,8 +26,13 @@ BATCH = 50  # episodes simulated together
 ALLOWED = 0.3  # deg, final attitude error
 
 
-def play(name: str, scale: float, goals: NDArray[np.int64], split: str) -> dict[str, Array]:
+def play(
+    name: str, scale: float, goals: NDArray[np.int64], split: str, robot: Mapping[str, Any]
+) -> dict[str, Array]:
     """Results (K,) of episodes on medium goals with the satellite's mass and inertia scaled, by name.
+
+    Args:
+        robot: keywords of the task that choose it.
 
     Returns:
         position, rotation, attitude: errors at the end of the planned motion, m, deg and deg.
@@ -32,7 +40,7 @@ def play(name: str, scale: float, goals: NDArray[np.int64], split: str) -> dict[
         planned: whether there was a plan.
     """
     n = len(goals)
-    env = CaptureVectorEnv(ENV, n, split=split, autoreset_mode="disabled")
+    env = CaptureVectorEnv(ENV, n, split=split, autoreset_mode="disabled", **robot)
     observation, _ = env.reset(seed=0, options={"index": goals})
     rows = np.arange(n)
     env.simulation.scale_base(rows, np.full(n, scale))
@@ -62,8 +70,10 @@ def main() -> None:
     parser = Parser(prog="python -m benchmarks.mismatch", description=__doc__)
     parser.add_argument("--goals", type=whole, default=100, help="medium goals (default %(default)s)")
     parser.add_argument("--split", type=split, default="test", help="default %(default)s")
+    add_robot(parser.add_argument)
     options = parser.parse_args()
-    check_goals(ENV, options.split, options.goals)
+    robot = robot_keywords(options)
+    check_goals(ENV, options.split, options.goals, robot)
     rows = []
     with tqdm(total=len(POLICIES) * len(SCALES) * options.goals, unit="episode", leave=False) as bar:
         for name in POLICIES:
@@ -71,7 +81,7 @@ def main() -> None:
                 batches = []
                 for first in range(0, options.goals, BATCH):
                     goals = np.arange(first, min(first + BATCH, options.goals))
-                    batches.append(play(name, scale, goals, options.split))
+                    batches.append(play(name, scale, goals, options.split, robot))
                     bar.update(len(goals))
                 made = {key: np.concatenate([batch[key] for batch in batches]) for key in batches[0]}
                 planned = made["planned"]
@@ -94,7 +104,7 @@ def main() -> None:
     head = ["policy", "mass and inertia", "planned", "plan's end, mm", "deg", "attitude, deg"]
     head += ["captured", f"captured within {ALLOWED:g} deg", "final attitude error, median, deg"]
     print(markdown_table([*head, "worst, deg"], rows))
-    print(f"\n{options.goals} medium {options.split} goals, {machine_class()}.")
+    print(f"\n{options.goals} medium {options.split} goals{robot_words(robot)}, {machine_class()}.")
 
 
 if __name__ == "__main__":

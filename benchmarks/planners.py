@@ -2,6 +2,7 @@
 
 import json
 import sys
+from collections.abc import Mapping
 from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from agents.commands.evaluate import main as evaluate
+from agents.commands.robots import add_robot, robot_keywords, robot_words
 from agents.policies.registry import policies_for
 from benchmarks.arguments import env_id, split, whole
 from benchmarks.machine import machine_class, markdown_table
@@ -30,10 +32,17 @@ CAPTION = (
 )
 
 
-def summary(env: str, output: Path, episodes: int, split: str) -> list[dict[str, Any]]:
-    """Leaderboard rows of all planners of an id, evaluated on medium goals."""
-    names = [name for name in policies_for(env) if name not in NO_PLANNERS]
+def summary(
+    env: str, output: Path, episodes: int, split: str, robot: Mapping[str, Any]
+) -> list[dict[str, Any]]:
+    """Leaderboard rows of all planners that fit an id with a robot, evaluated on medium goals.
+
+    Args:
+        robot: keywords of the task that choose it.
+    """
+    names = [name for name in policies_for(env, keywords=robot) if name not in NO_PLANNERS]
     arguments = ["--env", env, "--policy", *names, "--split", split, "--episodes", str(episodes)]
+    arguments += [word for name, value in robot.items() for word in (f"--{name}", value)]
     with redirect_stdout(sys.stderr):  # the table below is the output of this command
         status = evaluate([*arguments, "--output", str(output), "--no-pictures", "--overwrite"])
     if status != 0:
@@ -89,8 +98,10 @@ def main() -> None:
     parser.add_argument(
         "--plot", type=Path, help="default planners.svg in the output folder; docs/ has one of its own"
     )
+    add_robot(parser.add_argument)
     options = parser.parse_args()
-    evaluated = summary(options.env, options.output, options.episodes, options.split)
+    robot = robot_keywords(options)
+    evaluated = summary(options.env, options.output, options.episodes, options.split, robot)
     rows = [row for row in evaluated if row["captures"]]  # without a capture there is no cost
     if options.env == ENV:
         draw(rows, options.plot or options.output / "planners.svg")
@@ -108,7 +119,7 @@ def main() -> None:
     head = ["planner", "planning, ms", "base disturbance (eq. 20), cm^2/s", "final attitude error, deg"]
     head += ["captured, %", "captured within 0.1 deg, %"]
     print(markdown_table(head, table))
-    print(f"\n{options.episodes} medium {options.split} goals, {machine_class()}.")
+    print(f"\n{options.episodes} medium {options.split} goals{robot_words(robot)}, {machine_class()}.")
     if len(rows) < len(evaluated):
         print(f"Without a capture: {', '.join(row['policy'] for row in evaluated if not row['captures'])}.")
 

@@ -14,11 +14,14 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from tqdm import tqdm
 
+from agents.commands.choice import fitting_ids
+from agents.commands.robots import add_robot, robot_keywords, robot_words
 from benchmarks.arguments import executable, whole
 from benchmarks.machine import machine_class, markdown_table, verdict
 from space_envs.control import CONTROL_MODES
@@ -64,14 +67,18 @@ def short(env_id: str) -> str:
     return env_id.partition("/")[2]
 
 
-def vector_rates(env_id: str, n: int, mode: str, seconds: float) -> tuple[float, float]:
+def vector_rates(
+    env_id: str, n: int, mode: str, seconds: float, robot: Mapping[str, Any]
+) -> tuple[float, float]:
     """Calls per second of the vector environment's step and of the simulation alone.
 
     Their calls alternate and the median call counts, so that other load on the machine affects both alike.
+
+    Args:
+        robot: keywords of the task that choose it.
     """
-    env = CaptureVectorEnv(
-        env_id, num_envs=n, control_mode=mode, threads=1 if n == 1 else 2, autoreset_mode="next_step"
-    )
+    threads = 1 if n == 1 else 2
+    env = CaptureVectorEnv(env_id, n, mode, "next_step", threads=threads, **robot)
     rng = np.random.default_rng(0)
     env.task.goals("train", np.arange(env.task.split_size("train")))  # drawn once a process, as in training
     env.reset(seed=0)
@@ -91,9 +98,13 @@ def vector_rates(env_id: str, n: int, mode: str, seconds: float) -> tuple[float,
     return float(1 / np.median(durations[0][10:])), float(1 / np.median(durations[1][10:]))
 
 
-def single_rate(env_id: str, seconds: float) -> float:
-    """Steps per second of the environment that `gym.make` returns, including resets."""
-    env = gym.make(env_id)
+def single_rate(env_id: str, seconds: float, robot: Mapping[str, Any]) -> float:
+    """Steps per second of the environment that `gym.make` returns, including resets.
+
+    Args:
+        robot: keywords of the task that choose it.
+    """
+    env = gym.make(env_id, **robot)
     assert isinstance(env.unwrapped, CaptureEnv)
     env.unwrapped.task.goals("train", np.arange(env.unwrapped.task.split_size("train")))
     env.reset(seed=0)
@@ -147,11 +158,14 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument(
         "--reference", type=executable, help="python with gymnasium-robotics, to compare FetchReach-v4"
     )
+    add_robot(parser.add_argument)
     options = parser.parse_args(arguments)
+    robot = robot_keywords(options)
+    env_ids = fitting_ids(list(ENTRIES), robot)
     rows, overhead = [], {}
-    cells = [(env_id, mode, n) for env_id in ENTRIES for mode in CONTROL_MODES for n in SIZES]
+    cells = [(env_id, mode, n) for env_id in env_ids for mode in CONTROL_MODES for n in SIZES]
     for env_id, mode, n in tqdm(cells, unit="cell"):
-        env, batch = vector_rates(env_id, n, mode, options.rounds * SECONDS)
+        env, batch = vector_rates(env_id, n, mode, options.rounds * SECONDS, robot)
         overhead[env_id, mode, n] = added = 1e6 / n * (1 / env - 1 / batch)
         figures = f"{n * env:,.0f}", f"{n * batch:,.0f}", f"{added:.1f}", f"{env / batch:.2f}"
         rows.append([short(env_id), mode, str(n), *figures])
@@ -164,18 +178,19 @@ def main(arguments: list[str] | None = None) -> None:
         "added, us per env step",
         "share of limit",
     ]
-    print(f"\nVector environment, 2 threads for N > 1; medians; {machine_class()}\n")
+    print(f"\nVector environment{robot_words(robot)}, 2 threads for N > 1; medians; {machine_class()}\n")
     print(markdown_table(header, rows))
-    print(f"\n{aims(overhead)}")
+    if not robot:  # the aims are those of the id's own robot
+        print(f"\n{aims(overhead)}")
     if options.reference is None:
         return
     found: dict[str, list[float]] = {}
     for _ in tqdm(range(options.rounds), unit="round"):
         found.setdefault("FetchReach-v4, gym.make", []).append(reference_rate(options.reference))
-        for env_id in ENTRIES:
+        for env_id in env_ids:
             name = short(env_id)
-            found.setdefault(f"{name}, gym.make", []).append(single_rate(env_id, SECONDS))
-            vector, _ = vector_rates(env_id, 256, "joint_velocity", SECONDS)
+            found.setdefault(f"{name}, gym.make", []).append(single_rate(env_id, SECONDS, robot))
+            vector, _ = vector_rates(env_id, 256, "joint_velocity", SECONDS, robot)
             found.setdefault(f"{name}, gym.make_vec, N = 256", []).append(256 * vector)
     rates = {name: float(np.median(each)) for name, each in found.items()}
     base = next(iter(rates.values()))

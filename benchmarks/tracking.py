@@ -4,6 +4,8 @@ import sys
 
 import numpy as np
 
+from agents.commands.choice import fitting_ids
+from agents.commands.robots import add_robot, robot_keywords, robot_words
 from agents.planners.common.plans import Failure
 from agents.planners.dual_arm.tracking import FINE, Tracking, track
 from agents.policies.dual_arm.reactionless import ReactionlessFree, ReactionlessOCP, ReactionlessPolicy
@@ -20,9 +22,9 @@ SETTINGS = (
     FINE,
 )
 CASES: tuple[tuple[str, type[ReactionlessPolicy]], ...] = (
-    ("Planar", ReactionlessOCP),
-    ("Planar", ReactionlessFree),
-    ("Spatial", ReactionlessFree),
+    ("SpaceCapture/DualArmPlanar-v0", ReactionlessOCP),
+    ("SpaceCapture/DualArmPlanar-v0", ReactionlessFree),
+    ("SpaceCapture/DualArmSpatial-v0", ReactionlessFree),
 )
 
 
@@ -30,12 +32,15 @@ def main() -> None:
     """Print the table."""
     parser = Parser(prog="python -m benchmarks.tracking", description=__doc__)
     parser.add_argument("--goals", type=whole, default=5, help="plans of each method (default %(default)s)")
+    add_robot(parser.add_argument)
     options = parser.parse_args()
-    for task, _ in CASES:
-        check_goals(f"SpaceCapture/DualArm{task}-v0", "validation", options.goals)
+    robot = robot_keywords(options)
+    env_ids = fitting_ids(list(dict(CASES)), robot)
+    for env_id in env_ids:
+        check_goals(env_id, "validation", options.goals, robot)
     rows = []
-    for task, method in CASES:
-        env = CaptureVectorEnv(f"SpaceCapture/DualArm{task}-v0", options.goals)
+    for env_id, method in [case for case in CASES if case[0] in env_ids]:
+        env = CaptureVectorEnv(env_id, options.goals, **robot)
         observation, _ = env.reset(options={"split": "validation", "index": np.arange(options.goals)})
         found = [method.plan(one) for one in method(PolicyContext.from_env(env)).inputs(observation)]
         plans = [plan for plan in found if not isinstance(plan, Failure)]
@@ -43,7 +48,7 @@ def main() -> None:
             done = [track(plan, env.task.robot, tracking) for plan in plans]
             rows.append(
                 [
-                    task.lower(),
+                    "planar" if env.task.planar else "spatial",
                     f"`{plans[0].method}`" if plans else method.__name__,
                     f"{1e3 * tracking.timestep:g}",
                     f"{1e3 * tracking.control_period:g}",
@@ -66,7 +71,8 @@ def main() -> None:
         "joint error, rad",
     ]
     print(markdown_table(head, rows))
-    print(f"\nWorst of up to {options.goals} validation goals of difficulty medium, {machine_class()}.")
+    what = f"{options.goals} validation goals of difficulty medium{robot_words(robot)}"
+    print(f"\nWorst of up to {what}, {machine_class()}.")
 
 
 if __name__ == "__main__":

@@ -22,6 +22,8 @@ NUMBERS = {
     "optimal": ("--goals", "--jobs"),
     "planners": ("--episodes",),
     "planning": ("--goals",),
+    "robot_figures": (),
+    "robots": ("--goals",),
     "speed": ("--rounds",),
     "stochastic_feedback": ("--goals", "--episodes"),
     "tracking": ("--goals",),
@@ -76,6 +78,19 @@ def test_more_goals_than_a_split_has_are_refused(name: str, monkeypatch: pytest.
         monkeypatch.setattr(module, work, lambda *_: pytest.fail("work before the refusal"))
     with pytest.raises(ConfigurationError, match="has (256|512) goals, so --goals must be at most"):
         module.main()
+
+
+def test_robots_that_are_unknown_or_do_not_fit_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    one, two = "SpaceCapture/SingleArm-v0", "SpaceCapture/DualArmPlanar-v0"
+    for robot, message in (
+        ("ets", dict.fromkeys(("mismatch", "planners", "speed", "tracking"), "Did you mean 'ets_vii'")),
+        ("shah2013", dict.fromkeys(("mismatch", "planners"), f"{one} needs a robot with one arm")),
+        ("ets_vii", {"tracking": f"the robot fits no id: {two} needs a robot with two arms"}),
+    ):
+        for name, said in message.items():
+            monkeypatch.setattr(sys, "argv", [f"benchmarks/{name}.py", "--robot", robot])
+            with pytest.raises(ConfigurationError, match=said):
+                import_module(f"benchmarks.{name}").main()
 
 
 def test_wider_limits_are_of_the_benchmark_alone() -> None:

@@ -1,6 +1,7 @@
 """Pages of measured times: every id is measured, and where a bound is missed the page says so in words."""
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
@@ -55,8 +56,10 @@ def test_speed_is_measured_for_every_id(
 ) -> None:
     measured = []
 
-    def rates(env_id: str, n: int, mode: str, seconds: float) -> tuple[float, float]:
-        measured.append((env_id, mode, n))
+    def rates(
+        env_id: str, n: int, mode: str, seconds: float, robot: Mapping[str, str]
+    ) -> tuple[float, float]:
+        measured.append((env_id, mode, n, *robot.values()))
         return 1000.0, 2000.0
 
     monkeypatch.setattr(speed, "vector_rates", rates)
@@ -67,3 +70,9 @@ def test_speed_is_measured_for_every_id(
     printed = capsys.readouterr().out
     assert all(speed.short(env_id) in printed for env_id in ENTRIES)
     assert "at N = 1: 500.0 us added, goal at most 200 us, missed by 150 %" in printed
+    measured.clear()
+    speed.main(["--rounds", "1", "--robot", "spatial_dual_arm"])
+    assert {(env_id, robot) for env_id, _, _, robot in measured} == {
+        ("SpaceCapture/DualArmSpatial-v0", "spatial_dual_arm")
+    }
+    assert "Vector environment, robot spatial_dual_arm, 2 threads" in capsys.readouterr().out

@@ -32,7 +32,7 @@ POSITIVE = (
 ).split()
 PLAIN = [name for name in json.loads(make_record().to_json()) if name not in ("timing", "checksum")]
 SIGNED = ("episode_return", "mechanical_work")
-NAMES = "env_id policy control_mode difficulty split config_hash".split()
+NAMES = "env_id robot robot_digest policy control_mode difficulty split config_hash".split()
 
 
 def accepted_by_class(values: Mapping[str, Any]) -> bool:

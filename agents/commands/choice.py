@@ -48,24 +48,32 @@ def choose_ids(names: Sequence[str], robot: Mapping[str, Any]) -> list[str]:
         ConfigurationError: for an unknown name, one that is given twice, or a robot that fits no id.
     """
     if list(names) == ["all"]:
-        return _fitting_ids(robot)
+        return fitting_ids(list(ENTRIES), robot)
     env_ids = [find(name).id for name in names]
     distinct("environment id", env_ids)
     return env_ids
 
 
-def _fitting_ids(robot: Mapping[str, Any]) -> list[str]:
+def fitting_ids(env_ids: Sequence[str], robot: Mapping[str, Any]) -> list[str]:
+    """Those of some ids that a robot fits, with a note of the others on standard error.
+
+    Args:
+        robot: keywords of a task that choose it.
+
+    Raises:
+        ConfigurationError: for a robot that fits none of them.
+    """
     omitted: dict[str, str] = {}
-    for env_id in ENTRIES:
+    for env_id in env_ids:
         try:
             make_task(env_id, robot)
         except UnfitRobotError as error:
             omitted[env_id] = str(error)
-    if len(omitted) == len(ENTRIES):
+    if len(omitted) == len(env_ids):
         raise ConfigurationError(f"the robot fits no id: {'; '.join(omitted.values())}")
     for reason in omitted.values():
         print(f"note: omitted, {reason}", file=sys.stderr)
-    return [env_id for env_id in ENTRIES if env_id not in omitted]
+    return [env_id for env_id in env_ids if env_id not in omitted]
 
 
 def choose_policies(

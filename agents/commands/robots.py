@@ -1,7 +1,7 @@
 """The options of commands that choose a robot."""
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,11 @@ def add_robot(add: Callable[..., Any]) -> None:
     add(
         "--variant", metavar="NAME", help="of the robot's inertias, if there are several (default: the first)"
     )
+
+
+def robot_words(keywords: Mapping[str, Any]) -> str:
+    """Robot and variant that were chosen, as the end of a sentence; empty for the robot of each id."""
+    return "".join(f", {name} {Path(value).name}" for name, value in keywords.items())
 
 
 def robot_keywords(options: argparse.Namespace) -> dict[str, Any]:
