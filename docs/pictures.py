@@ -31,7 +31,7 @@ from space_envs.system.files import atomic_write
 IMAGES = Path(__file__).resolve().parent / "images"
 WIDTH, HEIGHT = 1280, 640
 ROBOT_WIDTH, ROBOT_HEIGHT = 640, 480
-COLUMNS = 5  # of the robots side by side
+COLUMNS = 3  # of the robots side by side
 QUALITY = 88
 
 

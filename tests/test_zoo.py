@@ -1,13 +1,17 @@
-"""Robots of the zoo against their sources, typed again in `published_robots`."""
+"""Robots of the zoo: their sources, typed again in `published_robots`, and what works on them."""
 
 import json
 from importlib.resources import files
 
 import numpy as np
 import pytest
+from offenders import assert_none
 from published_robots import PUBLISHED
+from rollouts import rollout_of
 
 from space_envs.dynamics.rotations import rotate
+from space_envs.robots.check.figures.goals import task_of
+from space_envs.robots.check.verification import verify
 from space_envs.robots.description.plain import robot_from_plain, to_plain
 from space_envs.robots.kinematics import tool_poses
 from space_envs.robots.robot import Robot
@@ -75,3 +79,18 @@ def test_the_pandas_face_each_other() -> None:
         approach = rotate(pose.orientation, np.array([0.0, 0.0, 1.0]))
         assert approach @ target > 0.95 * np.linalg.norm(target)
         assert pose.position[1] - robot.satellite.box_centre[1] > robot.satellite.box[1] + 0.2
+
+
+@pytest.mark.parametrize("name", [*PUBLISHED, "dual_panda"])
+def test_the_physics_holds(name: str) -> None:
+    """Momentum in all modes, equal rows, check_env, and mass matrices of independent libraries."""
+    robot = find_robot(name)
+    assert_none(f"{test.name}: {test.detail}" for test in verify(robot, task_of(robot)) if not test.passed)
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_medium_goals_are_captured(name: str) -> None:
+    """A few test goals; `python -m benchmarks.robots` takes more, and more planners."""
+    for policy in ("gjm", "minimum_jerk", "promp_optimal"):
+        rollout, _ = rollout_of(policy, 4, robot=name)
+        assert rollout.cause.tolist() == [None] * 4, policy
