@@ -59,6 +59,14 @@ def make_heavier() -> None:
     Path(FILE).write_text(SIX_JOINTS.replace("mass = 300.0", "mass = 600.0"))
 
 
+def tetrahedron() -> bytes:
+    """A mesh as a binary STL file."""
+    corners = np.vstack([np.zeros(3), np.eye(3)]).astype("<f4")
+    facets = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
+    triangles = [bytes(12) + corners[list(facet)].tobytes() + bytes(2) for facet in facets]
+    return bytes(80) + len(facets).to_bytes(4, "little") + b"".join(triangles)
+
+
 @pytest.mark.usefixtures("brief_reports")
 def test_records_are_those_of_the_robot_however_it_is_named(here: Path, capsys) -> None:
     register_robot("commands_six", FILE)
@@ -104,12 +112,16 @@ def test_two_robots_are_never_in_one_table(here: Path, capsys) -> None:
 
 @pytest.mark.usefixtures("brief_reports")
 def test_episodes_are_replayed_without_the_description(here: Path) -> None:
+    Path(FILE).write_text(SIX_JOINTS.replace("[satellite]", '[satellite]\nmesh = "bus.stl"', 1))
+    Path("bus.stl").write_bytes(tetrahedron())
     assert evaluate([*BRIEF, "--robot", FILE, "--output", "out"]) == 0
     robot = find_robot(FILE)
     Path(FILE).unlink()
+    Path("bus.stl").unlink()
     folder = read_folder(here / "out")
     chosen = replay.recorded(folder, folder.records[1])
-    assert chosen.task.robot == robot
+    assert chosen.task.robot.digest == robot.digest and chosen.task.robot.links == robot.links
+    assert robot.satellite.visuals and not chosen.task.robot.satellite.visuals
     assert chosen.scene.shape[1] == chosen.task.render_model.nq
     assert evaluate(["compare", "out", "--output", "again"]) == 0
 

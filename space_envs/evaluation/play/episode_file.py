@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from space_envs.errors import ConfigurationError
 from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
 from space_envs.evaluation.play.episodes import ARRAYS, EpisodeBatch
-from space_envs.robots.description.plain import robot_from_plain, to_plain
+from space_envs.robots.description.plain import robot_from_plain, to_plain, without_missing_meshes
 from space_envs.robots.robot import Robot
 from space_envs.system.files import write_arrays
 from space_envs.system.reading import parse_json, read_arrays
@@ -84,4 +84,4 @@ def _read_about(about: Any) -> tuple[LeaderboardEntry, Robot]:
         raise ConfigurationError(f"about must hold texts, got {about!r}")
     if not robot.digest.startswith(task.robot_digest):
         raise ConfigurationError(f"the robot has the digest {robot.digest}, expected {task.robot_digest}...")
-    return entry, robot
+    return entry, without_missing_meshes(robot)

@@ -1,14 +1,15 @@
 """Robots as plain JSON values, for files that must be read where the robot's own files are not."""
 
+import os
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, get_args, get_origin, get_type_hints
 
 from space_envs.checks import flag, number
 from space_envs.errors import ConfigurationError, shown
-from space_envs.robots.robot import Robot
+from space_envs.robots.robot import Robot, Visual
 
 UNCHECKED = "unchecked"  # minus infinity, which JSON has no number for
 
@@ -33,6 +34,24 @@ def robot_from_plain(values: Any) -> Robot:
         ConfigurationError: for anything else.
     """
     return _read(Robot, values, "robot")
+
+
+def without_missing_meshes(robot: Robot) -> Robot:
+    """The robot without drawings whose files are not there; what has no others is drawn as a rod or a bus."""
+    visuals = _present(robot.satellite.visuals)
+    bus = robot.satellite.bus or visuals != robot.satellite.visuals
+    return replace(
+        robot,
+        satellite=replace(robot.satellite, visuals=visuals, bus=bus),
+        arms=tuple(
+            replace(arm, links=tuple(replace(link, visuals=_present(link.visuals)) for link in arm.links))
+            for arm in robot.arms
+        ),
+    )
+
+
+def _present(visuals: tuple[Visual, ...]) -> tuple[Visual, ...]:
+    return tuple(visual for visual in visuals if visual.mesh is None or os.path.isfile(visual.mesh))
 
 
 def _read(kind: Any, value: Any, name: str) -> Any:
