@@ -41,7 +41,7 @@ _MEASURED = (
 
 
 @lru_cache(maxsize=16)
-def planar_layout(joints: int, factor: float) -> ObservationLayout:
+def planar_layout(joints: int, factor: float = 1.0) -> ObservationLayout:
     """Observation of two planar arms with a number of joints together.
 
     Args:

@@ -42,7 +42,7 @@ _MEASURED = (
 
 
 @lru_cache(maxsize=16)
-def spatial_layout(joints: int, factor: float) -> ObservationLayout:
+def spatial_layout(joints: int, factor: float = 1.0) -> ObservationLayout:
     """Observation of two arms in space with a number of joints together.
 
     Args:

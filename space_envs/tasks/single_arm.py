@@ -35,7 +35,7 @@ _TINY = 1e-300  # avoids 0 / 0
 
 
 @lru_cache(maxsize=16)
-def pose_layout(joints: int, factor: float) -> ObservationLayout:
+def pose_layout(joints: int, factor: float = 1.0) -> ObservationLayout:
     """Observation of an arm with a number of joints; sensors, in order, before the errors and the time.
 
     Args:
