@@ -44,12 +44,13 @@ def six_joints(tmp_path: Path) -> Robot:
 
 
 @pytest.mark.parametrize(("name", "variant"), BUILT_IN)
-def test_measured_steps_of_the_built_in_robots_are_those_of_their_long_tests(
+def test_measured_steps_of_the_built_in_robots_are_those_of_their_long_tests_or_half(
     name: str, variant: str | None
 ) -> None:
     robot = find_robot(name, variant)
     measured = measured_steps(robot)
-    assert measured[:2] == robot.steps[:2]
+    for found, tested in zip(measured[:2], robot.steps[:2], strict=True):
+        assert tested / 2 <= found <= tested
     assert measured.largest_control_period == 0.1 <= robot.steps.largest_control_period
 
 

@@ -16,7 +16,7 @@ from space_envs.step_limits.storage import read_steps, write_steps
 PERIODS = (0.1, 0.05, 0.025)
 # Default and largest time step, s; drift is of fourth order: at the default 0.4 of that at the largest.
 STEPS = ((0.02, 0.025), (0.01, 0.0125), (0.005, 0.00625), (0.0025, 0.003125), (0.00125, 0.0015625))
-DRIFT = 2e-7  # a fifth of the bound, since longer and other motions may drift more than these
+DRIFT = 1e-7  # a tenth of the bound, since longer and other motions drift several times as much
 PERIOD_MARGIN = 1.5  # motions are measured at so many times the control period
 OVERSPEED = 1.6  # times the rate limit, up to which the drives count as stable with that margin
 SECONDS, EPISODES = 5.0, 48
@@ -30,7 +30,7 @@ def measured_steps(robot: Robot) -> StepLimits:
 
     The largest control period is the largest candidate at whose 1.5-fold joints stay within 1.6 times their
     rate limits and half of the stop margin away from the ends of their ranges, in every control mode. The
-    largest time step is the largest, from 25 ms by halves, at which momentum drifts by a fifth of the bound
+    largest time step is the largest, from 25 ms by halves, at which momentum drifts by a tenth of the bound
     at most in the same motions: full strokes of 5 s, from home and from starts that the drives can just
     brake. The default is four fifths of it. The result is stored in the user's cache by the robot's digest.
 

@@ -11,7 +11,7 @@ from space_envs.system.files import write_json
 from space_envs.system.provenance import versions
 from space_envs.system.reading import read_object
 
-MEASUREMENT = 1  # version of the measurement; what another one stored is ignored
+MEASUREMENT = 2  # version of the measurement; what another one stored is ignored
 
 
 def read_steps(robot: str) -> StepLimits | None:
