@@ -15,10 +15,12 @@ from agents.policies.clearance import KeepOut
 from agents.policies.following import rows_to_plan
 from agents.policies.needs import POSE
 from agents.policies.single_arm.optimal import drive_limits, further_rows
+from agents.policies.single_arm.reaching import held_rates
 from space_envs.dynamics.rotations import Array
 from space_envs.evaluation.play.causes import PlanState
 from space_envs.policy import PolicyContext
 
+SETTLING = 0.5  # s after the rendezvous, after which the arm holds a static goal
 LOOK_AHEAD = 4.0  # s; at the limits of rate and acceleration a joint stops in 1.2 s
 
 
@@ -53,6 +55,8 @@ class NMPC(BasePolicy):
         limits = drive_limits(context)
         library = find_library(context.robot, keep_attitude=True, limited=False)
         further = further_rows(context)
+        # Arms without redundancy may go on exchanging errors of goal and attitude.
+        self._settles = further is not None and context.goals == "static"
         self.controller = Controller(context.arm, limits, context.c, library, self.weights, further=further)
 
     def target(self, observation: Array) -> Target:
@@ -92,7 +96,11 @@ class NMPC(BasePolicy):
         time = self.context.layout.read(observation, "time")[:, 0]
         rate = np.zeros((len(observation), self.context.arm.n_joints))
         for row, horizon in enumerate(state.horizons):
-            if horizon is not None and state.failures[row] is None:
+            if horizon is None or state.failures[row] is not None:
+                continue
+            if self._settles and time[row] > horizon.rendezvous + SETTLING:
+                rate[row] = held_rates(self.context, observation[row : row + 1])[0]
+            else:
                 rate[row] = horizon.rates(np.array(float(time[row]) + self.context.control_period))
         return rate
 

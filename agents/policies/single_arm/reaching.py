@@ -30,6 +30,11 @@ def motion_times(context: PolicyContext) -> Array:
     return np.arange(max(1, round(duration / context.control_period)) + 1) * context.control_period
 
 
+def held_rates(context: PolicyContext, observation: Array) -> Array:
+    """Joint rates (N, n), rad/s, slowly towards the goal pose, at observations (N, size)."""
+    return resolved_rate(context, observation, HOLD_GAIN, HOLD_LINEAR_SPEED, HOLD_ANGULAR_SPEED)
+
+
 class ReachingPolicy(FollowingPolicy):
     """Follows a joint motion of `motion_duration`, then corrects the pose of the end-effector."""
 
@@ -38,5 +43,4 @@ class ReachingPolicy(FollowingPolicy):
 
     def hold(self, observation: Array, planned: NDArray[np.bool_]) -> Array:
         """Joint rates (k, n), rad/s, towards the goal pose; zero without a plan."""
-        rate = resolved_rate(self.context, observation, HOLD_GAIN, HOLD_LINEAR_SPEED, HOLD_ANGULAR_SPEED)
-        return rate * planned
+        return held_rates(self.context, observation) * planned
