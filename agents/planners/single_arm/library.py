@@ -1,6 +1,6 @@
 """Libraries of optimal motions of one robot over the goals of the train split, to start from.
 
-`python -m agents.demonstrations.optimal` makes them. Each goal is solved from several starts, and then again
+`python -m agents.demonstrations.optimal` and `... .reactionless` make them. Each goal is solved from several starts, and then again
 from the solutions of neighbouring goals, which are often in the basin of a better optimum.
 """
 
@@ -19,6 +19,7 @@ from space_envs.dynamics.rotations import Array, angle_between
 from space_envs.errors import ConfigurationError
 from space_envs.robots.robot import Robot
 
+REACTIONLESS = "library_reactionless.npz"  # name of a library of motions that never rotate the base
 NAMES = ("position", "quaternion", "coordinates", "cost", "attempts")
 
 
@@ -28,7 +29,7 @@ class Library:
 
     Attributes:
         position, quaternion: (L, 3) m and (L, 4), goals in the initial base frame.
-        coordinates: (L, n, m) of the motions in weight space.
+        coordinates: (L, n, m) of the motions in weight space, or amplitudes of reactionless ones.
         cost: (L,) eq. 20 times dt, m^2/s. attempts: (L,) starts that were tried.
     """
 
@@ -85,7 +86,16 @@ def find_library(robot: Robot, keep_attitude: bool, limited: bool = True) -> Lib
     Raises:
         ConfigurationError: if what is there was made for another robot. StorageError: if it is damaged.
     """
-    path = robot_file(robot, library_name(keep_attitude, limited))
+    return _found(robot, library_name(keep_attitude, limited))
+
+
+def find_reactionless_library(robot: Robot) -> Library | None:
+    """A robot's library of motions from home that never rotate the base, if it was made; errors as above."""
+    return _found(robot, REACTIONLESS)
+
+
+def _found(robot: Robot, name: str) -> Library | None:
+    path = robot_file(robot, name)
     return None if path is None else _loaded(path, path.stat().st_mtime_ns)
 
 

@@ -1,0 +1,110 @@
+"""Limits of a robot on the paths of a plan: the duration that they ask for, and how near a path comes to them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from agents.planners.common.plans import Limits
+from agents.planners.single_arm.reactionless.paths import PathSpace, Samples, Sensitivities
+from agents.planners.single_arm.weights.bounds import ANGLE_MARGIN
+from space_envs.dynamics.rotations import Array
+
+Gaps = Callable[[Array], Array]
+"""Joint angles (..., n), rad -> gaps (..., S), m, between capsules of the arm and its satellite."""
+
+CLEARANCE = 0.01  # m, of plans, or that at the start if it is less
+LEAST_ROOM = 1e-3  # rad, to the end of a range, that the braking law counts with
+ANGLE_SCALE = 0.1  # rad, by which an angle beyond its range counts as a rate at twice its limit does
+CLEARANCE_SCALE = 0.02  # m, likewise
+_STEP = 1e-6  # rad, of difference quotients
+
+
+@dataclass(frozen=True, eq=False)
+class PathLimits:
+    """Limits on paths at any timing.
+
+    Attributes:
+        limits: of plans. deceleration: (n,) rad/s^2, with which the drives brake joints before the ends of
+            their ranges; None if they do not. gaps: to the satellite; None if it is out of reach.
+    """
+
+    limits: Limits
+    deceleration: Array | None = None
+    gaps: Gaps | None = None
+
+    def duration(self, space: PathSpace, path: Samples) -> dict[str, float]:
+        """Shortest durations, s, by the limit that asks for them; those without a limit are absent."""
+        limits, found = self.limits, {}
+        fastest = self._fastest(path)[0]
+        found["rate"] = float((np.abs(path.slope) / fastest).max())
+        if limits.acceleration is not None:
+            found["acceleration"] = float(np.sqrt((np.abs(path.curve) / limits.acceleration).max()))
+        still = np.zeros_like(path.curve)
+        for name, curve in (("torque", path.curve), ("coriolis", still)):
+            if (limit := getattr(limits, name)) is not None:
+                (torque,) = space.arm.torque(path.angle, path.slope, curve)
+                found[name] = float(np.sqrt((np.abs(torque) / limit).max()))
+        return found
+
+    def beyond(self, path: Samples) -> float:
+        """Largest angle beyond its range, rad, negative inside."""
+        return float(self.limits.beyond_angles(path.angle).max())
+
+    def closeness(self, path: Samples) -> float:
+        """Largest clearance from the satellite that is missing, m, negative if none is."""
+        if self.gaps is None:
+            return -np.inf
+        gap = self.gaps(path.angle)
+        return float((np.minimum(CLEARANCE, gap[0]) - gap).max())
+
+    def shares(self, path: Samples, by: Sensitivities, duration: float) -> tuple[Array, Array]:
+        """Rates and accelerations (N + 1, 2 n) at a duration in s as shares of their limits, with slopes."""
+        fastest, falls = self._fastest(path)
+        sign = np.sign(path.slope)
+        rate = np.abs(path.slope) / (duration * fastest)
+        by_rate = (sign / (duration * fastest))[..., None] * by.slope
+        by_rate -= (rate * falls / fastest)[..., None] * by.angle
+        if self.limits.acceleration is None:
+            return rate, by_rate
+        scale = duration**2 * self.limits.acceleration
+        by_acceleration = (np.sign(path.curve) / scale)[..., None] * by.curve
+        return (
+            np.concatenate([rate, np.abs(path.curve) / scale], axis=1),
+            np.concatenate([by_rate, by_acceleration], axis=1),
+        )
+
+    def violations(self, path: Samples, by: Sensitivities) -> tuple[Array, Array]:
+        """Angles beyond their ranges and clearances missing (k,), positive ones alone, with slopes (k, m)."""
+        limit = self.limits.angles(path.angle.shape[1])
+        low, high = limit[:, 0] + ANGLE_MARGIN - path.angle, path.angle - limit[:, 1] + ANGLE_MARGIN
+        beyond = np.maximum(low, high)
+        time, joint = np.nonzero(beyond > 0.0)
+        sign = np.where(high > low, 1.0, -1.0)[time, joint]
+        value, slope = beyond[time, joint] / ANGLE_SCALE, sign[:, None] * by.angle[time, joint] / ANGLE_SCALE
+        if self.gaps is None:
+            return value, slope
+        missing, by_missing = self._missing(path, by, self.gaps)
+        return np.concatenate([value, missing]), np.concatenate([slope, by_missing])
+
+    def _missing(self, path: Samples, by: Sensitivities, gaps: Gaps) -> tuple[Array, Array]:
+        gap = gaps(path.angle)
+        missing = np.minimum(CLEARANCE, gap[0]) - gap
+        time, capsule = np.nonzero(missing > 0.0)
+        moved = path.angle[time, None] + _STEP * np.eye(path.angle.shape[1])
+        varied = gaps(moved)[np.arange(len(time)), :, capsule]
+        slope = (gap[time, capsule][:, None] - varied) / _STEP  # (k, n)
+        by_missing = (slope[:, None] @ by.angle[time])[:, 0]
+        return missing[time, capsule] / CLEARANCE_SCALE, by_missing / CLEARANCE_SCALE
+
+    def _fastest(self, path: Samples) -> tuple[Array, Array]:
+        """Largest rates (M + 1, n), rad/s, in the direction of motion, and their slopes by the angle."""
+        limit = np.full(path.angle.shape, np.inf if self.limits.rate is None else self.limits.rate)
+        if self.deceleration is None:
+            return limit, np.zeros_like(limit)
+        low, high = self.limits.angles(limit.shape[1]).T
+        falling = path.slope < 0.0
+        room = np.where(falling, path.angle - low, high - path.angle)
+        braking = np.sqrt(2.0 * self.deceleration * np.maximum(room, LEAST_ROOM))
+        falls = np.where(falling, 1.0, -1.0) * self.deceleration / braking
+        return np.minimum(braking, limit), np.where(braking < limit, falls, 0.0)

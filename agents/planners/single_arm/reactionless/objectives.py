@@ -1,0 +1,58 @@
+"""Sums of squares that the search for a path makes small."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from agents.planners.single_arm.reactionless.limits import PathLimits
+from agents.planners.single_arm.reactionless.paths import PathSpace, Samples, Sensitivities
+from space_envs.dynamics.rotations import Array
+
+Objective = Callable[[Samples, Sensitivities], tuple[Array, Array]]
+"""A path and its derivatives -> residuals (r,) and their slopes (r, m)."""
+
+COST_UNIT = 1e-4  # m^2/s, of eq. 20: violations weigh against costs in this unit
+PENALTY = 150.0  # of a share above the allowed one, or of a violation, throughout the path; its root in costs
+POWER = 4.0  # of shares of limits, whose squares are summed
+
+
+def least_disturbance(space: PathSpace, limits: PathLimits, duration: float, share: float) -> Objective:
+    """Eq. 20 times dt of a path at a duration in s, and penalties on more than a share of the limits."""
+    weight = np.sqrt(space.series.weight)[:, None]
+
+    def residuals(path: Samples, by: Sensitivities) -> tuple[Array, Array]:
+        scale = weight / np.sqrt(duration * COST_UNIT)
+        drift, by_drift = (scale * path.drift).ravel(), (scale[..., None] * by.drift).reshape(-1, space.size)
+        value, slope = limits.shares(path, by, duration)
+        time, place = np.nonzero(value > share)
+        beyond = PENALTY * weight[time, 0] * (value[time, place] - share)
+        by_beyond = PENALTY * weight[time] * slope[time, place]
+        return _with_violations(space, limits, path, by, [(drift, by_drift), (beyond, by_beyond)])
+
+    return residuals
+
+
+def shortest_duration(space: PathSpace, limits: PathLimits, duration: float) -> Objective:
+    """A high power of the shares of limits, at a duration in s near the shortest one."""
+    weight = np.sqrt(space.series.weight)[:, None]
+
+    def residuals(path: Samples, by: Sensitivities) -> tuple[Array, Array]:
+        value, slope = limits.shares(path, by, duration)
+        raised = (weight * value**POWER).ravel()
+        by_raised = (POWER * weight * value ** (POWER - 1.0))[..., None] * slope
+        return _with_violations(space, limits, path, by, [(raised, by_raised.reshape(-1, space.size))])
+
+    return residuals
+
+
+def _with_violations(
+    space: PathSpace,
+    limits: PathLimits,
+    path: Samples,
+    by: Sensitivities,
+    parts: list[tuple[Array, Array]],
+) -> tuple[Array, Array]:
+    value, slope = limits.violations(path, by)
+    factor = PENALTY * np.sqrt(space.series.weight[1])
+    values, slopes = zip(*parts, (factor * value, factor * slope), strict=True)
+    return np.concatenate(values), np.concatenate(slopes)

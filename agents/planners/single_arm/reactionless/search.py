@@ -1,0 +1,106 @@
+"""Gauss-Newton search for a path to a goal: nonlinear least squares with the pose error as constraint."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from agents.planners.single_arm.reactionless.objectives import Objective
+from agents.planners.single_arm.reactionless.paths import FUNCTIONS, PathSpace, Samples, Sensitivities
+from space_envs.dynamics.rotations import Array
+
+REACHED = 1e-3  # m and rad, of a path in the search; plans are polished
+LONGEST_MISS = 0.4  # m and rad of the pose error that one iteration takes away
+LONGEST_STEP = 4.0  # rad, of all weights together
+CORRECTIONS = 2  # of second order, of a step
+GAIN = 5e-3  # relative decrease of the objective below which the search ends
+_LEAST_DAMPING, _MOST_DAMPING = 1e-4, 1e4  # as fractions of the mean curvature
+
+
+class Found(NamedTuple):
+    """End of a search: weights (n, K), the objective, the largest pose error in m or rad, and iterations."""
+
+    weights: Array
+    objective: float
+    miss: float
+    iterations: int
+
+
+class _Point(NamedTuple):
+    weights: Array
+    path: Samples
+    by: Sensitivities
+    residual: Array
+    slope: Array
+
+    def merit(self, penalty: float) -> float:
+        return float(self.residual @ self.residual) + penalty * float(np.abs(self.path.miss).sum())
+
+
+def to_goal(space: PathSpace, weights: Array, iterations: int) -> Array:
+    """Weights (n, K) after Newton steps of least norm towards the goal."""
+    for _ in range(iterations):
+        path, by = space.sensitive(weights)
+        if np.abs(path.miss).max() < REACHED:
+            break
+        square = by.miss @ by.miss.T
+        square += 1e-4 * np.trace(square) / 6.0 * min(1.0, np.abs(path.miss).max()) ** 2 * np.eye(6)
+        part = min(1.0, LONGEST_MISS / float(np.linalg.norm(path.miss)))
+        weights = weights + _shaped(space, _short(-by.miss.T @ np.linalg.solve(square, part * path.miss)))
+    return weights
+
+
+def minimise(
+    space: PathSpace, weights: Array, objective: Objective, iterations: int, gain: float = GAIN
+) -> Found:
+    """The least objective among paths to the goal, from weights (n, K)."""
+    point, damping, penalty = _point(space, weights, objective), 1e-2, 0.0
+    number = 0
+    while number < iterations:
+        number += 1
+        step, multiplier, correct = _step(space, point, damping)
+        penalty = max(penalty, 2.0 * float(np.abs(multiplier).max()))
+        trial = point.weights + step
+        for _ in range(CORRECTIONS):
+            trial = trial + _shaped(space, correct @ space.missed(trial))
+        after = _point(space, trial, objective)
+        before, now = point.merit(penalty), after.merit(penalty)
+        if not now < before:
+            damping = min(10.0 * damping, _MOST_DAMPING)
+            if damping == _MOST_DAMPING:
+                break
+            continue
+        damping = max(0.2 * damping, _LEAST_DAMPING)
+        done = np.abs(after.path.miss).max() < REACHED and before - now < gain * now
+        point = after
+        if done:
+            break
+    return Found(
+        point.weights, float(point.residual @ point.residual), float(np.abs(point.path.miss).max()), number
+    )
+
+
+def _point(space: PathSpace, weights: Array, objective: Objective) -> _Point:
+    path, by = space.sensitive(weights)
+    return _Point(weights, path, by, *objective(path, by))
+
+
+def _step(space: PathSpace, point: _Point, damping: float) -> tuple[Array, Array, Array]:
+    """Step (n, K), multipliers (6,) of the goal, and the matrix (m, 6) from a miss to its correction."""
+    miss, equations = point.path.miss, point.by.miss
+    hessian = point.slope.T @ point.slope
+    hessian[np.diag_indices(space.size)] += damping * np.trace(hessian) / space.size + 1e-9
+    solved = np.linalg.solve(hessian, np.column_stack([equations.T, point.slope.T @ point.residual]))
+    inner = np.linalg.inv(equations @ solved[:, :6] + 1e-12 * np.eye(6))
+    part = min(1.0, LONGEST_MISS / max(float(np.linalg.norm(miss)), 1e-12))
+    multiplier = inner @ (part * miss - equations @ solved[:, 6])
+    step = _short(-(solved[:, :6] @ multiplier) - solved[:, 6])
+    return _shaped(space, step), 2.0 * multiplier, -(solved[:, :6] @ inner)
+
+
+def _short(step: Array) -> Array:
+    return step * min(1.0, LONGEST_STEP / max(float(np.linalg.norm(step)), 1e-12))
+
+
+def _shaped(space: PathSpace, flat: Array) -> Array:
+    """Weights (n, K) of flattened ones (m,)."""
+    return flat.reshape(FUNCTIONS, space.n).T

@@ -1,0 +1,109 @@
+"""Captures of a pose while the satellite does not turn at any instant."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.planners.common.plans import Failure
+from agents.planners.single_arm.library import find_reactionless_library
+from agents.planners.single_arm.problem import Reach, ReachPlan
+from agents.planners.single_arm.reactionless.limits import PathLimits
+from agents.planners.single_arm.reactionless.planner import ReactionlessPlanner
+from agents.policies.following import FollowedPlans, FollowingPolicy, Reference, sampled_plans
+from agents.policies.needs import POSE
+from agents.policies.single_arm.optimal import drive_limits, reaches
+from space_envs.drives import braking_deceleration
+from space_envs.dynamics.reactionless import end_effectors, reactionless_projection, reactionless_rates
+from space_envs.dynamics.rotations import Array, conjugate, rotate
+from space_envs.policy import PolicyContext
+
+RESERVE = 1.0  # s, of an episode that a plan leaves for the hold at the goal
+TRACKING_GAIN = 2.0  # 1/s, of the joint error
+ATTITUDE_GAIN = 1.0  # 1/s, of the attitude error
+HOLD_GAIN = 0.5  # 1/s, of the pose error once a plan is over
+HOLD_SPEED = 0.02  # m/s and rad/s
+
+
+def path_limits(context: PolicyContext) -> PathLimits:
+    """Limits of reactionless paths: those of the drives, their braking law, and the satellite."""
+    contacts, arm = context.contacts, context.arm
+    deceleration = braking_deceleration(context.robot)
+    if contacts is None or not context.robot.satellite.reachable:
+        return PathLimits(drive_limits(context), deceleration)
+
+    def gaps(q: Array) -> Array:
+        return contacts.satellite_gaps(contacts.points(arm, q))
+
+    return PathLimits(drive_limits(context), deceleration, gaps)
+
+
+def latest_arrival(context: PolicyContext) -> float:
+    """Time in an episode, s, at which plans arrive at the latest."""
+    return context.horizon * context.control_period - RESERVE
+
+
+class PrompReactionless(FollowingPolicy):
+    """Follows a path in the reaction null space with feedback that stays in it.
+
+    Its last rows feed back the attitude error, and the rate of the base that unmodelled masses leave.
+    """
+
+    needs = replace(
+        POSE, fields=(*POSE.fields, "base_angular_velocity"), joints=7, planar=False, obstacles=False
+    )
+    tracking_gain = TRACKING_GAIN
+
+    def __init__(self, context: PolicyContext, seed: int = 0) -> None:
+        super().__init__(context, seed)
+        library = find_reactionless_library(context.robot)
+        self.planner = ReactionlessPlanner(context.arm, path_limits(context), library)
+
+    def plan(self, asked: list[Reach]) -> list[ReachPlan | Failure]:
+        """Plans of all rows."""
+        return [self.planner.plan(reach) for reach in asked]
+
+    def plans(self, observation: Array) -> FollowedPlans:
+        """Plans of the episodes that start with observations (N, size), to the end of the episode."""
+        context, read = self.context, self.context.layout.read
+        time = read(observation, "time")[:, 0]
+        latest = np.maximum(latest_arrival(context) - time, context.control_period)
+        asked = reaches(context, observation, keep_attitude=True)
+        plans = self.plan([replace(one, duration=t) for one, t in zip(asked, latest, strict=True)])
+        count = int(np.ceil(latest.max() / context.control_period)) + 1
+        times = np.arange(count) * context.control_period
+        return sampled_plans(read(observation, "joint_position"), plans, times, time)
+
+    def track(self, observation: Array, plans: FollowedPlans, reference: Reference) -> Array:
+        """Joint rates (N, n), rad/s, nearest to the plans' that turn the base as `_base_rate` says."""
+        wanted = super().track(observation, plans, reference)
+        angular = self.context.arm.base_map(reference.next_position)[:, 3:]
+        return reactionless_projection(angular, wanted, self._base_rate(observation))
+
+    def hold(self, observation: Array, planned: NDArray[np.bool_]) -> Array:
+        """Joint rates (k, n), rad/s, towards the goal pose that do not turn the base; zero without a plan."""
+        read = self.context.layout.read
+        to_base = conjugate(read(observation, "base_quaternion"))
+        now = end_effectors(self.context.arm, read(observation, "joint_position"))
+        linear, angular = (
+            _limited(HOLD_GAIN * rotate(to_base, read(observation, name)))[:, None]
+            for name in ("position_error", "rotation_error")
+        )
+        return reactionless_rates(now, linear, angular, self._base_rate(observation)) * planned
+
+    def _base_rate(self, observation: Array) -> Array:
+        """Angular velocity (N, 3) of the base, rad/s in its axes, that nominal masses are asked for."""
+        read = self.context.layout.read
+        quaternion = read(observation, "base_quaternion")
+        error = 2.0 * quaternion[:, 1:] * np.copysign(1.0, quaternion[:, :1])  # of small rotations, base axes
+        rate = read(observation, "joint_velocity")
+        angular = self.context.arm.base_map(read(observation, "joint_position"))[:, 3:]
+        expected = (angular @ rate[..., None])[..., 0]
+        seen = rotate(conjugate(quaternion), read(observation, "base_angular_velocity"))
+        return -ATTITUDE_GAIN * error - (seen - expected)
+
+
+def _limited(rate: Array) -> Array:
+    """Rates (k, 3), slowed as a whole to the speed limit."""
+    length = np.sqrt((rate * rate).sum(axis=1, keepdims=True))
+    return rate / np.maximum(length / HOLD_SPEED, 1.0)
