@@ -1,8 +1,8 @@
-"""A library of reactionless motions: each goal is solved from random starts, then from its neighbours' motions."""
+"""A library of reactionless motions: each goal is solved at random, then from its neighbours."""
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from joblib import Parallel, delayed
@@ -13,7 +13,7 @@ from agents.planners.common.robot_files import robot_options, write_origin
 from agents.planners.single_arm.library import REACTIONLESS, Library
 from agents.planners.single_arm.problem import Reach
 from agents.planners.single_arm.reactionless.planner import ReactionlessPlanner, random_starts
-from agents.policies.single_arm.reactionless import latest_arrival, path_limits
+from agents.policies.single_arm.reactionless.problem import latest_arrival, path_limits
 from space_envs.dynamics.rotations import Array
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import positive_integer
@@ -55,16 +55,20 @@ def generate(
     position, quaternion = goals(robot, counts)
     total = len(position)
     rows = [np.arange(first, min(first + CHUNK, total)) for first in range(0, total, CHUNK)]
-    library: Library | None = None
     with tqdm(total=total * (ROUNDS + 1), unit="goal", disable=not progress) as bar:
-        for _ in range(ROUNDS + 1):
-            work = [delayed(_part)(robot, position[k], quaternion[k], k, library, seed) for k in rows]
+
+        def round_from(before: Library | None) -> Library:
+            work = [delayed(_part)(robot, position[k], quaternion[k], k, before, seed) for k in rows]
             found: list[_Best] = []
-            for part in Parallel(n_jobs=jobs, return_as="generator")(work):
+            parts: Any = Parallel(n_jobs=jobs, return_as="generator")(work)
+            for part in parts:
                 found += part
                 bar.update(len(part))
-            library = _library(position, quaternion, found)
-    assert library is not None
+            return _library(position, quaternion, found)
+
+        library = round_from(None)
+        for _ in range(ROUNDS):
+            library = round_from(library)
     usable = library.rows(np.isfinite(library.cost))
     path = Path(output) / REACTIONLESS
     path.parent.mkdir(parents=True, exist_ok=True)

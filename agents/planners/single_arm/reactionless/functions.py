@@ -2,8 +2,8 @@
 
 A path q(s) over the phase s from 0 to 1 follows dq/ds = P(q) v(s). P is the projector onto the null space of
 A(q), the angular momentum about the centre of mass per joint rate while the base does not rotate: at zero
-momentum the base stays at rest in attitude if and only if A(q) dq/ds = 0, at any timing. Derivatives are those
-of one stage of the classical Runge-Kutta method, contracted with the vectors at hand; their products make up
+momentum the base keeps its attitude if and only if A(q) dq/ds = 0, at any timing. Derivatives are those of
+one stage of the classical Runge-Kutta method, contracted with the vectors at hand; their products make up
 those of a step.
 """
 

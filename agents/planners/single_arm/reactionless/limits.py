@@ -1,4 +1,4 @@
-"""Limits of a robot on the paths of a plan: the duration that they ask for, and how near a path comes to them."""
+"""Limits of a robot on paths: the duration that they ask for, and how near a path comes to them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,13 +7,14 @@ import numpy as np
 
 from agents.planners.common.plans import Limits
 from agents.planners.single_arm.reactionless.paths import PathSpace, Samples, Sensitivities
-from agents.planners.single_arm.weights.bounds import ANGLE_MARGIN
 from space_envs.dynamics.rotations import Array
 
 Gaps = Callable[[Array], Array]
 """Joint angles (..., n), rad -> gaps (..., S), m, between capsules of the arm and its satellite."""
 
-CLEARANCE = 0.01  # m, of plans, or that at the start if it is less
+CLEARANCE = 0.005  # m, of plans, or that at the start if it is less
+AIMED_CLEARANCE = 0.015  # m, of the search, likewise
+ANGLE_MARGIN = 0.02  # rad, to the ends of joint ranges, of the search
 LEAST_ROOM = 1e-3  # rad, to the end of a range, that the braking law counts with
 ANGLE_SCALE = 0.1  # rad, by which an angle beyond its range counts as a rate at twice its limit does
 CLEARANCE_SCALE = 0.02  # m, likewise
@@ -89,7 +90,7 @@ class PathLimits:
 
     def _missing(self, path: Samples, by: Sensitivities, gaps: Gaps) -> tuple[Array, Array]:
         gap = gaps(path.angle)
-        missing = np.minimum(CLEARANCE, gap[0]) - gap
+        missing = np.minimum(AIMED_CLEARANCE, gap[0]) - gap
         time, capsule = np.nonzero(missing > 0.0)
         moved = path.angle[time, None] + _STEP * np.eye(path.angle.shape[1])
         varied = gaps(moved)[np.arange(len(time)), :, capsule]
@@ -102,7 +103,7 @@ class PathLimits:
         limit = np.full(path.angle.shape, np.inf if self.limits.rate is None else self.limits.rate)
         if self.deceleration is None:
             return limit, np.zeros_like(limit)
-        low, high = self.limits.angles(limit.shape[1]).T
+        low, high = self.limits.angles(path.angle.shape[1]).T
         falling = path.slope < 0.0
         room = np.where(falling, path.angle - low, high - path.angle)
         braking = np.sqrt(2.0 * self.deceleration * np.maximum(room, LEAST_ROOM))

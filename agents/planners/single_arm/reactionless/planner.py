@@ -21,8 +21,8 @@ METHOD = "promp_reactionless"
 Timing = Literal["latest", "shortest"]
 TIMINGS = ("latest", "shortest")
 CANDIDATES = 8  # stored motions, by distance of their goals, that are tried until one leads to a plan
-MOST_CANDIDATES = 10_000
-RANDOM = 16  # starts without a stored motion that leads to a plan
+MOST_STARTS = 10_000
+RANDOM = 16  # starts at random, where no stored motion leads to a plan
 RANDOM_SCALES = 0.5, 1.6  # rad, standard deviation of their slowest sine; that of others falls with 1 / order
 NEWTON = 30  # iterations to the goal at most
 ITERATIONS = 15  # of the search for the least cost
@@ -57,9 +57,11 @@ class ReactionlessPlanner:
 
     Args:
         robot: of one arm with at least seven joints. limits: of paths. library: of stored paths to start
-            from; None starts at random. timing: "latest" arrives after exactly the duration of a problem, with
-            the least base disturbance by eq. 20, which falls with the duration; "shortest" arrives as soon as
-            the limits allow. candidates: number of stored paths that are tried.
+            from; None starts at random.
+        timing: "latest" arrives after exactly the duration of a problem, with the least base disturbance by
+            eq. 20, which falls with the duration; "shortest" arrives as soon as the limits allow.
+        candidates: number of stored paths that are tried. random: number of starts at random, where none of
+            them leads to a plan.
     """
 
     def __init__(
@@ -69,12 +71,14 @@ class ReactionlessPlanner:
         library: Library | None = None,
         timing: Timing = "latest",
         candidates: int = CANDIDATES,
+        random: int = RANDOM,
     ) -> None:
         if timing not in TIMINGS:
             raise unknown_name("timing", timing, TIMINGS)
         self._robot, self._limits, self._library, self._timing = robot, limits, library, timing
         limits.limits.checked(robot)
-        self._candidates = positive_integer("candidates", candidates, MOST_CANDIDATES)
+        self._candidates = positive_integer("candidates", candidates, MOST_STARTS)
+        self._random = positive_integer("random", random, MOST_STARTS)
 
     def plan(self, reach: Reach) -> ReachPlan | Failure:
         """The motion from rest of a problem, whose duration is the longest one."""
@@ -168,7 +172,7 @@ class ReactionlessPlanner:
         if self._library is not None:
             yield from self._library.nearest(reach, self._candidates)
         rng = np.random.default_rng(0)
-        yield from random_starts(rng, self._robot.n_joints, RANDOM)
+        yield from random_starts(rng, self._robot.n_joints, self._random)
 
     def _motion(self, found: Candidate, reach: Reach, notes: str) -> ReachPlan:
         """The plan of a path."""

@@ -1,4 +1,4 @@
-"""Captures of a pose while the satellite does not turn at any instant."""
+"""Following of paths in the reaction null space, and feedback that stays in it."""
 
 from dataclasses import replace
 
@@ -8,39 +8,19 @@ from numpy.typing import NDArray
 from agents.planners.common.plans import Failure
 from agents.planners.single_arm.library import find_reactionless_library
 from agents.planners.single_arm.problem import Reach, ReachPlan
-from agents.planners.single_arm.reactionless.limits import PathLimits
 from agents.planners.single_arm.reactionless.planner import ReactionlessPlanner
 from agents.policies.following import FollowedPlans, FollowingPolicy, Reference, sampled_plans
 from agents.policies.needs import POSE
-from agents.policies.single_arm.optimal import drive_limits, reaches
-from space_envs.drives import braking_deceleration
+from agents.policies.single_arm.optimal import reaches
+from agents.policies.single_arm.reactionless.problem import latest_arrival, path_limits
 from space_envs.dynamics.reactionless import end_effectors, reactionless_projection, reactionless_rates
 from space_envs.dynamics.rotations import Array, conjugate, rotate
 from space_envs.policy import PolicyContext
 
-RESERVE = 1.0  # s, of an episode that a plan leaves for the hold at the goal
 TRACKING_GAIN = 2.0  # 1/s, of the joint error
 ATTITUDE_GAIN = 1.0  # 1/s, of the attitude error
 HOLD_GAIN = 0.5  # 1/s, of the pose error once a plan is over
 HOLD_SPEED = 0.02  # m/s and rad/s
-
-
-def path_limits(context: PolicyContext) -> PathLimits:
-    """Limits of reactionless paths: those of the drives, their braking law, and the satellite."""
-    contacts, arm = context.contacts, context.arm
-    deceleration = braking_deceleration(context.robot)
-    if contacts is None or not context.robot.satellite.reachable:
-        return PathLimits(drive_limits(context), deceleration)
-
-    def gaps(q: Array) -> Array:
-        return contacts.satellite_gaps(contacts.points(arm, q))
-
-    return PathLimits(drive_limits(context), deceleration, gaps)
-
-
-def latest_arrival(context: PolicyContext) -> float:
-    """Time in an episode, s, at which plans arrive at the latest."""
-    return context.horizon * context.control_period - RESERVE
 
 
 class PrompReactionless(FollowingPolicy):

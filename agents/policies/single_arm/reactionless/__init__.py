@@ -1,0 +1,1 @@
+"""Captures of a pose while the satellite does not turn at any instant."""

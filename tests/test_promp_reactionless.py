@@ -1,0 +1,108 @@
+"""Paths of one arm in the reaction null space, checked by code that shares nothing with their planner."""
+
+import numpy as np
+import pytest
+
+from agents.planners.common.plans import Cause, Failure
+from agents.planners.single_arm.check import check
+from agents.planners.single_arm.problem import Reach, ReachPlan
+from agents.planners.single_arm.reactionless.paths import FUNCTIONS, PathSpace
+from agents.planners.single_arm.reactionless.planner import ReactionlessPlanner, Timing
+from agents.policies.single_arm.reactionless.problem import path_limits
+from space_envs.dynamics.rotations import to_matrix
+from space_envs.envs import CaptureVectorEnv
+from space_envs.errors import ConfigurationError
+from space_envs.policy import PolicyContext
+
+ID = "SpaceCapture/SingleArm-v0"
+CONTEXT = PolicyContext.from_env(CaptureVectorEnv(ID, 1))
+ROBOT, LIMITS = CONTEXT.arm, path_limits(CONTEXT)
+LONG = 40.0  # s, enough for every goal of these tests
+
+
+def reach_of(number: int, duration: float = LONG) -> Reach:
+    """A validation goal of medium difficulty."""
+    env = CaptureVectorEnv(ID, 1)
+    goal = env.task.goals("validation", np.array([number]))
+    return Reach(ROBOT.home, goal.position[0], goal.quaternion[0], duration).checked(ROBOT)
+
+
+def space_of(number: int) -> PathSpace:
+    reach = reach_of(number)
+    return PathSpace(ROBOT, reach.start, reach.position, to_matrix(reach.quaternion))
+
+
+def weights_of(seed: int) -> np.ndarray:
+    return np.random.default_rng(seed).standard_normal((ROBOT.n_joints, FUNCTIONS)) / np.arange(
+        1, FUNCTIONS + 1
+    )
+
+
+def test_paths_never_turn_the_base_and_move_it_as_they_say() -> None:
+    for seed in range(3):
+        path = space_of(seed).samples(weights_of(seed))
+        twist = ROBOT.base_twist(path.angle, path.slope)
+        assert np.abs(twist[:, 3:]).max() < 1e-12
+        np.testing.assert_allclose(twist[:, :3], path.drift, atol=1e-5)
+
+
+def test_derivatives_by_phase_and_by_weights_are_those_of_differences() -> None:
+    space, weights, step = space_of(0), weights_of(0), 1e-6
+    path, by = space.sensitive(weights)
+    for joint, function in ((0, 0), (2, 3), (6, FUNCTIONS - 1)):
+        change = np.zeros_like(weights)
+        change[joint, function] = step
+        ends = [space.sensitive(weights + sign * change)[0] for sign in (1.0, -1.0)]
+        for name in ("angle", "slope", "curve", "drift", "miss"):
+            expected = (getattr(ends[0], name) - getattr(ends[1], name)) / (2.0 * step)
+            found = getattr(by, name)[..., function * ROBOT.n_joints + joint]
+            np.testing.assert_allclose(found, expected, atol=1e-6, err_msg=name)
+    fine = space.samples(weights)
+    phase = np.linspace(0.0, 1.0, len(fine.angle))
+    for value, slope in ((fine.angle, fine.slope), (fine.slope, fine.curve)):
+        middle = np.gradient(value, phase, axis=0, edge_order=2)
+        assert np.abs(middle - slope).max() < 0.02 * np.abs(slope).max()
+    assert np.abs(path.miss - fine.miss).max() < 1e-3  # the search rolls out coarsely
+
+
+@pytest.mark.parametrize("timing", ["latest", "shortest"])
+def test_plans_meet_the_goal_and_keep_every_limit_between_their_nodes(timing: Timing) -> None:
+    planner = ReactionlessPlanner(ROBOT, LIMITS, timing=timing)
+    for number in (1, 5):
+        reach = reach_of(number)
+        plan = planner.plan(reach)
+        assert isinstance(plan, ReachPlan)
+        assert plan.time[-1] == LONG if timing == "latest" else plan.time[-1] < 0.75 * LONG
+        found = check(CONTEXT.model, ROBOT, reach, LIMITS.limits, plan)
+        assert np.rad2deg(found.violation["peak_attitude"]) < 1e-4
+        assert found.violation["position_error"] < 1e-5 and found.violation["rotation_error"] < 1e-5
+        for name in ("start", "end_rate"):
+            assert found.violation[name] < 1e-9
+        for name in ("position", "rate", "acceleration", "torque", "coriolis"):
+            assert found.violation[name] < 1e-3, name
+        assert found.cost == pytest.approx(plan.cost, rel=1e-3)
+        assert (
+            LIMITS.gaps is not None and LIMITS.gaps(plan.sample(np.linspace(0.0, LONG, 300))[0]).min() > 0.0
+        )
+
+
+def test_a_later_arrival_disturbs_the_base_less() -> None:
+    planner = ReactionlessPlanner(ROBOT, LIMITS)
+    costs = [planner.plan(reach_of(5, duration)).cost for duration in (LONG, 2.0 * LONG)]
+    assert costs[1] < 0.55 * costs[0]
+
+
+def test_what_cannot_be_planned_is_a_failure_with_its_reason() -> None:
+    planner = ReactionlessPlanner(ROBOT, LIMITS, random=4)
+    reach = reach_of(5)
+    far = Reach(reach.start, np.array([50.0, 0.0, 0.0]), reach.quaternion)
+    moving = Reach(reach.start, reach.position, reach.quaternion, rate=np.full(7, 0.01))
+    hasty = Reach(reach.start, reach.position, reach.quaternion, duration=2.0)
+    expected = [(far, Cause.OUT_OF_REACH, "reaches"), (moving, Cause.INFEASIBLE, "at rest")]
+    expected += [(hasty, Cause.INFEASIBLE, "there are 2.0 s")]
+    for asked, cause, words in expected:
+        failure = planner.plan(asked)
+        assert isinstance(failure, Failure)
+        assert failure.cause is cause and words in failure.reason
+    with pytest.raises(ConfigurationError, match="Did you mean 'shortest'"):
+        ReactionlessPlanner(ROBOT, LIMITS, timing="shorter")  # pyright: ignore[reportArgumentType]
