@@ -1,8 +1,8 @@
 """Libraries of optimal motions of one robot over the goals of the train split, to start from.
 
 `python -m agents.demonstrations.optimal` and `python -m agents.demonstrations.reactionless` make them. Each
-goal is solved from several starts, and then again from the solutions of neighbouring goals, which often lead to
-a better optimum.
+goal is solved from several starts, and then again from the solutions of neighbouring goals, which often lead
+to a better optimum.
 """
 
 from dataclasses import dataclass

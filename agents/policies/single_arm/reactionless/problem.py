@@ -1,4 +1,4 @@
-"""What a task leaves for reactionless paths: limits and time."""
+"""Limits of a task on reactionless paths, and the time that it leaves for them."""
 
 from agents.planners.single_arm.reactionless.limits import PathLimits
 from agents.policies.single_arm.optimal import drive_limits
