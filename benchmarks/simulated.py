@@ -31,6 +31,8 @@ ROBOTS = (
     SimulatedRobot("dual arm, spatial", "SpaceCapture/DualArmSpatial-v0", {}),
 )
 
+ROBOT_HELP = "robots by name or description file (default: the built-in ones of every id)"
+
 
 def simulated_robots(sources: Sequence[str]) -> tuple[SimulatedRobot, ...]:
     """Robots by name or description file, each in the first task that takes it; the built-in ones for none.
@@ -42,9 +44,6 @@ def simulated_robots(sources: Sequence[str]) -> tuple[SimulatedRobot, ...]:
         return ROBOTS
     robots = [find_robot(source, measure=measured_steps) for source in sources]
     return tuple(SimulatedRobot(robot.name, task_of(robot), {"robot": robot}) for robot in robots)
-
-
-ROBOT_HELP = "robots by name or description file (default: the built-in ones of every id)"
 
 
 class SimulatedMotion(NamedTuple):

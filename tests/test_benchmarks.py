@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from offenders import assert_none
+from robot_descriptions import SIX_JOINTS
 
-from benchmarks import planners, simulated
+from benchmarks import limits, planners, simulated
 from benchmarks.__main__ import main, names
 from space_envs.errors import ConfigurationError
 
@@ -91,6 +92,17 @@ def test_robots_that_are_unknown_or_do_not_fit_are_refused(monkeypatch: pytest.M
             monkeypatch.setattr(sys, "argv", [f"benchmarks/{name}.py", "--robot", robot])
             with pytest.raises(ConfigurationError, match=said):
                 import_module(f"benchmarks.{name}").main()
+
+
+def test_limits_of_any_robot(tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text(SIX_JOINTS)
+    mine, planar = simulated.simulated_robots([str(file), "shah2013"])
+    assert (mine.name, mine.env_id) == ("mine", "SpaceCapture/SingleArm-v0")
+    assert (planar.name, planar.env_id) == ("shah2013", "SpaceCapture/DualArmPlanar-v0")
+    found = limits.run(mine, "joint_velocity", 0.1, 0.0125, 2, 0)
+    assert 0.0 < found.drift <= 1e-6 and 0.5 < found.rate < 1.5 and found.distance > 0.05
+    assert simulated.simulated_robots([]) == simulated.ROBOTS
 
 
 def test_wider_limits_are_of_the_benchmark_alone() -> None:
