@@ -182,6 +182,9 @@ def test_datasets_name_their_robot(here: Path, capsys) -> None:
 
 @pytest.mark.usefixtures("brief_reports")
 def test_a_policy_is_trained_for_the_robot_alone(here: Path, capsys) -> None:
+    for words in (["--robot", FILE], ["--env-kwargs", f"robot={FILE}"]):
+        assert train([*PPO, *words, "--dry-run"]) == 0
+        assert f'"robot" = "{here}/{FILE}"' in capsys.readouterr().out
     assert train([*PPO, *QUICK, "--robot", FILE, "--output", "run"]) == 0
     config = json.loads(Path("run/config.json").read_text())
     assert config["robot"]["digest"] == find_robot(FILE).digest

@@ -1,6 +1,7 @@
 """The options of commands that choose a robot."""
 
 import argparse
+import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -26,9 +27,14 @@ def robot_words(keywords: Mapping[str, Any]) -> str:
 
 
 def robot_keywords(options: argparse.Namespace) -> dict[str, Any]:
-    """Keywords of a task that the two options set; a file has its absolute path, as other processes need."""
+    """Keywords of a task that the two options set; a file has its absolute path."""
     given = {"robot": options.robot, "variant": options.variant}
-    found = {name: value for name, value in given.items() if value is not None}
-    if is_path(found.get("robot", "")):
-        found["robot"] = str(Path(found["robot"]).expanduser().absolute())
-    return found
+    return with_absolute_path({name: value for name, value in given.items() if value is not None})
+
+
+def with_absolute_path(keywords: Mapping[str, Any]) -> dict[str, Any]:
+    """Keywords of a task; a robot's file has its absolute path, as other processes and folders need it."""
+    robot = keywords.get("robot")
+    if isinstance(robot, str) and is_path(robot):
+        return {**keywords, "robot": os.path.abspath(os.path.expanduser(robot))}
+    return dict(keywords)

@@ -5,7 +5,7 @@ import json
 from collections.abc import Sequence
 from typing import Any, get_args
 
-from agents.commands.robots import add_robot, robot_keywords
+from agents.commands.robots import add_robot, robot_keywords, with_absolute_path
 from agents.learning.runs.hyperparameters import ALGORITHMS, AnyHyperparameters, described, to_json
 from agents.learning.runs.settings import DEFAULT_ALGORITHM, DEFAULT_ENV, OPTIONS, Settings
 from agents.learning.runs.warm_start import DEFAULT_EXPERTS
@@ -105,8 +105,9 @@ def given_options(parsed: argparse.Namespace) -> dict[str, Any]:
     given |= {name: value for name in names if (value := getattr(parsed, name)) is not None}
     if parsed.env_kwargs is not None:
         given["env_kwargs"] = environment_keywords(parsed.env_kwargs)
-    if robot := robot_keywords(parsed):
-        given["env_kwargs"] = {**given.get("env_kwargs", {}), **robot}
+    keywords = given.get("env_kwargs", {})
+    if isinstance(keywords, dict) and (given_keywords := {**keywords, **robot_keywords(parsed)}):
+        given["env_kwargs"] = with_absolute_path(given_keywords)
     return given
 
 
