@@ -25,9 +25,10 @@ from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError, GoalError
 from space_envs.policy import Needs, PolicyContext
 from space_envs.registration import make_task
-from space_envs.robots.robot import Robot, Target
+from space_envs.robots.robot import Robot, StepLimits, Target
 from space_envs.robots.zoo import find_robot, register_robot
 from space_envs.tasks.common import DIFFICULTIES, SPLITS
+from space_envs.tasks.dual_arm_planar import DualArmPlanarTask
 from space_envs.tasks.goals import poses
 from space_envs.tasks.goals.stored import stored_draws
 from space_envs.tasks.goals.tumbling import RENDEZVOUS_TIME
@@ -203,6 +204,20 @@ def test_searched_draws_are_kept_by_robot_and_survive_damage(robots: dict[str, R
         assert len(calls) == searches
     stored_draws(robots[TWO_SIX], "mine-0", find)
     assert len(calls) == 4
+
+
+def test_stored_draws_are_those_of_their_robot_alone(robots: dict[str, Robot]) -> None:
+    """A task of a user, whose own robot is another, does not take them."""
+
+    class OtherRobotTask(DualArmPlanarTask):
+        own_robot = "planar_four_of_a_user"
+
+    register_robot("planar_four_of_a_user", robots[PLANAR_FOUR])
+    assert DualArmPlanarTask().frozen and not OtherRobotTask().frozen
+    assert not DualArmPlanarTask(mounts=((0.5, 0.1), (-0.5, 0.1))).frozen
+    assert DualArmPlanarTask(mounts=((0.5, 0.0), (-0.5, 0.0))).frozen
+    own = find_robot("shah2013")
+    assert DualArmPlanarTask(robot=replace(own, steps=StepLimits(0.01, 0.01, 0.1))).frozen
 
 
 def test_a_robot_without_room_for_goals_says_so(robots: dict[str, Robot]) -> None:

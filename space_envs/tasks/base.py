@@ -76,6 +76,7 @@ class CaptureTask:
     # Defined by subclasses.
     version: ClassVar[int] = 2  # of the task in records, raised with every change that affects a metric
     own_robot: ClassVar[str]  # name of the robot that is used by default
+    frozen_robot: ClassVar[str | None] = None  # of the one whose draws of goals are stored with the package
     arms: ClassVar[int]  # how many the robot must have
     planar: ClassVar[bool] = False  # whether the robot must move in the plane
     difficulties: ClassVar[tuple[str, ...]] = DIFFICULTIES  # sizes of the goal region
@@ -217,10 +218,12 @@ class CaptureTask:
 
     @cached_property
     def frozen(self) -> bool:
-        """Whether the robot is the id's own, whose draws of goals are stored with the package."""
+        """Whether the draws of goals of the robot are stored with the package."""
+        if self.frozen_robot is None:
+            return False
         try:
-            own = find_robot(self.own_robot, self.variant)
-        except ConfigurationError:  # the robot's variant is not one of the id's own robot
+            own = find_robot(self.frozen_robot, self.variant)
+        except ConfigurationError:  # that robot has no such variant
             return False
         return replace(self.robot, steps=own.steps).digest == own.digest
 

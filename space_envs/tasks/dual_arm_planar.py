@@ -80,7 +80,7 @@ class DualArmPlanarTask(TumblingTargetTask):
     horizon: int = 300
     mounts: tuple[tuple[float, float], ...] | None = None
 
-    own_robot = "shah2013"
+    own_robot = frozen_robot = "shah2013"
     planar = True
     dense_reward = tuple(term for term in DENSE if term.name != "orientation")
     kind = "planar"

@@ -104,7 +104,7 @@ class DualArmSpatialTask(TumblingTargetTask):
     horizon: int = 300
     envelope: CaptureEnvelope = field(default_factory=ApproachEnvelope)
 
-    own_robot = "spatial_dual_arm"
+    own_robot = frozen_robot = "spatial_dual_arm"
     kind = "spatial"
     draws = Draws(
         reach=2.3,

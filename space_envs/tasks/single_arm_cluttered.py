@@ -41,6 +41,7 @@ _FILE = "single_arm_cluttered_draws.npz"
 class SingleArmClutteredTask(SingleArmTask):
     """The same arm reaches a static grapple pose around spheres that block the direct path."""
 
+    frozen_robot = "shyam2020"
     split_sizes = CLUTTERED_SPLIT_SIZE
 
     @cached_property
