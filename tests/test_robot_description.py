@@ -141,6 +141,12 @@ def test_robots_are_found_by_name_file_and_value(tmp_path: Path) -> None:
         register_robot("shyam2020", file)
     with pytest.raises(ConfigurationError, match="no file"):
         find_robot(tmp_path / "none.toml")
+    (tmp_path / "arm.urdf").touch()
+    for arm in (tmp_path / "arm.urdf", f"{tmp_path}/arm.urdf"):
+        with pytest.raises(ConfigurationError, match=r"TOML.*\[\[arm\]\] file = 'arm.urdf'"):
+            find_robot(arm)
+    with pytest.raises(ConfigurationError, match="there is no file .*none.xml"):
+        find_robot("none.xml")
     file.write_text((SATELLITE + ARM).replace("120.0", "130.0"))
     assert find_robot(file).satellite.inertial.mass == 130.0
 
@@ -149,6 +155,9 @@ REFUSED = {
     "unknown key": ("mass = 120.0", "mas = 120.0", "[satellite] unknown key 'mas'", "Did you mean 'mass'"),
     "no satellite": (SATELLITE, "", "lacks 'satellite'", ""),
     "no arm": (ARM, "", "one or two [[arm]] tables, got 0", ""),
+    "one arm": ("[[arm]]", "[arm]", "arm must be a list of tables, got {'mount'", "write [[arm]]"),
+    "long name": (SATELLITE, f'name = "{"x" * 101}"\n{SATELLITE}', "name must be", "at most 100"),
+    "two lines": (SATELLITE, f'name = "x\\ny"\n{SATELLITE}', "name must be", "printable"),
     "no mass": (", mass = 6.0", "", "[arm 1.links 2] lacks 'mass', in kg", ""),
     "negative mass": ("mass = 6.0", "mass = -6.0", "mass must be a finite positive number", "-6.0"),
     "text for a number": ("a = 0.8", 'a = "0.8"', "[arm 1.links 2] a must be a finite number", ""),
@@ -188,6 +197,12 @@ REFUSED = {
         SATELLITE + "[simulation]\ntimestep = 0.02\nlargest_timestep = 0.01\n",
         "timestep must be at most largest_timestep",
         "",
+    ),
+    "long step": (
+        SATELLITE,
+        SATELLITE + "[simulation]\ntimestep = 1.0\n",
+        "[simulation] largest_timestep must be at most largest_control_period",
+        "1.0",
     ),
     "list of links": ("links = [", "links = 3\nother = [", "unknown key 'other'", ""),
     "mesh": ("mass = 120.0", 'mass = 120.0\nmesh = "bus.stl"', "there is no mesh", "bus.stl"),

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from space_envs.errors import unknown_name
+from space_envs.errors import shown, unknown_name
 from space_envs.robots.description.mounting import assembled
 from space_envs.robots.description.planes import check_plane
 from space_envs.robots.description.satellites import SATELLITE_KEYS
@@ -33,6 +33,7 @@ ARM_KEYS = (
 )
 SIMULATION_KEYS = ("timestep", "largest_timestep", "largest_control_period")
 VIEW_KEYS = ("overview", "chase", "earth", "sun")
+LONGEST_NAME = 100  # characters; names become parts of file names
 PROVISIONAL = StepLimits(0.002, 0.002, 0.1)  # of a robot whose time steps are yet to be measured
 
 
@@ -62,7 +63,7 @@ def read_robot(
     if planar:
         check_plane(arms, built)
     robot = Robot(
-        name=table.text("name", path.stem),
+        name=_name(table, path),
         variant=chosen,
         satellite=satellite,
         arms=built,
@@ -77,6 +78,14 @@ def read_robot(
     elif "target" in table:
         raise table.error("[target] describes what two arms capture, and this robot has one arm")
     return replace(robot, steps=_steps(table, robot, measure))
+
+
+def _name(table: DescriptionTable, path: Path) -> str:
+    """Name of the robot; that of its file if it has none."""
+    name = table.text("name", path.stem)
+    if not name.isprintable() or len(name) > LONGEST_NAME:
+        raise table.error(f"name must be at most {LONGEST_NAME} printable characters, got {shown(name)}")
+    return name
 
 
 def _of_variant(table: DescriptionTable, content: Mapping[str, Any], variant: str | None) -> dict[str, Any]:
@@ -114,6 +123,10 @@ def _steps(
     if step > largest:
         raise simulation.error(f"timestep must be at most largest_timestep, got {step} and {largest} s")
     period = simulation.positive("largest_control_period", measured.largest_control_period)
+    if largest > period:
+        raise simulation.error(
+            f"largest_timestep must be at most largest_control_period, got {largest} and {period} s"
+        )
     return StepLimits(step, largest, period)
 
 

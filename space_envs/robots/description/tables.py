@@ -103,7 +103,8 @@ class DescriptionTable:
         """List of tables within this one, such as `[[arm]]`."""
         values = self.get(key, [])
         if not isinstance(values, list):
-            raise self.error(f"{key} must be a list of tables, got {shown(values)}")
+            hint = "" if self.name else f": write [[{key}]]"
+            raise self.error(f"{key} must be a list of tables, got {shown(values)}{hint}")
         name = f"{self.name}.{key}" if self.name else key
         return [
             DescriptionTable(value, self.file, f"{name} {n}", keys) for n, value in enumerate(values, start=1)

@@ -15,6 +15,7 @@ Source = str | Path | Robot
 Measure = Callable[[Robot], StepLimits]
 _FOLDER = Path(str(files("space_envs") / "robots" / "zoo"))
 _SUFFIX = ".toml"
+_ARM_SUFFIXES = (".urdf", ".xacro", ".xml", ".mjcf")
 _SOURCES: dict[str, Path | Robot] = {file.stem: file for file in sorted(_FOLDER.glob(f"*{_SUFFIX}"))}
 _FOUND: dict[str, tuple[str, str | None]] = {}  # sources and variants of robots by their digests
 
@@ -49,7 +50,9 @@ def register_robot(name: str, source: str | Path | Robot) -> None:
         ConfigurationError: for a name that is another robot's, or a file that does not exist.
     """
     if not isinstance(name, str) or not name.strip() or is_path(name):
-        raise ConfigurationError(f"the name of a robot is a text without / and {_SUFFIX}, got {shown(name)}")
+        raise ConfigurationError(
+            f"the name of a robot is a text without / that is no file name, got {shown(name)}"
+        )
     value = source if isinstance(source, Robot) else Path(source).absolute()
     if isinstance(value, Path) and not value.is_file():
         raise ConfigurationError(f"there is no file {str(value)!r}")
@@ -97,7 +100,7 @@ def _existing(source: str | Path) -> Path:
     """Absolute path of a description.
 
     Raises:
-        ConfigurationError: if it is not a file, with the nearest description in its folder.
+        ConfigurationError: if it is no file, with the nearest description in its folder, or an arm's.
     """
     path = Path(os.path.expanduser(source)).absolute()
     if os.path.isdir(path):
@@ -105,6 +108,12 @@ def _existing(source: str | Path) -> Path:
     if not os.path.isfile(path):
         near = [each.name for each in path.parent.glob(f"*{_SUFFIX}")] if os.path.isdir(path.parent) else []
         raise no_path("file", path, near)
+    if path.suffix in _ARM_SUFFIXES:
+        raise ConfigurationError(
+            f"robot: {str(path)!r} is the file of an arm, expected a description (TOML), which says on what "
+            f"satellite it stands: [satellite] mass = 100.0, size = 0.7, and [[arm]] file = {path.name!r}, "
+            "mount = { position = [0.0, 0.0, 0.35] }, home = [...]"
+        )
     return path
 
 
@@ -119,5 +128,5 @@ def _read(path: Path, changed: int, variant: str | None, measure: Measure | None
 
 
 def is_path(text: str) -> bool:
-    """Whether a text is the path of a description rather than a robot's name."""
-    return text.endswith(_SUFFIX) or "/" in text or "\\" in text
+    """Whether a text is the path of a file rather than a robot's name."""
+    return text.endswith((_SUFFIX, *_ARM_SUFFIXES)) or "/" in text or "\\" in text
