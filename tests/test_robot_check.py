@@ -212,6 +212,20 @@ def test_the_command_prints_the_figures_tests_the_robot_and_writes_the_page(
     assert "have no acceleration limits and get" in text
 
 
+def test_a_robot_without_goals_gets_its_page_all_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    without = {", 0.0]\nlinks": "]\nlinks", "  { d = 0.15, mass = 1.5 },\n": "", ", 10.0]": "]"}
+    five = SIX_JOINTS.replace(", [-3.0, 3.0]]", "]")
+    for text, instead in without.items():
+        five = five.replace(text, instead)
+    described(tmp_path, five)
+    assert main(["check", "six_joints.toml", "--no-pictures"]) == 0
+    assert "Implausible (goals): no task takes robot" in capsys.readouterr().out
+    assert (tmp_path / "six_joints_check.html").is_file()
+
+
 def test_what_is_wrong_with_the_command_line_is_said(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -71,12 +71,11 @@ def run(arguments: Sequence[str]) -> int:
     findings = implausible(figures)
     _print_figures(console, figures, findings)
     tables = list(figure_tables(figures))
-    tests = _tests(robot) if options.test else []
+    env_id = None if figures.goals else task_of(robot)
+    tests = _tests(robot, env_id) if options.test else []
     more = [verification_table(tests)] if tests else []
-    if not options.no_planners:
-        reached = planner_figures(
-            options.robot, task_of(robot), options.goals, options.planners, options.variant
-        )
+    if not options.no_planners and env_id is not None:
+        reached = planner_figures(options.robot, env_id, options.goals, options.planners, options.variant)
         more.append(planner_table(reached, SPLIT))
     for table in more:
         _print_table(console, table)
@@ -84,8 +83,8 @@ def run(arguments: Sequence[str]) -> int:
     return int(any(test.passed is False for test in tests))
 
 
-def _tests(robot: Robot) -> list[Verification]:
-    return list(tqdm(verify(robot, task_of(robot)), unit="test", desc="tests", leave=False))
+def _tests(robot: Robot, env_id: str | None) -> list[Verification]:
+    return list(tqdm(verify(robot, env_id), unit="test", desc="tests", leave=False))
 
 
 def _write(
