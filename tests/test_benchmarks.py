@@ -23,6 +23,7 @@ NUMBERS = {
     "optimal": ("--goals", "--jobs"),
     "planners": ("--episodes",),
     "planning": ("--goals",),
+    "reactionless_paths": ("--goals", "--horizon"),
     "robot_figures": (),
     "robots": ("--goals",),
     "speed": ("--rounds",),

@@ -166,7 +166,10 @@ POSES = ["minimum_jerk", "gjm", "mpc", "promp", "promp_mean", "ocp", "promp_opti
 REACTIONLESS = ["reactionless", "reactionless_local", "reactionless_free", "reactionless_rate"]
 CLONES = ["bc", "bc_reactionless"]
 OFFERED = {
-    SINGLE: [*ANYWHERE, *POSES, "promp_feedback", "promp_demonstrated", "nmpc", "bc", "ppo"],
+    SINGLE: [
+        *(*ANYWHERE, *POSES, "promp_feedback", "promp_demonstrated"),
+        *("promp_reactionless", "nmpc", "bc", "ppo"),
+    ],
     "SpaceCapture/SingleArmCluttered-v0": [*ANYWHERE, *POSES, "promp_avoiding"],
     IDS[0]: [*ANYWHERE, *REACTIONLESS, "reactionless_ocp", *CLONES],
     IDS[1]: [*ANYWHERE, *REACTIONLESS, *CLONES],

@@ -8,6 +8,7 @@ from agents.planners.single_arm.check import check
 from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.reactionless.paths import FUNCTIONS, PathSpace
 from agents.planners.single_arm.reactionless.planner import ReactionlessPlanner, Timing
+from agents.policies.single_arm.reactionless.policy import PrompReactionless
 from agents.policies.single_arm.reactionless.problem import path_limits
 from space_envs.dynamics.rotations import to_matrix
 from space_envs.envs import CaptureVectorEnv
@@ -106,3 +107,32 @@ def test_what_cannot_be_planned_is_a_failure_with_its_reason() -> None:
         assert failure.cause is cause and words in failure.reason
     with pytest.raises(ConfigurationError, match="Did you mean 'shortest'"):
         ReactionlessPlanner(ROBOT, LIMITS, timing="shorter")  # pyright: ignore[reportArgumentType]
+
+
+def test_captures_turn_the_satellite_by_a_hundredth_of_a_degree_at_most_whatever_its_mass() -> None:
+    """Played by MuJoCo, whose drives and masses the planner does not know; the rows differ in mass alone."""
+    scales = np.array([1.0, 0.9, 1.1])
+    for number in (5, 8):
+        env = CaptureVectorEnv(ID, len(scales), autoreset_mode="disabled")
+        policy = PrompReactionless(PolicyContext.from_env(env))
+        rows, state, start = np.arange(len(scales)), None, None
+        observation, _ = env.reset(options={"split": "validation", "index": np.full(len(scales), number)})
+        env.simulation.scale_base(rows, scales)
+        env.simulation.refresh(rows)
+        env.drive.reset(rows)
+        running, peak, captured = np.ones(3, dtype=bool), np.zeros(3), np.zeros(3, dtype=bool)
+        while running.any():
+            action, state = policy.predict(observation, state, start)
+            start = np.zeros(3, dtype=bool)
+            observation, _, terminated, truncated, info = env.step(action)
+            peak = np.where(running, np.maximum(peak, np.rad2deg(env.task.attitude(observation))), peak)
+            captured |= running & (np.array(info["outcome"]) == "captured")
+            running &= ~(terminated | truncated)
+        assert captured.all()
+        assert peak[0] < 1e-3 and peak.max() < 0.02
+
+
+def test_robots_with_too_few_joints_are_refused_with_the_reason() -> None:
+    env = CaptureVectorEnv(ID, 1, robot="ur10")
+    reasons = PrompReactionless.needs.missing(PolicyContext.from_env(env))
+    assert reasons == ["it needs arms of at least 7 joints, those of 'ur10' have 6"]

@@ -65,6 +65,10 @@ POLICIES: dict[str, RegisteredPolicy] = {
         "agents.policies.single_arm.weights:PrompOptimalKept",
         "the same with the initial attitude again at the end",
     ),
+    "promp_reactionless": RegisteredPolicy(
+        "agents.policies.single_arm.reactionless.policy:PrompReactionless",
+        "least eq. 20 among paths in the reaction null space, all limits: the satellite never turns",
+    ),
     "promp_demonstrated": RegisteredPolicy(
         "agents.policies.single_arm.weights:PrompDemonstrated",
         "best of 100 samples of ProMPs of optimal demonstrations, conditioned in task space",

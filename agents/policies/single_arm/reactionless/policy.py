@@ -50,8 +50,8 @@ class PrompReactionless(FollowingPolicy):
         latest = np.maximum(latest_arrival(context) - time, context.control_period)
         asked = reaches(context, observation, keep_attitude=True)
         plans = self.plan([replace(one, duration=t) for one, t in zip(asked, latest, strict=True)])
-        count = int(np.ceil(latest.max() / context.control_period)) + 1
-        times = np.arange(count) * context.control_period
+        count = int(np.ceil(latest.max(initial=context.control_period) / context.control_period))
+        times = np.arange(count + 1) * context.control_period
         return sampled_plans(read(observation, "joint_position"), plans, times, time)
 
     def track(self, observation: Array, plans: FollowedPlans, reference: Reference) -> Array:
