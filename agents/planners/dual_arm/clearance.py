@@ -119,8 +119,8 @@ def gaps(
         result["arms"] = apart.min(axis=1) - 2.0 * around.radius
     if around.bus is not None:
         free = links.order >= around.standing
-        ends = (point[:, free] - around.bus_centre for point in (root, end))
-        apart = box_distance(*ends, around.bus)
+        first, second = (point[:, free] - around.bus_centre for point in (root, end))
+        apart = box_distance(first, second, around.bus)
         result["bus"] = apart.min(axis=1) - around.radius
     if around.target is not None and around.motion is not None:
         position, quaternion = around.motion(time) if poses is None else poses

@@ -135,8 +135,8 @@ class _Pairs:
             boxes.append((a + counted * (b - a), b, shared[:3], shared[10]))
         if not self._planar:
             counts = shared[9] <= float(self._links.order[link])
-            ends = (point - shared[11:14] for point in (begin, end))
-            boxes.append((*ends, shared[3:6], ca.if_else(counts, shared[7], -FAR)))
+            first, second = (point - shared[11:14] for point in (begin, end))
+            boxes.append((first, second, shared[3:6], ca.if_else(counts, shared[7], -FAR)))
         for a, b, half, required in boxes:
             at = ca.SX.sym("at")
             self._add(box_distance(a + at * (b - a), half), required, nearest_to_box(a, b, half), at)
