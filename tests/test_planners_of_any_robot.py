@@ -1,4 +1,4 @@
-"""Planners on robots that are not this package's: arms of six and eight joints, two planar arms of four."""
+"""Planners on robots that are not this package's: arms of six and eight joints, two arms of four and of six."""
 
 import json
 import shlex
@@ -30,10 +30,13 @@ from space_envs.robots.robot import Robot
 from space_envs.robots.zoo import find_robot
 
 ROBOTS = Path(__file__).parent / "data" / "robots"
-SIX, EIGHT, FOUR_AND_FOUR = (
-    str(ROBOTS / f"{name}.toml") for name in ("six_joints", "eight_joints", "planar_four_and_four")
+SIX, EIGHT, FOUR_AND_FOUR, SIX_AND_SIX = (
+    str(ROBOTS / f"{name}.toml")
+    for name in ("six_joints", "eight_joints", "planar_four_and_four", "spatial_six_and_six")
 )
-SINGLE, PLANAR = "SpaceCapture/SingleArm-v0", "SpaceCapture/DualArmPlanar-v0"
+SINGLE, PLANAR, SPATIAL = (
+    f"SpaceCapture/{name}-v0" for name in ("SingleArm", "DualArmPlanar", "DualArmSpatial")
+)
 
 
 @cache
@@ -77,6 +80,7 @@ def test_two_planar_arms_of_four_joints_capture() -> None:
         ("reactionless_local", PLANAR, FOUR_AND_FOUR, 0.6),
         ("reactionless_ocp", PLANAR, FOUR_AND_FOUR, 0.6),
         ("reactionless_free", PLANAR, FOUR_AND_FOUR, 0.9),
+        ("reactionless_rate", SPATIAL, SIX_AND_SIX, 0.3),  # one joint less than a rendezvous asks for
     ],
 )
 def test_most_goals_are_captured(policy: str, env_id: str, robot: str, least: float) -> None:
@@ -189,7 +193,7 @@ def test_files_of_another_robot_are_refused(made: Path, capsys: pytest.CaptureFi
 
 
 def test_what_ships_is_for_the_robots_of_the_ids() -> None:
-    for env_id in (SINGLE, "SpaceCapture/DualArmPlanar-v0", "SpaceCapture/DualArmSpatial-v0"):
+    for env_id in (SINGLE, PLANAR, SPATIAL):
         assert PolicyContext.from_env(CaptureVectorEnv(env_id)).robot.digest in shipped_robots()
     assert find_robot("shyam2020", "physical").digest in shipped_robots()
 
