@@ -1,4 +1,4 @@
-"""Planners on robots that are not this package's: arms of six and eight joints, two arms of four and of six."""
+"""Planners on robots of others: arms of six and eight joints, two planar arms of four, two of six in space."""
 
 import json
 import shlex
