@@ -1,4 +1,4 @@
-"""Planners on robots of others: arms of six and eight joints, two planar arms of four, two of six in space."""
+"""Planners on other robots: arms of six and eight joints, two planar arms of four, two of six in space."""
 
 import json
 import shlex
