@@ -127,6 +127,20 @@ arm = [{{ rotor_inertia = 0.5 }}]
         read(tmp_path, text, "hevy")
 
 
+def test_the_mesh_of_a_satellite_has_one_scale_or_three_and_may_be_in_a_package(tmp_path: Path) -> None:
+    (tmp_path / "models").mkdir()
+    (tmp_path / "models" / "bus.stl").touch()
+    mesh, packages = 'mesh = "package://bus_models/bus.stl"\n', '[packages]\nbus_models = "models"\n'
+    for scale, expected in (("0.001", [0.001] * 3), ("[1.0, 2.0, 3.0]", [1.0, 2.0, 3.0])):
+        satellite = f"{SATELLITE}{mesh}mesh_scale = {scale}\n"
+        visual = read(tmp_path, satellite + packages + ARM).satellite.visuals[0]
+        assert visual.mesh == tmp_path / "models" / "bus.stl" and list(visual.size) == expected
+    with pytest.raises(ConfigurationError, match="no package 'bus_models'"):
+        read(tmp_path, SATELLITE + mesh + ARM)
+    with pytest.raises(ConfigurationError, match="mesh_scale must be positive, got -1"):
+        read(tmp_path, f"{SATELLITE}{mesh}mesh_scale = -1\n" + packages + ARM)
+
+
 def test_robots_are_found_by_name_file_and_value(tmp_path: Path) -> None:
     file = written(tmp_path, SATELLITE + ARM)
     robot = find_robot(file)

@@ -10,6 +10,7 @@ from space_envs.errors import shown
 from space_envs.robots.description.arms import DescribedArm
 from space_envs.robots.description.contact_shape import explicit_shape
 from space_envs.robots.description.importing.arms import imported_arms
+from space_envs.robots.description.importing.files.packages import Packages
 from space_envs.robots.description.inline import inline_arm
 from space_envs.robots.description.satellites import read_satellite
 from space_envs.robots.description.shape.contact import ContactShape, contact_shape
@@ -33,12 +34,13 @@ def assembled(
     Raises:
         ConfigurationError: for anything that is missing or not valid.
     """
-    arms = _described(robot, tables)
+    packages = _packages(robot)
+    arms = _described(tables, packages)
     mounts = [_pose(table, "mount") for table in tables]
     pairs = list(zip(arms, mounts, strict=True))
     fixed = [moved(arm.root, *mount) for arm, mount in pairs if arm.root is not None]
     drawn = tuple(_moved(visual, mount) for arm, mount in pairs for visual in arm.root_visuals)
-    body = read_satellite(satellite, fixed, drawn)
+    body = read_satellite(satellite, fixed, drawn, packages)
     origin = Pose(np.array(body.box_centre), np.array(IDENTITY))
     built, notes = [], []
     for arm, mount in pairs:
@@ -51,12 +53,12 @@ def assembled(
     return body, tuple(built), tuple(dict.fromkeys(notes))
 
 
-def _described(robot: DescriptionTable, tables: Sequence[DescriptionTable]) -> list[DescribedArm]:
+def _described(tables: Sequence[DescriptionTable], packages: Packages) -> list[DescribedArm]:
     """Arms as their tables and files describe them."""
     for table in tables:
         if ("links" in table) == ("file" in table):
             raise table.error("needs either 'file', a URDF or MJCF file, or 'links', a list of tables")
-    imported = iter(imported_arms([table for table in tables if "file" in table], _packages(robot)))
+    imported = iter(imported_arms([table for table in tables if "file" in table], packages))
     arms = [next(imported) if "file" in table else inline_arm(table) for table in tables]
     return [
         _with_capsules(_with_tool_offset(arm, table), table) for arm, table in zip(arms, tables, strict=True)

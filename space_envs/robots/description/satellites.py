@@ -1,12 +1,12 @@
 """The satellite of a description."""
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
 from space_envs.checks import numbers
-from space_envs.errors import shown
+from space_envs.errors import ConfigurationError, shown
+from space_envs.robots.description.importing.files.packages import Packages, resolve
 from space_envs.robots.description.tables import DescriptionTable
 from space_envs.robots.inertias import box_moments, combined, principal, vector
 from space_envs.robots.robot import Inertial, Satellite, Visual
@@ -15,22 +15,20 @@ SATELLITE_KEYS = ("mass", "size", "inertia", "mesh", "mesh_scale", "reachable")
 
 
 def read_satellite(
-    table: DescriptionTable, fixed: Sequence[Inertial], visuals: tuple[Visual, ...]
+    table: DescriptionTable, fixed: Sequence[Inertial], visuals: tuple[Visual, ...], packages: Packages
 ) -> Satellite:
     """The satellite with everything that is fixed to it; its frame is at their common centre of mass.
 
     Args:
         table: [satellite]. fixed: mass properties of the roots of the arms, in the frame of the satellite
-            without them. visuals: what is drawn of them, in the same frame.
+            without them. visuals: what is drawn of them, in the same frame. packages: where `package://NAME`
+            lies, by name.
     """
-    size = table.get("size", hint=": the sides of its box in m")
-    sides = table.vector("size", 3) if isinstance(size, list) else (table.positive("size"),) * 3
-    if not min(sides) > 0.0:
-        raise table.error(f"size must be positive, got {shown(size)}")
+    sides = _along_axes(table, "size", hint=": the sides of its box in m")
     own = _inertial(table, table.positive("mass", hint=", in kg"), sides)
     whole = combined([own, *fixed])
     centre = np.array(whole.centre)
-    mesh = _mesh(table)
+    mesh = _mesh(table, packages)
     drawn = tuple(_shifted(visual, -centre) for visual in ((*mesh, *visuals) if mesh else visuals))
     return Satellite(
         inertial=Inertial(whole.mass, whole.moments, axes=whole.axes),
@@ -64,15 +62,27 @@ def _inertial(table: DescriptionTable, mass: float, sides: tuple[float, ...]) ->
     return body
 
 
-def _mesh(table: DescriptionTable) -> tuple[Visual, ...]:
+def _along_axes(table: DescriptionTable, key: str, hint: str = "") -> tuple[float, float, float]:
+    """Three positive numbers, along x, y and z, from three or one."""
+    value = table.get(key, hint=hint)
+    found = table.vector(key, 3) if isinstance(value, list) else (table.number(key),) * 3
+    if not min(found) > 0.0:
+        raise table.error(f"{key} must be positive, got {shown(value)}")
+    return found
+
+
+def _mesh(table: DescriptionTable, packages: Packages) -> tuple[Visual, ...]:
     name = table.text("mesh", None)
     if name is None:
         return ()
-    path = (table.file.parent / name).resolve()
+    try:
+        path = resolve(name, table.file, packages).resolve()
+    except ConfigurationError as error:
+        raise table.error(str(error)) from None
     if not path.is_file():
         raise table.error(f"there is no mesh {str(path)!r}")
-    scale = table.vector("mesh_scale", 3, (1.0, 1.0, 1.0))
-    return (Visual("mesh", scale, mesh=Path(path)),)
+    scale = _along_axes(table, "mesh_scale") if "mesh_scale" in table else (1.0, 1.0, 1.0)
+    return (Visual("mesh", scale, mesh=path),)
 
 
 def _shifted(visual: Visual, by: np.ndarray) -> Visual:
