@@ -310,12 +310,13 @@ class Robot:
         return np.array([joint.torque_limit for joint in self.joints])
 
 
+_DIGITS = 12  # of a number in a digest, significant and behind the point
 _DRAWN = ("visuals", "bus", "view")  # fields of what is only drawn
 _NOTES = "notes"  # a robot's digest is that of the same robot without any
 
 
 def _numbers(value: Any) -> Iterator[str]:
-    """Numbers of a value in the order of its fields, all digits, with the names of its fields."""
+    """Numbers of a value in the order of its fields, with the names of its fields."""
     if isinstance(value, str):
         return
     if is_dataclass(value):
@@ -330,4 +331,5 @@ def _numbers(value: Any) -> Iterator[str]:
     elif value is None or isinstance(value, bool | int):
         yield repr(value)
     else:
-        yield float(value).hex()
+        # Not to the last bit, which depends on a machine's mathematical functions.
+        yield f"{round(float(value), _DIGITS) + 0.0:.{_DIGITS}g}"
