@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from space_envs.robots.check.figures.conditioning import ConditioningFigures, conditioning
 from space_envs.robots.check.figures.contacts import HomeGap, home_gaps
 from space_envs.robots.check.figures.goals import goal_problem
@@ -50,11 +48,6 @@ class RobotFigures:
     def rate(self) -> float:
         """Largest joint rate in all control modes, relative to its limit."""
         return max(mode.rate for mode in self.modes)
-
-    @property
-    def home_room(self) -> float:
-        """Least distance of a joint at home from the end of its range, rad."""
-        return float(np.abs(self.robot.joint_range - self.robot.home[:, None]).min())
 
 
 def robot_figures(robot: Robot) -> RobotFigures:
