@@ -183,7 +183,7 @@ def changed(**values: Any) -> bytes:
         ({"control_mode": "joint_velocty"}, "Did you mean 'joint_velocity'"),
         ({"notes": []}, "notes must be dict"),
         ({"format": True}, "format must be int"),
-        ({"format": 2}, "format 2 is not known"),
+        ({"format": 3}, "format 3 is not known"),
         ({"activation": ["tanh"]}, "activation must be str"),
         ({"features": [["joint_position", "plain", True]]}, "scale of feature joint_position"),
         ({"features": [["joint_position", "plain", float("inf")]]}, "scale of feature joint_position"),
