@@ -154,7 +154,9 @@ def test_a_failing_run_leaves_the_others_alone_and_is_named(
         found["seed-1"]["error"] == "PolicyError: it raised RuntimeError: out of ideas second line (step 0)"
     )
     assert found["seed-2"]["summary"]["steps"] == 320
-    assert f"{tmp_path / 'out' / 'seed-1'} failed: PolicyError: it raised RuntimeError: out of ideas" in said.err
+    assert (
+        f"{tmp_path / 'out' / 'seed-1'} failed: PolicyError: it raised RuntimeError: out of ideas" in said.err
+    )
     assert "over 2 seeds" in said.out
     trace = (tmp_path / "out" / "seed-1" / "error.txt").read_text()
     assert "in predict" in trace and "second line" in trace
