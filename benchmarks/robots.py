@@ -23,8 +23,8 @@ POLICIES = {
 GOALS, QUICK_GOALS = 50, 3  # medium test goals of each policy
 ATTITUDE_METRIC = "capture@0.1deg"
 HEAD = (
-    *("robot", "policy", "captured, %", "kept-attitude score", "final attitude, deg", "within 0.1 deg, %"),
-    *("time to capture, s", "planning, ms", "not captured"),
+    *("robot", "policy", "captured", "within 0.1 deg", "kept-attitude score", "final attitude, deg"),
+    *("time to capture, s", "not captured"),
 )
 
 
@@ -50,18 +50,16 @@ def rows_of(name: str, env_id: str, goals: int, folder: Path) -> list[dict[str, 
 def cells(name: str, row: dict[str, Any]) -> list[str]:
     """Cells of a policy on a robot."""
     figures = row["figures"]
-    planning = row["timing"]["planning_ms"]
     failures = ", ".join(f"{count} {cause}" for cause, count in row["failures"].items() if count)
     return [
         name,
         row["policy"],
-        f"{100 * figures['success']['value']:.0f}",
+        f"{100 * figures['success']['value']:.0f} %",
+        f"{100 * figures[ATTITUDE_METRIC]['value']:.0f} %",
         f"{figures['kept_attitude_score']['value']:.3f}",
         f"{figures['final_attitude']['value']:.2g}" if row["captures"] else "-",
-        f"{100 * figures[ATTITUDE_METRIC]['value']:.0f}",
         f"{figures['time_to_capture']['value']:.1f}" if row["captures"] else "-",
-        "-" if planning is None else f"{planning:.0f}",
-        failures,
+        failures or "-",
     ]
 
 
