@@ -129,16 +129,21 @@ arm = [{{ rotor_inertia = 0.5 }}]
 
 def test_the_mesh_of_a_satellite_has_one_scale_or_three_and_may_be_in_a_package(tmp_path: Path) -> None:
     (tmp_path / "models").mkdir()
-    (tmp_path / "models" / "bus.stl").touch()
-    mesh, packages = 'mesh = "package://bus_models/bus.stl"\n', '[packages]\nbus_models = "models"\n'
+    bus = tmp_path / "models" / "bus.obj"
+    bus.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+    mesh, packages = 'mesh = "package://bus_models/bus.obj"\n', '[packages]\nbus_models = "models"\n'
     for scale, expected in (("0.001", [0.001] * 3), ("[1.0, 2.0, 3.0]", [1.0, 2.0, 3.0])):
         satellite = f"{SATELLITE}{mesh}mesh_scale = {scale}\n"
         visual = read(tmp_path, satellite + packages + ARM).satellite.visuals[0]
-        assert visual.mesh == tmp_path / "models" / "bus.stl" and list(visual.size) == expected
+        assert visual.mesh == bus and list(visual.size) == expected
     with pytest.raises(ConfigurationError, match="no package 'bus_models'"):
         read(tmp_path, SATELLITE + mesh + ARM)
     with pytest.raises(ConfigurationError, match="mesh_scale must be positive, got -1"):
         read(tmp_path, f"{SATELLITE}{mesh}mesh_scale = -1\n" + packages + ARM)
+    for name, damaged in (("bus.obj", "nonsense"), ("bus.dae", "<COLLADA/>")):
+        bus.with_name(name).write_text(damaged)
+        with pytest.raises(ConfigurationError, match=rf"\[satellite\] .*{name}: "):
+            read(tmp_path, SATELLITE + mesh.replace("bus.obj", name) + packages + ARM)
 
 
 def test_robots_are_found_by_name_file_and_value(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 from space_envs.checks import numbers
 from space_envs.errors import ConfigurationError, shown
 from space_envs.robots.description.importing.files.packages import Packages, resolve
+from space_envs.robots.description.importing.geometry import mesh_visuals
 from space_envs.robots.description.tables import DescriptionTable
 from space_envs.robots.inertias import box_moments, combined, principal, vector
 from space_envs.robots.robot import Inertial, Satellite, Visual
@@ -75,14 +76,12 @@ def _mesh(table: DescriptionTable, packages: Packages) -> tuple[Visual, ...]:
     name = table.text("mesh", None)
     if name is None:
         return ()
+    scale = _along_axes(table, "mesh_scale") if "mesh_scale" in table else (1.0, 1.0, 1.0)
     try:
         path = resolve(name, table.file, packages).resolve()
+        return tuple(mesh_visuals(Visual("mesh", scale), path))
     except ConfigurationError as error:
         raise table.error(str(error)) from None
-    if not path.is_file():
-        raise table.error(f"there is no mesh {str(path)!r}")
-    scale = _along_axes(table, "mesh_scale") if "mesh_scale" in table else (1.0, 1.0, 1.0)
-    return (Visual("mesh", scale, mesh=path),)
 
 
 def _shifted(visual: Visual, by: np.ndarray) -> Visual:

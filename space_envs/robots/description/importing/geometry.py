@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 from space_envs.errors import ConfigurationError
 from space_envs.robots.description.importing.files.tree import Shape
@@ -66,10 +67,18 @@ def _drawn(shape: Shape) -> list[Visual]:
         return [visual]
     if visual.mesh is None:
         raise ConfigurationError("a mesh that is written in the robot file itself is not drawn")
-    if visual.mesh.suffix.lower() == COLLADA and visual.mesh.is_file():
+    return mesh_visuals(visual, visual.mesh)
+
+
+def mesh_visuals(visual: Visual, mesh: Path) -> list[Visual]:
+    """Visuals of a mesh's file, of types that MuJoCo reads, placed and scaled as another visual.
+
+    Raises:
+        ConfigurationError: if there is no such file or it cannot be read.
+    """
+    if mesh.suffix.lower() == COLLADA and mesh.is_file():
         return [
-            replace(visual, mesh=part.path, colour=part.colour or visual.colour)
-            for part in converted(visual.mesh)
+            replace(visual, mesh=part.path, colour=part.colour or visual.colour) for part in converted(mesh)
         ]
-    mesh_vertices(MeshFile(visual.mesh, visual.size))
-    return [visual]
+    mesh_vertices(MeshFile(mesh, visual.size))
+    return [replace(visual, mesh=mesh)]
