@@ -12,8 +12,9 @@ from files_of_the_docs import file_blocks, write_files
 from space_envs.evaluation.harness import policy_times
 from space_envs.evaluation.records.storage import read_records
 from space_envs.evaluation.replay import videos
-from space_envs.tasks.single_arm import SingleArmTask
+from space_envs.registration import make_task
 
+SINGLE_ARM = "SpaceCapture/SingleArm-v0"
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "own_robot.md"
 # What makes each command of the page short, by its first words.
 SHORT = {
@@ -73,7 +74,7 @@ def test_the_panda_takes_ten_lines() -> None:
 
 def test_both_robots_are_evaluated(ran: Path) -> None:
     for folder, file in (("panda", "my_panda"), ("servicer", "my_servicer")):
-        robot = SingleArmTask(robot=str(ran / f"{file}.toml")).robot
+        robot = make_task(SINGLE_ARM, {"robot": str(ran / f"{file}.toml")}).robot
         records = read_records(ran / "results" / folder / "records.jsonl")
         assert {(record.robot, record.robot_digest) for record in records} == {(file, robot.digest[:12])}
         assert all(record.captured for record in records)
@@ -82,7 +83,9 @@ def test_both_robots_are_evaluated(ran: Path) -> None:
 
 def test_what_commands_make_is_found_again(ran: Path) -> None:
     (folder,) = (ran / "made").iterdir()
-    assert SingleArmTask(robot=str(ran / "my_servicer.toml")).robot.digest.startswith(folder.name)
+    assert make_task(SINGLE_ARM, {"robot": str(ran / "my_servicer.toml")}).robot.digest.startswith(
+        folder.name
+    )
     made = {path.name for path in folder.iterdir()}
     assert {"my_servicer_check.html"} <= {path.name for path in ran.iterdir()} and len(made) > 2
 
