@@ -23,8 +23,8 @@ from space_envs.system.provenance import commit, machine, versions
 from space_envs.system.threads import on_one_thread
 
 ENV = "SpaceCapture/SingleArm-v0"
-STARTS = 4  # at random, of each goal
-ROUNDS = 3  # in which the motions of neighbouring goals are tried
+STARTS = 3  # at random, of each goal
+ROUNDS = 2  # in which the motions of neighbouring goals are tried
 NEIGHBOURS = 5  # of a round
 CHUNK = 10  # goals of a job
 LATE = 1.0  # m^2/s, cost of a motion per second that it takes longer than the task gives

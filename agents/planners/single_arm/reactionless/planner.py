@@ -12,7 +12,7 @@ from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.reactionless.limits import PathLimits
 from agents.planners.single_arm.reactionless.objectives import least_disturbance, shortest_duration
 from agents.planners.single_arm.reactionless.paths import FUNCTIONS, PathSpace, Samples
-from agents.planners.single_arm.reactionless.search import minimise, to_goal
+from agents.planners.single_arm.reactionless.search import minimise, predicted, to_goal
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array, to_matrix
 from space_envs.errors import positive_integer, unknown_name
@@ -22,16 +22,17 @@ Timing = Literal["latest", "shortest"]
 TIMINGS = ("latest", "shortest")
 CANDIDATES = 8  # stored motions, by distance of their goals, that are tried until one leads to a plan
 MOST_STARTS = 10_000
+RANKED = 3  # of them, that are tried in the order of their predicted objectives
 RANDOM = 16  # starts at random, where no stored motion leads to a plan
 RANDOM_SCALES = 0.5, 1.6  # rad, standard deviation of their slowest sine; that of others falls with 1 / order
 NEWTON = 30  # iterations to the goal at most
-ITERATIONS = 15  # of the search for the least cost
+ITERATIONS = 12  # of the search for the least cost
 SHORTENING = 4  # searches for a shorter duration, each at the duration of the last
 SHORTENING_ITERATIONS = 8  # of each of them
-SHARE = 0.9  # of the limits that the search allows at its nodes; in between they are slightly larger
+SHARES = 0.9, 0.82  # of the limits that a search allows at its nodes, and the next one if it was too much
 POLISHED = 1e-6  # m and rad, pose error of a plan
 POLISHING = 5  # iterations at most
-SPARE = 1.001  # times the shortest duration of a path
+SPARE = 1.003  # times the shortest duration of a path
 AT_REST = 1e-9  # rad/s
 
 
@@ -76,6 +77,7 @@ class ReactionlessPlanner:
         if timing not in TIMINGS:
             raise unknown_name("timing", timing, TIMINGS)
         self._robot, self._limits, self._library, self._timing = robot, limits, library, timing
+        self._free = replace(limits, gaps=None)  # from the satellite
         limits.limits.checked(robot)
         self._candidates = positive_integer("candidates", candidates, MOST_STARTS)
         self._random = positive_integer("random", random, MOST_STARTS)
@@ -87,7 +89,7 @@ class ReactionlessPlanner:
             return failure
         space = self.space(reach)
         failures: list[Failure] = []
-        for number, start in enumerate(self._starts(reach), 1):
+        for number, start in enumerate(self._starts(space, reach), 1):
             found = self.improved(space, start, reach.duration)
             if found.keeps(reach.duration):
                 return self._motion(found, reach, f"start {number}")
@@ -103,8 +105,7 @@ class ReactionlessPlanner:
 
         The satellite is looked at only where a path comes too close to it.
         """
-        limits = replace(self._limits, gaps=None)
-        found = self._improved(space, to_goal(space, weights, NEWTON), duration, limits)
+        found = self._improved(space, to_goal(space, weights, NEWTON), duration, self._free)
         if _touches(found):
             return self._improved(space, found.weights, duration, self._limits)
         return found
@@ -113,18 +114,22 @@ class ReactionlessPlanner:
         """The same within some of the limits."""
         if self._timing == "shortest":
             return self._shortened(space, weights, 0.0, limits)
-        objective = least_disturbance(space, limits, duration, SHARE)
-
-        def cheaper(weights: Array) -> Candidate:
-            return self._polished(space, minimise(space, weights, objective, ITERATIONS).weights)
-
-        found = cheaper(weights)
+        found = self._cheaper(space, weights, duration, limits, SHARES[0])
+        if not found.keeps(duration) and not _touches(found):
+            found = self._cheaper(space, found.weights, duration, limits, SHARES[1])
         if found.keeps(duration) or _touches(found):
             return found
         short = self._shortened(space, found.weights, duration, limits)
-        if short.keeps(duration) and (found := cheaper(short.weights)).keeps(duration):
-            return found
-        return short
+        if short.keeps(duration):
+            found = self._cheaper(space, short.weights, duration, limits, SHARES[1])
+        return found if found.keeps(duration) else short
+
+    def _cheaper(
+        self, space: PathSpace, weights: Array, duration: float, limits: PathLimits, share: float
+    ) -> Candidate:
+        """The path of least cost near weights within a share of the limits."""
+        objective = least_disturbance(space, limits, duration, share)
+        return self._polished(space, minimise(space, weights, objective, ITERATIONS).weights)
 
     def _shortened(self, space: PathSpace, weights: Array, enough: float, limits: PathLimits) -> Candidate:
         """The path with the shortest duration near weights, or one that is short enough."""
@@ -168,9 +173,16 @@ class ReactionlessPlanner:
             return Failure(METHOD, Cause.CLEARANCE, reason, 1e3 + close)
         return None
 
-    def _starts(self, reach: Reach) -> Iterator[Array]:
+    def _starts(self, space: PathSpace, reach: Reach) -> Iterator[Array]:
+        """Weights (n, K) to start from: stored ones, the first few in the order of predicted objectives."""
         if self._library is not None:
-            yield from self._library.nearest(reach, self._candidates)
+            near = self._library.nearest(reach, self._candidates)
+            leading = [to_goal(space, weights, NEWTON) for weights in near[:RANKED]]
+            if len(leading) > 1:
+                objective = least_disturbance(space, self._free, reach.duration, SHARES[0])
+                leading.sort(key=lambda weights: predicted(space, weights, objective))
+            yield from leading
+            yield from near[RANKED:]
         rng = np.random.default_rng(0)
         yield from random_starts(rng, self._robot.n_joints, self._random)
 

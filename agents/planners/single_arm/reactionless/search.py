@@ -13,7 +13,8 @@ LONGEST_MISS = 0.4  # m and rad of the pose error that one iteration takes away
 LONGEST_STEP = 4.0  # rad, of all weights together
 CORRECTIONS = 2  # of second order, of a step
 GAIN = 5e-3  # relative decrease of the objective below which the search ends
-_LEAST_DAMPING, _MOST_DAMPING = 1e-4, 1e4  # as fractions of the mean curvature
+FIRST_DAMPING = 1e-2  # as a fraction of the mean curvature
+_LEAST_DAMPING, _MOST_DAMPING = 1e-4, 1e4  # likewise
 
 
 class Found(NamedTuple):
@@ -37,23 +38,40 @@ class _Point(NamedTuple):
 
 
 def to_goal(space: PathSpace, weights: Array, iterations: int) -> Array:
-    """Weights (n, K) after Newton steps of least norm towards the goal."""
+    """Weights (n, K) after Newton steps of least norm towards the goal, each with corrections of its end."""
     for _ in range(iterations):
         path, by = space.sensitive(weights)
-        if np.abs(path.miss).max() < REACHED:
+        largest = float(np.abs(path.miss).max())
+        if largest < REACHED:
             break
         square = by.miss @ by.miss.T
-        square += 1e-4 * np.trace(square) / 6.0 * min(1.0, np.abs(path.miss).max()) ** 2 * np.eye(6)
+        square += 1e-4 * np.trace(square) / 6.0 * min(1.0, largest) ** 2 * np.eye(6)
+        inverse = np.linalg.solve(square, by.miss).T
         part = min(1.0, LONGEST_MISS / float(np.linalg.norm(path.miss)))
-        weights = weights + _shaped(space, _short(-by.miss.T @ np.linalg.solve(square, part * path.miss)))
+        weights = weights - _shaped(space, _short(inverse @ (part * path.miss)))
+        for _ in range(CORRECTIONS):
+            before, largest = largest, float(np.abs(miss := space.missed(weights)).max())
+            if largest < REACHED:
+                return weights
+            if largest > 0.5 * before:
+                break
+            weights = weights - _shaped(space, inverse @ miss)
     return weights
+
+
+def predicted(space: PathSpace, weights: Array, objective: Objective) -> float:
+    """The objective that one step from weights (n, K) promises."""
+    point = _point(space, weights, objective)
+    step, _, _ = _step(space, point, FIRST_DAMPING)
+    residual = point.residual + point.slope @ step.T.ravel()
+    return float(residual @ residual)
 
 
 def minimise(
     space: PathSpace, weights: Array, objective: Objective, iterations: int, gain: float = GAIN
 ) -> Found:
     """The least objective among paths to the goal, from weights (n, K)."""
-    point, damping, penalty = _point(space, weights, objective), 1e-2, 0.0
+    point, damping, penalty = _point(space, weights, objective), FIRST_DAMPING, 0.0
     number = 0
     while number < iterations:
         number += 1
