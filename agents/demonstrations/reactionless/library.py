@@ -12,7 +12,9 @@ from agents.demonstrations.optimal.library import COUNTS, goals
 from agents.planners.common.robot_files import robot_options, write_origin
 from agents.planners.single_arm.library import REACTIONLESS, Library
 from agents.planners.single_arm.problem import Reach
-from agents.planners.single_arm.reactionless.planner import ReactionlessPlanner, random_starts
+from agents.planners.single_arm.reactionless.improvement import PathImprover
+from agents.planners.single_arm.reactionless.paths import PathSpace
+from agents.planners.single_arm.reactionless.planner import random_starts, space_of
 from agents.policies.single_arm.reactionless.problem import latest_arrival, path_limits
 from space_envs.dynamics.rotations import Array
 from space_envs.envs import CaptureVectorEnv
@@ -97,10 +99,9 @@ def _part(
     """Best motions of some goals after a round, from the library before it."""
     on_one_thread()  # several threads of BLAS give other bits
     context = PolicyContext.from_env(CaptureVectorEnv(ENV, 1, robot=robot))
-    planner = ReactionlessPlanner(context.arm, path_limits(context))
+    improver, duration = PathImprover(path_limits(context)), latest_arrival(context)
     found = []
     for number, goal_position, goal_quaternion in zip(numbers, position, quaternion, strict=True):
-        duration = latest_arrival(context)
         reach = Reach(context.arm.home, goal_position, goal_quaternion, duration).checked(context.arm)
         if before is None:
             rng = np.random.default_rng([seed, int(number)])
@@ -112,16 +113,16 @@ def _part(
             near = near[(near != number) & np.isfinite(before.cost[near])][:NEIGHBOURS]
             starts = [*before.coordinates[near].astype(np.float64)]
         for start in starts:
-            best = _better(planner, reach, start, best)
+            best = _better(improver, space_of(context.arm, reach), duration, start, best)
         found.append(best)
     return found
 
 
-def _better(planner: ReactionlessPlanner, reach: Reach, start: Array, best: _Best) -> _Best:
+def _better(improver: PathImprover, space: PathSpace, duration: float, start: Array, best: _Best) -> _Best:
     """The best motion so far or the one near a start."""
-    found = planner.improved(planner.space(reach), start, reach.duration)
-    late = max(0.0, found.shortest - reach.duration)
-    cost = np.inf if found.failure is not None else found.cost(reach.duration + late) + LATE * late
+    found = improver.least_cost(space, start, duration)
+    late = max(0.0, found.shortest - duration)
+    cost = np.inf if found.failure is not None else found.cost(duration + late) + LATE * late
     if cost < best.cost:
         return _Best(found.weights, cost, best.attempts + 1)
     weights = best.weights if best.weights.size else np.zeros_like(found.weights)

@@ -1,0 +1,130 @@
+"""Paths of least cost or of the shortest duration near others: polished, and checked against the limits."""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from agents.planners.common.plans import Cause, Failure
+from agents.planners.single_arm.reactionless.limits import PathLimits
+from agents.planners.single_arm.reactionless.objectives import (
+    Objective,
+    least_disturbance,
+    shortest_duration,
+)
+from agents.planners.single_arm.reactionless.paths import FUNCTIONS, PathSpace, Samples
+from agents.planners.single_arm.reactionless.search import minimise, to_goal
+from space_envs.dynamics.rotations import Array
+
+METHOD = "promp_reactionless"
+NEWTON = 30  # iterations to the goal at most
+ITERATIONS = 12  # of the search for the least cost
+SHORTENING = 4  # searches for a shorter duration, each at the duration of the last
+SHORTENING_ITERATIONS = 8  # of each of them
+SHARES = 0.9, 0.82  # of the limits that a search allows at its nodes, and the next one if it was too much
+POLISHED = 1e-6  # m and rad, pose error of a plan
+POLISHING = 5  # iterations at most
+SPARE = 1.003  # times the shortest duration at the samples, for what lies between them
+
+
+class Candidate(NamedTuple):
+    """A path with its pose error polished, and the shortest duration that it can have, s."""
+
+    weights: Array
+    path: Samples
+    shortest: float
+    failure: Failure | None  # because of which it is no plan at any duration
+
+    def keeps(self, duration: float) -> bool:
+        """Whether it keeps all limits at a duration in s."""
+        return self.failure is None and self.shortest <= duration
+
+    @property
+    def touches(self) -> bool:
+        """Whether it comes too close to the satellite."""
+        return self.failure is not None and self.failure.cause is Cause.CLEARANCE
+
+    def cost(self, duration: float) -> float:
+        """Eq. 20 times dt at a duration in s, m^2/s: of displacement alone, which is at rest at both ends."""
+        return float((self.path.drift**2).sum()) / (len(self.path.drift) - 1) / duration
+
+
+class PathImprover:
+    """Improves paths within the limits of a robot; it looks at the satellite where a path comes too close."""
+
+    def __init__(self, limits: PathLimits) -> None:
+        self._limits, self._free = limits, replace(limits, gaps=None)
+
+    def promise(self, space: PathSpace, duration: float) -> Objective:
+        """The objective of `least_cost`, by which starts can be compared."""
+        return least_disturbance(space, self._free, duration, SHARES[0])
+
+    def least_cost(self, space: PathSpace, weights: Array, duration: float) -> Candidate:
+        """The path of least cost near weights (n, K) at a duration in s, or one that is nearly as short."""
+        found = self._least_cost(space, to_goal(space, weights, NEWTON), duration, self._free)
+        return self._least_cost(space, found.weights, duration, self._limits) if found.touches else found
+
+    def shortest(self, space: PathSpace, weights: Array) -> Candidate:
+        """The path with the shortest duration near weights (n, K)."""
+        found = self._shortened(space, to_goal(space, weights, NEWTON), 0.0, self._free)
+        return self._shortened(space, found.weights, 0.0, self._limits) if found.touches else found
+
+    def _least_cost(self, space: PathSpace, weights: Array, duration: float, limits: PathLimits) -> Candidate:
+        found = self._cheaper(space, weights, duration, limits, SHARES[0])
+        if not found.keeps(duration) and not found.touches:
+            found = self._cheaper(space, found.weights, duration, limits, SHARES[1])
+        if found.keeps(duration) or found.touches:
+            return found
+        short = self._shortened(space, found.weights, duration, limits)
+        if short.keeps(duration):
+            found = self._cheaper(space, short.weights, duration, limits, SHARES[1])
+        return found if found.keeps(duration) else short
+
+    def _cheaper(
+        self, space: PathSpace, weights: Array, duration: float, limits: PathLimits, share: float
+    ) -> Candidate:
+        """The path of least cost near weights within a share of the limits."""
+        objective = least_disturbance(space, limits, duration, share)
+        return self._polished(space, minimise(space, weights, objective, ITERATIONS).weights)
+
+    def _shortened(self, space: PathSpace, weights: Array, enough: float, limits: PathLimits) -> Candidate:
+        """The path with the shortest duration near weights, or one that is short enough."""
+        best = self._polished(space, weights)
+        for _ in range(SHORTENING):
+            objective = shortest_duration(space, limits, best.shortest)
+            found = self._polished(
+                space, minimise(space, best.weights, objective, SHORTENING_ITERATIONS).weights
+            )
+            if best.failure is None and (found.failure is not None or found.shortest >= best.shortest):
+                return best
+            best = found
+            if best.keeps(enough):
+                return best
+        return best
+
+    def _polished(self, space: PathSpace, weights: Array) -> Candidate:
+        """Weights whose finely rolled out path ends at the goal."""
+        path, inverse = space.samples(weights), None
+        for _ in range(POLISHING):
+            if np.abs(path.miss).max() < POLISHED:
+                break
+            if inverse is None:
+                inverse = np.linalg.pinv(space.sensitive(weights)[1].miss)
+            weights = weights - (inverse @ path.miss).reshape(FUNCTIONS, space.n).T
+            path = space.samples(weights)
+        shortest = SPARE * max(self._limits.duration(space, path).values())
+        return Candidate(weights, path, shortest, self._fault(path))
+
+    def _fault(self, path: Samples) -> Failure | None:
+        """Failure of a path that is no plan at any duration."""
+        if not (miss := float(np.abs(path.miss).max())) < POLISHED:
+            return Failure(
+                METHOD, Cause.SOLVER, f"the search left {miss:.2g} m or rad to the goal", 3e3 + miss
+            )
+        if (beyond := self._limits.beyond(path)) > 0.0:
+            reason = f"the path found leaves a joint's range by {beyond:.3f} rad"
+            return Failure(METHOD, Cause.JOINT_LIMIT, reason, 2e3 + beyond)
+        if (close := self._limits.closeness(path)) > 0.0:
+            reason = f"the path found comes {close:.3f} m too close to the satellite"
+            return Failure(METHOD, Cause.CLEARANCE, reason, 1e3 + close)
+        return None
