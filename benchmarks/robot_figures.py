@@ -12,7 +12,15 @@ from space_envs.robots.zoo import find_robot, robot_names
 from space_envs.system.command_line import Parser, exit_status
 
 HEAD = (
-    *("robot", "satellite, kg", "joints", "arms, kg", "reach, m", "smallest singular value, home", "5 %"),
+    *(
+        "robot",
+        "satellite, kg",
+        "joints",
+        "arms, kg",
+        "reach from the centre of mass, m",
+        "smallest singular value, home",
+        "5 %",
+    ),
     *("reaction null space", "attitude, joint_velocity, deg", "reactionless, deg", "time step, ms"),
     *("momentum drift", "rate error", "implausible"),
 )

@@ -34,7 +34,7 @@ def robots() -> str:
                 f"{robot.reach:.2f}",
             )
         )
-    head = ("name", "what it is", "ids", "joints", "satellite, kg", "arms, kg", "reach of an arm, m")
+    head = ("name", "what it is", "ids", "joints", "satellite, kg", "arms, kg", "length of an arm, m")
     return table(head, rows)
 
 

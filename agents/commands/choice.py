@@ -42,20 +42,31 @@ def choose_ids(names: Sequence[str], robot: Mapping[str, Any]) -> list[str]:
 
     Args:
         names: `all` alone is every registered one that the robot fits, with a note of the others on standard
-            error. robot: keywords of a task that choose it.
+            error; none is the first one that it fits. robot: keywords of a task that choose it.
 
     Raises:
         ConfigurationError: for an unknown name, one that is given twice, or a robot that fits no id.
     """
     if list(names) == ["all"]:
         return fitting_ids(list(ENTRIES), robot)
+    if not names:
+        return _fitting(list(ENTRIES), robot)[0][:1]
     env_ids = [find(name).id for name in names]
     distinct("environment id", env_ids)
     return env_ids
 
 
 def fitting_ids(env_ids: Sequence[str], robot: Mapping[str, Any]) -> list[str]:
-    """Those of some ids that a robot fits, with a note of the others on standard error.
+    """Those of some ids that a robot fits, with a note of the others on standard error; errors as in
+    `_fitting`."""
+    found, omitted = _fitting(env_ids, robot)
+    for reason in omitted:
+        print(f"note: omitted, {reason}", file=sys.stderr)
+    return found
+
+
+def _fitting(env_ids: Sequence[str], robot: Mapping[str, Any]) -> tuple[list[str], list[str]]:
+    """Those of some ids that a robot fits, and the reasons why it does not fit the others.
 
     Args:
         robot: keywords of a task that choose it.
@@ -71,9 +82,7 @@ def fitting_ids(env_ids: Sequence[str], robot: Mapping[str, Any]) -> list[str]:
             omitted[env_id] = str(error)
     if len(omitted) == len(env_ids):
         raise ConfigurationError(f"the robot fits no id: {'; '.join(omitted.values())}")
-    for reason in omitted.values():
-        print(f"note: omitted, {reason}", file=sys.stderr)
-    return [env_id for env_id in env_ids if env_id not in omitted]
+    return [env_id for env_id in env_ids if env_id not in omitted], list(omitted.values())
 
 
 def choose_policies(

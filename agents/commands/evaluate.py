@@ -26,7 +26,6 @@ from space_envs.system.output import check_free
 from space_envs.system.parallel import BACKENDS, check_backend
 from space_envs.tasks.common import DIFFICULTIES, SPLITS
 
-DEFAULT_ENV = "SpaceCapture/SingleArm-v0"
 COMMANDS = ("compare", "show", "replay", "dataset")
 DESCRIPTION = """\
 Evaluate policies on splits of ids; write one record an episode, a leaderboard (terminal, Markdown, CSV,
@@ -53,8 +52,11 @@ def parser() -> argparse.ArgumentParser:
         prog="evaluate.py", description=DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     add = out.add_argument
-    what = f"environment ids, of another package as module:id, or 'all' (default {DEFAULT_ENV})"
-    add("--env", action=AppendValues, nargs="+", default=[DEFAULT_ENV], metavar="ID", help=what)
+    what = (
+        "environment ids, of another package as module:id, or 'all' (default: the first that the robot fits, "
+    )
+    what += f"without --robot {next(iter(ENTRIES))})"
+    add("--env", action=AppendValues, nargs="+", default=[], metavar="ID", help=what)
     add(
         "--policy",
         action=AppendValues,

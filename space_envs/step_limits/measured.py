@@ -1,7 +1,10 @@
 """Time steps of a robot that has none of its own, from a few motions over the whole range of its joints."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
+
+from tqdm import tqdm
 
 from space_envs.control import CONTROL_MODES
 from space_envs.drives import STOP_MARGIN
@@ -51,10 +54,11 @@ def _measured(robot: Robot) -> StepLimits:
 
 
 def _measure(robot: Robot) -> StepLimits:
-    for period in PERIODS:
-        found = _steps_at(robot, period)
-        if found is not None:
-            return found
+    with tqdm(desc=f"time steps of {robot.name}", unit="motion", leave=False, delay=1.0) as bar:
+        for period in PERIODS:
+            found = _steps_at(robot, period, bar.update)
+            if found is not None:
+                return found
     own = reduced_masses(robot).diagonal(axis1=1, axis2=2).min(axis=0)
     joint = int(own.argmin())
     raise ConfigurationError(
@@ -66,13 +70,17 @@ def _measure(robot: Robot) -> StepLimits:
     )
 
 
-def _steps_at(robot: Robot, period: float) -> StepLimits | None:
-    """Limits with a largest control period; None if the drives are not stable with it."""
+def _steps_at(robot: Robot, period: float, done: Callable[[], object]) -> StepLimits | None:
+    """Limits with a largest control period; None if the drives are not stable with it.
+
+    Args:
+        done: called after every simulated motion.
+    """
     measured = None
     for default, largest in STEPS:
         if largest > period / 4 or (measured and _expected(*measured, largest) > 2.0 * DRIFT):
             continue
-        drift = _drift(robot, period, largest)
+        drift = _drift(robot, period, largest, done)
         if drift is None:
             return None
         if drift <= DRIFT:
@@ -86,7 +94,7 @@ def _expected(step: float, drift: float, other: float) -> float:
     return drift * (other / step) ** ORDER
 
 
-def _drift(robot: Robot, period: float, step: float) -> float | None:
+def _drift(robot: Robot, period: float, step: float, done: Callable[[], object]) -> float | None:
     """Largest drift in all control modes, up to the first in which it is too large.
 
     None as soon as the drives are not stable in one.
@@ -96,6 +104,7 @@ def _drift(robot: Robot, period: float, step: float) -> float | None:
         motion = full_range_motion(
             robot, SimulationSettings(mode, PERIOD_MARGIN * period, step), SECONDS, EPISODES
         )
+        done()
         if not stable(motion):
             return None
         largest = max(largest, motion.drift)
