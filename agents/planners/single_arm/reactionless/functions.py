@@ -27,8 +27,8 @@ class FlowFunctions:
         path: start (n), velocity (3 n N) v at the start, the middle and the end of every step -> angle (N, n)
             after each step, slope (N, n) = dq/ds before it.
         sensitive: start (n), velocity (3 n N), shape (3 K N) values of the functions of the phase at the same
-            points -> as `path`, then the derivatives of both by the weights, (N K n, n) each: rows by step,
-            function and joint.
+            points -> as `path`, then the derivatives of both by the weights, (N n, K n) each: rows by step
+            and joint, columns by function and joint.
         fine: as `path`, with FINER N steps.
         centre: q (n) -> centre of mass (3) m in the base frame, its derivative (3, n).
     """
@@ -61,7 +61,7 @@ def _build(robot: FloatingRobot, functions: int, steps: int) -> FlowFunctions:
         "sensitive": _path(_sensitive_step(sensitive_stage, 1.0 / steps, functions), steps),
         "centre": ca.Function("centre", [q], ca.cse([centre, slope])),
     }
-    return FlowFunctions(**batched(made))
+    return FlowFunctions(**batched(made, optimise=True))
 
 
 def _stages(symbolic: SymbolicRobot) -> tuple[ca.Function, ca.Function]:
@@ -139,7 +139,9 @@ def _sensitive_step(stage: ca.Function, h: float, functions: int) -> ca.Function
     slope = by_q1 @ moved + ca.reshape(ca.vec(by_v1) @ shape[:, 0].T, n, n * functions)
     angle = q + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
     following = ca.vertcat(angle, ca.vec(after))
-    return ca.Function("sensitive_step", [state, given, ca.vec(shape)], [following, angle, k1, after, slope])
+    return ca.Function(
+        "sensitive_step", [state, given, ca.vec(shape)], [following, angle, k1, after.T, slope.T]
+    )
 
 
 def _path(step: ca.Function, steps: int) -> ca.Function:

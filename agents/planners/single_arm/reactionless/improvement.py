@@ -61,24 +61,34 @@ class PathImprover:
 
     def least_cost(self, space: PathSpace, weights: Array, duration: float) -> Candidate:
         """The path of least cost near weights (n, K) at a duration in s, or one that is nearly as short."""
-        found = self._least_cost(space, to_goal(space, weights, NEWTON), duration, self._free)
-        return self._least_cost(space, found.weights, duration, self._limits) if found.touches else found
+        found = self.cheaper(space, weights, duration)
+        return found if found.keeps(duration) else self.shorter(space, found.weights, duration)
 
-    def shortest(self, space: PathSpace, weights: Array) -> Candidate:
-        """The path with the shortest duration near weights (n, K)."""
-        found = self._shortened(space, to_goal(space, weights, NEWTON), 0.0, self._free)
-        return self._shortened(space, found.weights, 0.0, self._limits) if found.touches else found
+    def cheaper(self, space: PathSpace, weights: Array, duration: float) -> Candidate:
+        """The same, without an effort for a path that is too long."""
+        weights = to_goal(space, weights, NEWTON)
+        for limits in (self._free, self._limits):
+            for share in SHARES:
+                found = self._cheaper(space, weights, duration, limits, share)
+                if found.keeps(duration) or found.touches:
+                    break
+                weights = found.weights
+            if not found.touches:
+                break
+        return found
 
-    def _least_cost(self, space: PathSpace, weights: Array, duration: float, limits: PathLimits) -> Candidate:
-        found = self._cheaper(space, weights, duration, limits, SHARES[0])
-        if not found.keeps(duration) and not found.touches:
-            found = self._cheaper(space, found.weights, duration, limits, SHARES[1])
-        if found.keeps(duration) or found.touches:
-            return found
-        short = self._shortened(space, found.weights, duration, limits)
-        if short.keeps(duration):
-            found = self._cheaper(space, short.weights, duration, limits, SHARES[1])
+    def shorter(self, space: PathSpace, weights: Array, duration: float) -> Candidate:
+        """The same, from a path that is shortened first."""
+        short = self.shortest(space, weights, duration)
+        if not short.keeps(duration):
+            return short
+        found = self._cheaper(space, short.weights, duration, self._limits, SHARES[-1])
         return found if found.keeps(duration) else short
+
+    def shortest(self, space: PathSpace, weights: Array, enough: float = 0.0) -> Candidate:
+        """The path with the shortest duration near weights (n, K), or one that is short enough, s."""
+        found = self._shortened(space, to_goal(space, weights, NEWTON), enough, self._free)
+        return self._shortened(space, found.weights, enough, self._limits) if found.touches else found
 
     def _cheaper(
         self, space: PathSpace, weights: Array, duration: float, limits: PathLimits, share: float

@@ -13,6 +13,7 @@ from space_envs.dynamics.rotations import Array
 
 FUNCTIONS = 10  # sines that drive each joint
 STEPS = 24  # of a roll-out in the search
+KEPT = 4  # paths of a search whose derivatives are kept: it returns to the starts that it compares
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +65,7 @@ class PathSpace:
         self._goal = np.concatenate([position, rotation.T.ravel(), np.eye(3).ravel()])
         self._centre = self._functions.centre(start)[0]
         self._shape = self.series.points.ravel()
+        self._known: dict[bytes, tuple[Samples, Sensitivities]] = {}
 
     def samples(self, weights: Array) -> Samples:
         """The path of weights (n, K), rolled out finely."""
@@ -79,13 +81,21 @@ class PathSpace:
         return self._ending(angle, self._functions.centre(angle)[0])[0]
 
     def sensitive(self, weights: Array) -> tuple[Samples, Sensitivities]:
-        """The path of weights (n, K) in the search, with its derivatives."""
+        """The path of weights (n, K) in the search, with its derivatives; the last few are kept."""
+        key = weights.tobytes()
+        if key not in self._known:
+            if len(self._known) == KEPT:
+                self._known.pop(next(iter(self._known)))
+            self._known[key] = self._sensitive(weights)
+        return self._known[key]
+
+    def _sensitive(self, weights: Array) -> tuple[Samples, Sensitivities]:
         n, m, series = self.n, self.size, self.series
         found = self._functions.sensitive(self._start, self._velocity(weights, series), self._shape)
         angle, slope = self._rolled(found[:2])
         by_angle, by_slope = np.zeros((2, STEPS + 1, n, m))
-        by_angle[1:] = found[2].reshape(STEPS, m, n).swapaxes(1, 2)
-        by_slope[:-1] = found[3].reshape(STEPS, m, n).swapaxes(1, 2)
+        by_angle[1:] = found[2].reshape(STEPS, n, m)
+        by_slope[:-1] = found[3].reshape(STEPS, n, m)
         by_curve = (series.odd @ by_slope.reshape(STEPS + 1, n * m)).reshape(by_slope.shape)
         centre, by_q = self._functions.centre(angle)
         moved = by_q @ by_angle

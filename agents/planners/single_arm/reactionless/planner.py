@@ -1,6 +1,7 @@
 """Captures of a pose while the satellite does not turn at any instant, planned from stored motions."""
 
 from collections.abc import Iterator
+from itertools import chain
 from typing import Literal
 
 import numpy as np
@@ -62,28 +63,29 @@ class ReactionlessPlanner:
             return failure
         space = space_of(self._robot, reach)
         failures: list[Failure] = []
-        for number, start in enumerate(self._starts(space, reach), 1):
-            if self._timing == "latest":
-                found = self._improver.least_cost(space, start, reach.duration)
-            else:
-                found = self._improver.shortest(space, start)
+        for number, found in enumerate(self._candidates_of(space, reach), 1):
             if found.keeps(reach.duration):
-                return self._motion(found, reach, f"start {number}")
+                return self._motion(found, reach, f"candidate {number}")
             failures.append(found.failure or _too_long(found.shortest, reach.duration))
         return min(failures, key=lambda failure: failure.residual)
 
-    def _starts(self, space: PathSpace, reach: Reach) -> Iterator[Array]:
-        """Weights (n, K) to start from: stored ones, the first few in the order of predicted objectives."""
-        if self._library is not None:
-            near = self._library.nearest(reach, self._candidates)
-            leading = [to_goal(space, weights, NEWTON) for weights in near[:RANKED]]
-            if len(leading) > 1:
-                objective = self._improver.promise(space, reach.duration)
-                leading.sort(key=lambda weights: predicted(space, weights, objective))
-            yield from leading
-            yield from near[RANKED:]
-        rng = np.random.default_rng(0)
-        yield from random_starts(rng, self._robot.n_joints, self._random)
+    def _candidates_of(self, space: PathSpace, reach: Reach) -> Iterator[Candidate]:
+        """Paths to the goal until one of them is a plan, from the quickest to find to the others."""
+        improver, duration = self._improver, reach.duration
+        near = [] if self._library is None else [*self._library.nearest(reach, self._candidates)]
+        random = random_starts(np.random.default_rng(0), self._robot.n_joints, self._random)
+        if self._timing == "shortest":
+            yield from (improver.shortest(space, start) for start in chain(near, random))
+            return
+        leading = [to_goal(space, start, NEWTON) for start in near[:RANKED]]
+        objective = improver.promise(space, duration)
+        leading.sort(key=lambda weights: predicted(space, weights, objective))
+        found: list[Candidate] = []
+        for start in leading:
+            found.append(improver.cheaper(space, start, duration))
+            yield found[-1]
+        yield from (improver.shorter(space, candidate.weights, duration) for candidate in found)
+        yield from (improver.least_cost(space, start, duration) for start in chain(near[RANKED:], random))
 
     def _motion(self, found: Candidate, reach: Reach, notes: str) -> ReachPlan:
         """The plan of a path."""

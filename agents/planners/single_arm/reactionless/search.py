@@ -12,7 +12,7 @@ REACHED = 1e-3  # m and rad, of a path in the search; plans are polished
 LONGEST_MISS = 0.4  # m and rad of the pose error that one iteration takes away
 LONGEST_STEP = 4.0  # rad, of all weights together
 CORRECTIONS = 2  # of second order, of a step
-GAIN = 5e-3  # relative decrease of the objective below which the search ends
+GAIN = 1e-2  # relative decrease of the objective below which the search ends
 FIRST_DAMPING = 1e-2  # as a fraction of the mean curvature
 _LEAST_DAMPING, _MOST_DAMPING = 1e-4, 1e4  # likewise
 
