@@ -19,7 +19,7 @@ from space_envs.dynamics.rotations import Array
 METHOD = "promp_reactionless"
 NEWTON = 30  # iterations to the goal at most
 ITERATIONS = 12  # of the search for the least cost
-SHORTENING = 4  # searches for a shorter duration, each at the duration of the last
+POWERS = 4.0, 4.0, 6.0, 8.0, 12.0  # of searches for a shorter duration, each at the duration of the best
 SHORTENING_ITERATIONS = 8  # of each of them
 SHARES = 0.9, 0.82  # of the limits that a search allows at its nodes, and the next one if it was too much
 POLISHED = 1e-6  # m and rad, pose error of a plan
@@ -100,16 +100,14 @@ class PathImprover:
     def _shortened(self, space: PathSpace, weights: Array, enough: float, limits: PathLimits) -> Candidate:
         """The path with the shortest duration near weights, or one that is short enough."""
         best = self._polished(space, weights)
-        for _ in range(SHORTENING):
-            objective = shortest_duration(space, limits, best.shortest)
-            found = self._polished(
-                space, minimise(space, best.weights, objective, SHORTENING_ITERATIONS).weights
-            )
-            if best.failure is None and (found.failure is not None or found.shortest >= best.shortest):
-                return best
-            best = found
+        for power in POWERS:
+            objective = shortest_duration(space, limits, best.shortest, power)
+            found = minimise(space, best.weights, objective, SHORTENING_ITERATIONS)
+            candidate = self._polished(space, found.weights)
+            if best.failure is not None or candidate.keeps(best.shortest):
+                best = candidate
             if best.keeps(enough):
-                return best
+                break
         return best
 
     def _polished(self, space: PathSpace, weights: Array) -> Candidate:

@@ -13,7 +13,6 @@ Objective = Callable[[Samples, Sensitivities], tuple[Array, Array]]
 
 COST_UNIT = 1e-4  # m^2/s, of eq. 20: violations weigh against costs in this unit
 PENALTY = 150.0  # of a share above the allowed one, or of a violation, throughout the path; its root in costs
-POWER = 4.0  # of shares of limits, whose squares are summed
 
 
 def least_disturbance(space: PathSpace, limits: PathLimits, duration: float, share: float) -> Objective:
@@ -32,14 +31,17 @@ def least_disturbance(space: PathSpace, limits: PathLimits, duration: float, sha
     return residuals
 
 
-def shortest_duration(space: PathSpace, limits: PathLimits, duration: float) -> Objective:
-    """A high power of the shares of limits, at a duration in s near the shortest one."""
+def shortest_duration(space: PathSpace, limits: PathLimits, duration: float, power: float) -> Objective:
+    """Squares of a power of the shares of limits, at a duration in s near the shortest one.
+
+    The higher the power, the nearer is the result to the path whose largest share is least.
+    """
     weight = np.sqrt(space.series.weight)[:, None]
 
     def residuals(path: Samples, by: Sensitivities) -> tuple[Array, Array]:
         value, slope = limits.shares(path, by, duration)
-        raised = (weight * value**POWER).ravel()
-        by_raised = (POWER * weight * value ** (POWER - 1.0))[..., None] * slope
+        raised = (weight * value**power).ravel()
+        by_raised = (power * weight * value ** (power - 1.0))[..., None] * slope
         return _with_violations(space, limits, path, by, [(raised, by_raised.reshape(-1, space.size))])
 
     return residuals

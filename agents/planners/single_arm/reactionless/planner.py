@@ -19,7 +19,7 @@ from space_envs.errors import positive_integer, unknown_name
 
 Timing = Literal["latest", "shortest"]
 TIMINGS = ("latest", "shortest")
-CANDIDATES = 8  # stored motions, by distance of their goals, that are tried until one leads to a plan
+CANDIDATES = 24  # stored motions, by distance of their goals, that are tried until one leads to a plan
 MOST_STARTS = 10_000
 RANKED = 3  # of them, that are tried in the order of their predicted objectives
 RANDOM = 16  # starts at random, where no stored motion leads to a plan
