@@ -6,6 +6,7 @@ import pytest
 from agents.planners.common.plans import Cause, Failure
 from agents.planners.single_arm.check import check
 from agents.planners.single_arm.problem import Reach, ReachPlan
+from agents.planners.single_arm.reactionless.improvement import PathImprover
 from agents.planners.single_arm.reactionless.paths import FUNCTIONS, PathSpace
 from agents.planners.single_arm.reactionless.planner import ReactionlessPlanner, Timing
 from agents.policies.single_arm.reactionless.policy import PrompReactionless
@@ -136,3 +137,10 @@ def test_robots_with_too_few_joints_are_refused_with_the_reason() -> None:
     env = CaptureVectorEnv(ID, 1, robot="ur10")
     reasons = PrompReactionless.needs.missing(PolicyContext.from_env(env))
     assert reasons == ["it needs arms of at least 7 joints, those of 'ur10' have 6"]
+
+
+def test_starts_that_lead_nowhere_are_no_plans_and_raise_nothing() -> None:
+    improver, space = PathImprover(LIMITS), space_of(0)
+    for scale in (30.0, 1e3, 1e200):
+        found = improver.least_cost(space, scale * weights_of(1), 1.0)
+        assert not found.keeps(1.0)

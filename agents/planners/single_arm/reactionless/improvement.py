@@ -22,6 +22,7 @@ ITERATIONS = 12  # of the search for the least cost
 POWERS = 4.0, 4.0, 6.0, 8.0, 12.0  # of searches for a shorter duration, each at the duration of the best
 SHORTENING_ITERATIONS = 8  # of each of them
 SHARES = 0.9, 0.82  # of the limits that a search allows at its nodes, and the next one if it was too much
+HOPELESS = 1e4  # s, duration of paths that are not worth a search
 POLISHED = 1e-6  # m and rad, pose error of a plan
 POLISHING = 5  # iterations at most
 SPARE = 1.003  # times the shortest duration at the samples, for what lies between them
@@ -101,6 +102,8 @@ class PathImprover:
         """The path with the shortest duration near weights, or one that is short enough."""
         best = self._polished(space, weights)
         for power in POWERS:
+            if not best.shortest < HOPELESS:
+                break
             objective = shortest_duration(space, limits, best.shortest, power)
             found = minimise(space, best.weights, objective, SHORTENING_ITERATIONS)
             candidate = self._polished(space, found.weights)
@@ -117,7 +120,10 @@ class PathImprover:
             if np.abs(path.miss).max() < POLISHED:
                 break
             if inverse is None:
-                inverse = np.linalg.pinv(space.sensitive(weights)[1].miss)
+                by = space.sensitive(weights)[1]
+                if not by.usable:
+                    break
+                inverse = np.linalg.pinv(by.miss)
             weights = weights - (inverse @ path.miss).reshape(FUNCTIONS, space.n).T
             path = space.samples(weights)
         shortest = SPARE * max(self._limits.duration(space, path).values())
@@ -125,7 +131,7 @@ class PathImprover:
 
     def _fault(self, path: Samples) -> Failure | None:
         """Failure of a path that is no plan at any duration."""
-        if not (miss := float(np.abs(path.miss).max())) < POLISHED:
+        if not (miss := float(np.nan_to_num(np.abs(path.miss), nan=np.inf).max())) < POLISHED:
             return Failure(
                 METHOD, Cause.SOLVER, f"the search left {miss:.2g} m or rad to the goal", 3e3 + miss
             )

@@ -13,6 +13,7 @@ from space_envs.dynamics.rotations import Array
 
 FUNCTIONS = 10  # sines that drive each joint
 STEPS = 24  # of a roll-out in the search
+STEEPEST = 1e6  # derivative of an angle by a weight; beyond it a path is lost near a singular configuration
 KEPT = 4  # paths of a search whose derivatives are kept: it returns to the starts that it compares
 
 
@@ -46,6 +47,11 @@ class Sensitivities:
     curve: Array
     drift: Array
     miss: Array
+
+    @property
+    def usable(self) -> bool:
+        """Whether they are finite and small enough to search by."""
+        return bool(np.abs(self.angle).max() < STEEPEST)
 
 
 class PathSpace:

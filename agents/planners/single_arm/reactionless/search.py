@@ -42,7 +42,7 @@ def to_goal(space: PathSpace, weights: Array, iterations: int) -> Array:
     for _ in range(iterations):
         path, by = space.sensitive(weights)
         largest = float(np.abs(path.miss).max())
-        if largest < REACHED:
+        if largest < REACHED or not by.usable:
             break
         square = by.miss @ by.miss.T
         square += 1e-4 * np.trace(square) / 6.0 * min(1.0, largest) ** 2 * np.eye(6)
@@ -62,6 +62,8 @@ def to_goal(space: PathSpace, weights: Array, iterations: int) -> Array:
 def predicted(space: PathSpace, weights: Array, objective: Objective) -> float:
     """The objective that one step from weights (n, K) promises."""
     point = _point(space, weights, objective)
+    if not point.by.usable:
+        return np.inf
     step, _, _ = _step(space, point, FIRST_DAMPING)
     residual = point.residual + point.slope @ step.T.ravel()
     return float(residual @ residual)
@@ -73,7 +75,7 @@ def minimise(
     """The least objective among paths to the goal, from weights (n, K)."""
     point, damping, penalty = _point(space, weights, objective), FIRST_DAMPING, 0.0
     number = 0
-    while number < iterations:
+    while number < iterations and point.by.usable:
         number += 1
         step, multiplier, correct = _step(space, point, damping)
         penalty = max(penalty, 2.0 * float(np.abs(multiplier).max()))
@@ -99,6 +101,8 @@ def minimise(
 
 def _point(space: PathSpace, weights: Array, objective: Objective) -> _Point:
     path, by = space.sensitive(weights)
+    if not by.usable:
+        return _Point(weights, path, by, np.full(1, np.inf), np.zeros((1, space.size)))
     return _Point(weights, path, by, *objective(path, by))
 
 
