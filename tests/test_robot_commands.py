@@ -259,9 +259,10 @@ def test_mistakes_are_one_line(here: Path, capsys) -> None:
         "folder.toml": f"'{here}/folder.toml' is a folder, expected a description (TOML)",
         "noise.toml": f"{here}/noise.toml is no valid TOML",
         "empty.toml": f"{here}/empty.toml: a robot has one or two [[arm]] tables, got 0",
-        "two.toml": f"{SINGLE} needs a robot with one arm in space, 'two_six' has two arms in space",
     }
-    asked = [(["--robot", source], message) for source, message in cases.items()]
+    unfit = f"{SINGLE} needs a robot with one arm in space, 'two_six' has two arms in space"
+    asked = [(["--env", SINGLE, "--robot", "two.toml"], unfit)]
+    asked += [(["--robot", source], message) for source, message in cases.items()]
     asked += [
         (["--robot", FILE, "--env", SPATIAL], f"{SPATIAL} needs a robot with two arms in space"),
         (["--robot", FILE, "--variant", "real"], "unknown model variant 'real'; valid are 'nominal'"),
