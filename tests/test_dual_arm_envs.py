@@ -136,7 +136,7 @@ def test_grapples_move_with_the_target_and_lie_where_its_size_says(env_id):
     task, read = env.task, env.task.layout.read
     planar = task.kind == "planar"
     width = 2 if planar else 3
-    centre = task.draws.centre[:width]
+    centre = task.robot.target.position[:width]
     spin = [0.3] if planar else [0.1, -0.2, 0.3]
     sizes = np.array([[0.2], [0.3], [0.35], [0.4]])
     options = {"target_position": centre, "target_angular_velocity": spin, "target_half_width": sizes}

@@ -391,7 +391,7 @@ def page(paths: ReportPaths) -> Page:
 def test_report_writes_what_can_be_read_back(result: EvaluationResult, paths: ReportPaths) -> None:
     assert read_records(paths.records) == list(result.records)
     summary = json.loads(paths.summary.read_text(encoding="utf-8"))
-    assert summary["schema"] == 3 and summary["provenance"]["commit"] == "3f2c9d1"
+    assert summary["schema"] == 4 and summary["provenance"]["commit"] == "3f2c9d1"
     assert [row["rank"] for row in summary["rows"]] == [*range(1, len(result.episodes)), None]
     files = {row["policy"]: row["episodes"] for row in summary["rows"]}
     assert set(paths.episodes) == set(result.episodes) and len(set(files.values())) == len(files)

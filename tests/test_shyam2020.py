@@ -327,8 +327,8 @@ def fast(monkeypatch):
     """Optimal control from one start, and less to time."""
     plan = methods.plan_ocp
 
-    def few(*given, starts: int = 1):
-        return plan(*given, starts=1)
+    def few(*given, starts: int = 1, **named):
+        return plan(*given, starts=1, **named)
 
     monkeypatch.setattr(methods, "plan_ocp", few)
     monkeypatch.setattr("reproduce.shyam2020.timing.REPEATS", 2)
