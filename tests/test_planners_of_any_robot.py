@@ -91,6 +91,7 @@ def test_plans_stay_within_the_limits_of_each_joint() -> None:
     here = context(SIX)
     observation, _ = environment(SINGLE, SIX, 4).reset(options={"split": "test", "index": np.arange(4)})
     limits = drive_limits(here)
+    assert limits.rate is not None and limits.acceleration is not None
     for plan in PrompOptimal(here).plan(reaches(here, observation, False)):
         q, rate, acceleration = plan.sample(np.linspace(0.0, plan.time[-1], 201))
         assert (np.abs(rate) <= 1.01 * limits.rate).all()

@@ -36,10 +36,10 @@ def explicit_shape(
     anchors: list[Anchor] = []
     capsules = []
     for row in arm.tables("capsules", CAPSULE_KEYS):
-        ends = [_place(row, key, names, anchors) for key in ("start", "end")]
+        start, end = (_place(row, key, names, anchors) for key in ("start", "end"))
         radius = UNCHECKED if row.get("radius") == _UNCHECKED_WORD else row.positive("radius")
         satellite, target = (_radius(row, key, radius) for key in ("satellite", "target"))
-        capsules.append(Capsule(_link(row, links), *ends, radius, satellite, target))
+        capsules.append(Capsule(_link(row, links), start, end, radius, satellite, target))
     if not capsules:
         raise arm.error("capsules must be a list of tables, got an empty list")
     return tuple(anchors), tuple(capsules)

@@ -134,8 +134,7 @@ def _view(table: DescriptionTable) -> View | None:
     if "view" not in table:
         return None
     view = table.table("view", VIEW_KEYS)
-    cameras = [_camera(view, key) for key in ("overview", "chase")]
-    default = View(*cameras)
+    default = View(_camera(view, "overview"), _camera(view, "chase"))
     return replace(
         default, earth=view.vector("earth", 3, default.earth), sun=view.vector("sun", 3, default.sun)
     )

@@ -144,7 +144,7 @@ def merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any
         old = base.get(key)
         if isinstance(value, Mapping) and isinstance(old, Mapping):
             result[key] = merged(old, value)
-        elif _tables(value) and _tables(old) and len(value) == len(old):
+        elif old is not None and _tables(value) and _tables(old) and len(value) == len(old):
             result[key] = [merged(one, other) for one, other in zip(old, value, strict=True)]
         else:
             result[key] = value
