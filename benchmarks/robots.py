@@ -87,7 +87,7 @@ def main() -> None:
     add = parser.add_argument
     add("--robots", nargs="+", default=list(robot_names()), metavar="NAME", help="default: the whole zoo")
     add("--goals", type=whole, default=None, help=f"medium test goals of each policy (default {GOALS})")
-    add("--quick", action="store_true", help=f"{QUICK_GOALS} goals, in about five minutes")
+    add("--quick", action="store_true", help=f"{QUICK_GOALS} goals, in about three minutes")
     add("--output", type=Path, default=None, metavar="FOLDER", help="default results/robots, or robots_quick")
     options = parser.parse_args()
     if options.quick and options.goals is not None:

@@ -106,6 +106,8 @@ def test_two_robots_are_never_in_one_table(here: Path, capsys) -> None:
     assert evaluate(["compare", "light", "heavy", "--output", "both", "--separate"]) == 0
     rows = json.loads(Path("both/summary.json").read_text())["rows"]
     assert {(row["robot_digest"], row["rank"]) for row in rows} == {(light, 1), (heavy, 1)}
+    page = Path("both/report.html").read_text(encoding="utf-8")
+    assert all(f"<b>six_joints</b> robot, digest {digest}" in page for digest in (light, heavy))
     recorded = [load_episodes(path) for path in (here / "both" / "episodes").iterdir()]
     assert {each.robot.satellite.inertial.mass for each in recorded} == {300.0, 600.0}
 

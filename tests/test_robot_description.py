@@ -44,6 +44,34 @@ mass = 120.0
 size = [0.8, 1.0, 1.0]
 """
 
+URDF = """
+<robot name="arm">
+  <link name="root">
+    <inertial>
+      <origin xyz="0 0 0.25"/> <mass value="30"/>
+      <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>
+    </inertial>
+  </link>
+  <link name="link">
+    <inertial>
+      <mass value="2"/> <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/>
+    </inertial>
+  </link>
+  <joint name="hinge" type="revolute">
+    <parent link="root"/> <child link="link"/> <axis xyz="0 0 1"/>
+    <limit lower="-2" upper="2" velocity="0.3" effort="20"/>
+  </joint>
+  <link name="tool"/>
+  <joint name="end" type="fixed"> <parent link="link"/> <child link="tool"/> <origin xyz="0 0 0.4"/> </joint>
+</robot>
+"""
+ON_A_HEAVY_ROOT = """
+[[arm]]
+file = "arm.urdf"
+mount = { position = [0.1, 0.2, 0.5] }
+home = [0.0]
+"""
+
 
 def written(folder: Path, text: str) -> Path:
     file = folder / "arm.toml"
@@ -275,3 +303,13 @@ def test_combined_bodies_keep_the_moments_of_their_mass(one: Inertial, two: Iner
     whole = moments(combined([one, other]))
     for got, first, second in zip(whole, moments(one), moments(other), strict=True):
         np.testing.assert_allclose(got, first + second, rtol=1e-9, atol=1e-9)
+
+
+def test_the_frame_of_a_satellite_is_at_the_centre_of_mass_of_all_that_is_fixed_to_it(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(URDF)
+    robot = read(tmp_path, SATELLITE + ON_A_HEAVY_ROOT)
+    box, root = np.array(robot.satellite.box_centre), np.array([0.1, 0.2, 0.5 + 0.25])
+    assert robot.satellite.inertial.mass == 120.0 + 30.0
+    np.testing.assert_allclose(120.0 * box + 30.0 * (box + root), 0.0, atol=1e-9)
+    # The arm stands where it is mounted on the box.
+    np.testing.assert_allclose(np.array(robot.links[0].position) - box, [0.1, 0.2, 0.5], atol=1e-12)
