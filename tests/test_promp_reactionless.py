@@ -9,12 +9,13 @@ from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.reactionless.improvement import PathImprover
 from agents.planners.single_arm.reactionless.paths import FUNCTIONS, PathSpace
 from agents.planners.single_arm.reactionless.planner import ReactionlessPlanner, Timing
+from agents.planners.single_arm.reactionless.planner import space_of as paths_of
 from agents.policies.single_arm.reactionless.policy import PrompReactionless
 from agents.policies.single_arm.reactionless.problem import path_limits
-from space_envs.dynamics.rotations import to_matrix
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError
 from space_envs.policy import PolicyContext
+from space_envs.tasks.goals.clutter import satellite_gaps
 
 ID = "SpaceCapture/SingleArm-v0"
 CONTEXT = PolicyContext.from_env(CaptureVectorEnv(ID, 1))
@@ -30,8 +31,7 @@ def reach_of(number: int, duration: float = LONG) -> Reach:
 
 
 def space_of(number: int) -> PathSpace:
-    reach = reach_of(number)
-    return PathSpace(ROBOT, reach.start, reach.position, to_matrix(reach.quaternion))
+    return paths_of(ROBOT, reach_of(number))
 
 
 def weights_of(seed: int) -> np.ndarray:
@@ -83,9 +83,7 @@ def test_plans_meet_the_goal_and_keep_every_limit_between_their_nodes(timing: Ti
         for name in ("position", "rate", "acceleration", "torque", "coriolis"):
             assert found.violation[name] < 1e-3, name
         assert found.cost == pytest.approx(plan.cost, rel=1e-3)
-        assert (
-            LIMITS.gaps is not None and LIMITS.gaps(plan.sample(np.linspace(0.0, LONG, 300))[0]).min() > 0.0
-        )
+        assert satellite_gaps(CONTEXT.robot, plan.sample(np.linspace(0.0, LONG, 300))[0]).min() > 0.0
 
 
 def test_a_later_arrival_disturbs_the_base_less() -> None:

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.planners.common.plans import Cause, Failure
+from agents.planners.single_arm.reactionless.clearances import clearance_fault
 from agents.planners.single_arm.reactionless.limits import PathLimits
 from agents.planners.single_arm.reactionless.objectives import (
     Objective,
@@ -42,7 +43,7 @@ class Candidate(NamedTuple):
 
     @property
     def touches(self) -> bool:
-        """Whether it comes too close to the satellite."""
+        """Whether it comes too close to an obstacle."""
         return self.failure is not None and self.failure.cause is Cause.CLEARANCE
 
     def cost(self, duration: float) -> float:
@@ -51,10 +52,10 @@ class Candidate(NamedTuple):
 
 
 class PathImprover:
-    """Improves paths within the limits of a robot; it looks at the satellite where a path comes too close."""
+    """Improves paths within the limits of a robot; it looks at clearances where a path comes too close."""
 
     def __init__(self, limits: PathLimits) -> None:
-        self._limits, self._free = limits, replace(limits, gaps=None)
+        self._limits, self._free = limits, replace(limits, clearances=())
 
     def promise(self, space: PathSpace, duration: float) -> Objective:
         """The objective of `least_cost`, by which starts can be compared."""
@@ -138,7 +139,7 @@ class PathImprover:
         if (beyond := self._limits.beyond(path)) > 0.0:
             reason = f"the path found leaves a joint's range by {beyond:.3f} rad"
             return Failure(METHOD, Cause.JOINT_LIMIT, reason, 2e3 + beyond)
-        if (close := self._limits.closeness(path)) > 0.0:
-            reason = f"the path found comes {close:.3f} m too close to the satellite"
-            return Failure(METHOD, Cause.CLEARANCE, reason, 1e3 + close)
+        if (fault := clearance_fault(path, self._limits.clearances)) is not None:
+            cause, reason, missing = fault
+            return Failure(METHOD, cause, reason, 1e3 + missing)
         return None

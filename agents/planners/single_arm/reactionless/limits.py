@@ -1,24 +1,17 @@
 """Limits of a robot on paths: the duration that they ask for, and how near a path comes to them."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from agents.planners.common.plans import Limits
+from agents.planners.single_arm.reactionless.clearances import Clearance
 from agents.planners.single_arm.reactionless.paths import PathSpace, Samples, Sensitivities
 from space_envs.dynamics.rotations import Array
 
-Gaps = Callable[[Array], Array]
-"""Joint angles (..., n), rad -> gaps (..., S), m, between capsules of the arm and its satellite."""
-
-CLEARANCE = 0.005  # m, of plans, or that at the start if it is less
-AIMED_CLEARANCE = 0.015  # m, of the search, likewise
 ANGLE_MARGIN = 0.02  # rad, to the ends of joint ranges, of the search
 LEAST_ROOM = 1e-3  # rad, to the end of a range, that the braking law counts with
 ANGLE_SCALE = 0.1  # rad, by which an angle beyond its range counts as a rate at twice its limit does
-CLEARANCE_SCALE = 0.02  # m, likewise
-_STEP = 1e-6  # rad, of difference quotients
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,12 +20,12 @@ class PathLimits:
 
     Attributes:
         limits: of plans. deceleration: (n,) rad/s^2, with which the drives brake joints before the ends of
-            their ranges; None if they do not. gaps: to the satellite; None if it is out of reach.
+            their ranges; None if they do not. clearances: that paths keep.
     """
 
     limits: Limits
     deceleration: Array | None = None
-    gaps: Gaps | None = None
+    clearances: tuple[Clearance, ...] = ()
 
     def duration(self, space: PathSpace, path: Samples) -> dict[str, float]:
         """Shortest durations, s, by the limit that asks for them; those without a limit are absent."""
@@ -51,13 +44,6 @@ class PathLimits:
     def beyond(self, path: Samples) -> float:
         """Largest angle beyond its range, rad, negative inside."""
         return float(self.limits.beyond_angles(path.angle).max())
-
-    def closeness(self, path: Samples) -> float:
-        """Largest clearance from the satellite that is missing, m, negative if none is."""
-        if self.gaps is None:
-            return -np.inf
-        gap = self.gaps(path.angle)
-        return float((np.minimum(CLEARANCE, gap[0]) - gap).max())
 
     def shares(self, path: Samples, by: Sensitivities, duration: float) -> tuple[Array, Array]:
         """Rates and accelerations (N + 1, 2 n) at a duration in s as shares of their limits, with slopes."""
@@ -83,20 +69,9 @@ class PathLimits:
         time, joint = np.nonzero(beyond > 0.0)
         sign = np.where(high > low, 1.0, -1.0)[time, joint]
         value, slope = beyond[time, joint] / ANGLE_SCALE, sign[:, None] * by.angle[time, joint] / ANGLE_SCALE
-        if self.gaps is None:
-            return value, slope
-        missing, by_missing = self._missing(path, by, self.gaps)
-        return np.concatenate([value, missing]), np.concatenate([slope, by_missing])
-
-    def _missing(self, path: Samples, by: Sensitivities, gaps: Gaps) -> tuple[Array, Array]:
-        gap = gaps(path.angle)
-        missing = np.minimum(AIMED_CLEARANCE, gap[0]) - gap
-        time, capsule = np.nonzero(missing > 0.0)
-        moved = path.angle[time, None] + _STEP * np.eye(path.angle.shape[1])
-        varied = gaps(moved)[np.arange(len(time)), :, capsule]
-        slope = (gap[time, capsule][:, None] - varied) / _STEP  # (k, n)
-        by_missing = (slope[:, None] @ by.angle[time])[:, 0]
-        return missing[time, capsule] / CLEARANCE_SCALE, by_missing / CLEARANCE_SCALE
+        found = [(value, slope), *(clearance.violations(path, by) for clearance in self.clearances)]
+        values, slopes = zip(*found, strict=True)
+        return np.concatenate(values), np.concatenate(slopes)
 
     def _fastest(self, path: Samples) -> tuple[Array, Array]:
         """Largest rates (M + 1, n), rad/s, in the direction of motion, and their slopes by the angle."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from agents.planners.single_arm.reactionless.functions import FINER, FlowFunctions
+from agents.planners.single_arm.reactionless.goals import GoalRows, PathEnd
 from agents.planners.single_arm.reactionless.series import Series
 from agents.planners.single_arm.weights.functions import ArmFunctions
 from agents.planners.single_arm.weights.shapes import INTERVALS
@@ -23,13 +24,14 @@ class Samples:
 
     Attributes:
         angle, slope, curve: (M + 1, n) q rad, dq/ds and d2q/ds2.
-        drift: (M + 1, 3) m, velocity of the base by s.
-        miss: (6,) position m and rotation rad of the end-effector from its goal, at the end.
+        shift, drift: (M + 1, 3) m, displacement of the base since the start and its derivative by s.
+        miss: (r,) goal error at the end, m and rad.
     """
 
     angle: Array
     slope: Array
     curve: Array
+    shift: Array
     drift: Array
     miss: Array
 
@@ -39,12 +41,13 @@ class Sensitivities:
     """Derivatives of a path's samples by its weights, flattened (m,) function by function.
 
     Attributes:
-        angle, slope, curve: (N + 1, n, m). drift: (N + 1, 3, m). miss: (6, m).
+        angle, slope, curve: (N + 1, n, m). shift, drift: (N + 1, 3, m). miss: (r, m).
     """
 
     angle: Array
     slope: Array
     curve: Array
+    shift: Array
     drift: Array
     miss: Array
 
@@ -60,15 +63,15 @@ class PathSpace:
     The frame is that of the base, which does not rotate.
 
     Args:
-        start: (n,) rad. position, rotation: (3,) m and (3, 3) of the end-effector at the end.
+        start: (n,) rad. goal: equations for the end.
     """
 
-    def __init__(self, robot: FloatingRobot, start: Array, position: Array, rotation: Array) -> None:
+    def __init__(self, robot: FloatingRobot, start: Array, goal: GoalRows) -> None:
         self._functions = FlowFunctions.of(robot, FUNCTIONS, STEPS)
         self.arm = ArmFunctions.of(robot, INTERVALS)
         self.series, self.fine_series = Series.of(FUNCTIONS, STEPS), Series.of(FUNCTIONS, FINER * STEPS)
         self._start, self.n, self.size = start, robot.n_joints, robot.n_joints * FUNCTIONS
-        self._goal = np.concatenate([position, rotation.T.ravel(), np.eye(3).ravel()])
+        self._goal = goal
         self._centre = self._functions.centre(start)[0]
         self._shape = self.series.points.ravel()
         self._known: dict[bytes, tuple[Samples, Sensitivities]] = {}
@@ -77,14 +80,14 @@ class PathSpace:
         """The path of weights (n, K), rolled out finely."""
         series = self.fine_series
         angle, slope = self._rolled(self._functions.fine(self._start, self._velocity(weights, series)))
-        centre = self._functions.centre(angle)[0]
-        miss, _ = self._ending(angle[-1], centre[-1])
-        return Samples(angle, slope, series.odd @ slope, -(series.even @ centre), miss)
+        shift = self._centre - self._functions.centre(angle)[0]
+        miss = self._goal(PathEnd(angle[-1], shift[-1])).miss
+        return Samples(angle, slope, series.odd @ slope, shift, series.even @ shift, miss)
 
     def missed(self, weights: Array) -> Array:
-        """Pose error (6,) at the end of a path in the search, as in `Samples`."""
+        """Goal error (r,) at the end of a path in the search, as in `Samples`."""
         angle = self._functions.path(self._start, self._velocity(weights, self.series))[0][-1]
-        return self._ending(angle, self._functions.centre(angle)[0])[0]
+        return self._goal(PathEnd(angle, self._centre - self._functions.centre(angle)[0])).miss
 
     def sensitive(self, weights: Array) -> tuple[Samples, Sensitivities]:
         """The path of weights (n, K) in the search, with its derivatives; the last few are kept."""
@@ -104,12 +107,14 @@ class PathSpace:
         by_slope[:-1] = found[3].reshape(STEPS, n, m)
         by_curve = (series.odd @ by_slope.reshape(STEPS + 1, n * m)).reshape(by_slope.shape)
         centre, by_q = self._functions.centre(angle)
-        moved = by_q @ by_angle
-        by_drift = -(series.even @ moved.reshape(STEPS + 1, 3 * m)).reshape(moved.shape)
-        miss, ending = self._ending(angle[-1], centre[-1])
-        by_miss = (ending[:, 6:] - ending[:, :3] @ by_q[-1]) @ by_angle[-1]
-        samples = Samples(angle, slope, series.odd @ slope, -(series.even @ centre), miss)
-        return samples, Sensitivities(by_angle, by_slope, by_curve, by_drift, by_miss)
+        shift, by_shift = self._centre - centre, -by_q @ by_angle
+        by_drift = (series.even @ by_shift.reshape(STEPS + 1, 3 * m)).reshape(by_shift.shape)
+        miss, slope_angle, slope_shift = self._goal(PathEnd(angle[-1], shift[-1]))
+        by_miss = slope_angle @ by_angle[-1] + slope_shift @ by_shift[-1]
+        return (
+            Samples(angle, slope, series.odd @ slope, shift, series.even @ shift, miss),
+            Sensitivities(by_angle, by_slope, by_curve, by_shift, by_drift, by_miss),
+        )
 
     def _velocity(self, weights: Array, series: Series) -> Array:
         return (series.points @ weights.T).ravel()
@@ -118,9 +123,3 @@ class PathSpace:
         """Angles and slopes (M + 1, n) with those of the start and the end."""
         angle = np.concatenate([self._start[None], found[0]])
         return angle, np.concatenate([found[1], np.zeros((1, self.n))])
-
-    def _ending(self, angle: Array, centre: Array) -> tuple[Array, Array]:
-        """Pose error (6,) and its derivative (6, 6 + n) by the base's displacement and q, at an end."""
-        pose = np.concatenate([self._centre - centre, np.eye(3).ravel()])
-        miss, slope = self.arm.ending(angle, pose, self._goal)
-        return miss[:6], slope[:6]

@@ -9,6 +9,7 @@ import numpy as np
 from agents.planners.common.plans import Cause, Failure, start_beyond_limits
 from agents.planners.single_arm.library import Library
 from agents.planners.single_arm.problem import Reach, ReachPlan
+from agents.planners.single_arm.reactionless.goals import PoseRows
 from agents.planners.single_arm.reactionless.improvement import METHOD, NEWTON, Candidate, PathImprover
 from agents.planners.single_arm.reactionless.limits import PathLimits
 from agents.planners.single_arm.reactionless.paths import FUNCTIONS, PathSpace
@@ -111,7 +112,7 @@ class ReactionlessPlanner:
 
 def space_of(robot: FloatingRobot, reach: Reach) -> PathSpace:
     """Paths of a checked problem."""
-    return PathSpace(robot, reach.start, reach.position, to_matrix(reach.quaternion))
+    return PathSpace(robot, reach.start, PoseRows(robot, reach.position, to_matrix(reach.quaternion)))
 
 
 def random_starts(rng: np.random.Generator, n: int, count: int) -> Iterator[Array]:

@@ -1,4 +1,4 @@
-"""Gauss-Newton search for a path to a goal: nonlinear least squares with the pose error as constraint."""
+"""Gauss-Newton search for a path to a goal: nonlinear least squares with the goal error as constraint."""
 
 from typing import NamedTuple
 
@@ -9,7 +9,7 @@ from agents.planners.single_arm.reactionless.paths import FUNCTIONS, PathSpace, 
 from space_envs.dynamics.rotations import Array
 
 REACHED = 1e-3  # m and rad, of a path in the search; plans are polished
-LONGEST_MISS = 0.4  # m and rad of the pose error that one iteration takes away
+LONGEST_MISS = 0.4  # m and rad of the goal error that one iteration takes away
 LONGEST_STEP = 4.0  # rad, of all weights together
 CORRECTIONS = 2  # of second order, of a step
 GAIN = 1e-2  # relative decrease of the objective below which the search ends
@@ -18,7 +18,7 @@ _LEAST_DAMPING, _MOST_DAMPING = 1e-4, 1e4  # likewise
 
 
 class Found(NamedTuple):
-    """End of a search: weights (n, K), the objective, the largest pose error in m or rad, and iterations."""
+    """End of a search: weights (n, K), the objective, the largest goal error in m or rad, and iterations."""
 
     weights: Array
     objective: float
@@ -45,7 +45,7 @@ def to_goal(space: PathSpace, weights: Array, iterations: int) -> Array:
         if largest < REACHED or not by.usable:
             break
         square = by.miss @ by.miss.T
-        square += 1e-4 * np.trace(square) / 6.0 * min(1.0, largest) ** 2 * np.eye(6)
+        square += 1e-4 * np.trace(square) / len(square) * min(1.0, largest) ** 2 * np.eye(len(square))
         inverse = np.linalg.solve(square, by.miss).T
         part = min(1.0, LONGEST_MISS / float(np.linalg.norm(path.miss)))
         weights = weights - _shaped(space, _short(inverse @ (part * path.miss)))
@@ -107,16 +107,17 @@ def _point(space: PathSpace, weights: Array, objective: Objective) -> _Point:
 
 
 def _step(space: PathSpace, point: _Point, damping: float) -> tuple[Array, Array, Array]:
-    """Step (n, K), multipliers (6,) of the goal, and the matrix (m, 6) from a miss to its correction."""
+    """Step (n, K), multipliers (r,) of the goal, and the matrix (m, r) from a miss to its correction."""
     miss, equations = point.path.miss, point.by.miss
+    rows = len(miss)
     hessian = point.slope.T @ point.slope
     hessian[np.diag_indices(space.size)] += damping * np.trace(hessian) / space.size + 1e-9
     solved = np.linalg.solve(hessian, np.column_stack([equations.T, point.slope.T @ point.residual]))
-    inner = np.linalg.inv(equations @ solved[:, :6] + 1e-12 * np.eye(6))
+    inner = np.linalg.inv(equations @ solved[:, :rows] + 1e-12 * np.eye(rows))
     part = min(1.0, LONGEST_MISS / max(float(np.linalg.norm(miss)), 1e-12))
-    multiplier = inner @ (part * miss - equations @ solved[:, 6])
-    step = _short(-(solved[:, :6] @ multiplier) - solved[:, 6])
-    return _shaped(space, step), 2.0 * multiplier, -(solved[:, :6] @ inner)
+    multiplier = inner @ (part * miss - equations @ solved[:, rows])
+    step = _short(-(solved[:, :rows] @ multiplier) - solved[:, rows])
+    return _shaped(space, step), 2.0 * multiplier, -(solved[:, :rows] @ inner)
 
 
 def _short(step: Array) -> Array:

@@ -1,5 +1,6 @@
 """Limits of a task on reactionless paths, and the time that it leaves for them."""
 
+from agents.planners.single_arm.reactionless.clearances import SatelliteKeepOut
 from agents.planners.single_arm.reactionless.limits import PathLimits
 from agents.policies.single_arm.optimal import drive_limits
 from space_envs.drives import braking_deceleration
@@ -19,7 +20,7 @@ def path_limits(context: PolicyContext) -> PathLimits:
     def gaps(q: Array) -> Array:
         return contacts.satellite_gaps(contacts.points(arm, q))
 
-    return PathLimits(drive_limits(context), deceleration, gaps)
+    return PathLimits(drive_limits(context), deceleration, (SatelliteKeepOut(gaps),))
 
 
 def latest_arrival(context: PolicyContext) -> float:

@@ -1,0 +1,69 @@
+"""Clearances that paths keep: rows of inequalities, one class for each kind of obstacle."""
+
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+
+from agents.planners.common.plans import Cause
+from agents.planners.single_arm.reactionless.paths import Samples, Sensitivities
+from space_envs.dynamics.rotations import Array
+
+Gaps = Callable[[Array], Array]
+"""Joint angles (..., n), rad -> gaps (..., S), m, between capsules of the arm and its satellite."""
+
+CLEARANCE = 0.005  # m, of plans, or that at the start if it is less
+AIMED_CLEARANCE = 0.015  # m, of the search, likewise
+CLEARANCE_SCALE = 0.02  # m, of missing clearance that counts as a rate at twice its limit does
+_STEP = 1e-6  # rad, of difference quotients
+
+
+class Clearance(Protocol):
+    """Clearance from some obstacle.
+
+    Attributes:
+        obstacle: its name in reasons.
+    """
+
+    obstacle: str
+
+    def missing(self, path: Samples) -> float:
+        """Largest clearance that a plan lacks, m, negative if none is."""
+        ...
+
+    def violations(self, path: Samples, by: Sensitivities) -> tuple[Array, Array]:
+        """Clearances missing (k,), the positive ones as shares of a scale, with their slopes (k, m)."""
+        ...
+
+
+class SatelliteKeepOut:
+    """Capsules of the arm keep out of their satellite, by joint angles alone."""
+
+    obstacle = "the satellite"
+
+    def __init__(self, gaps: Gaps) -> None:
+        self._gaps = gaps
+
+    def missing(self, path: Samples) -> float:
+        """Largest clearance that a plan lacks, m, negative if none is."""
+        gap = self._gaps(path.angle)
+        return float((np.minimum(CLEARANCE, gap[0]) - gap).max())
+
+    def violations(self, path: Samples, by: Sensitivities) -> tuple[Array, Array]:
+        """Clearances missing at the samples, with slopes by difference quotients."""
+        gap = self._gaps(path.angle)
+        missing = np.minimum(AIMED_CLEARANCE, gap[0]) - gap
+        time, capsule = np.nonzero(missing > 0.0)
+        moved = path.angle[time, None] + _STEP * np.eye(path.angle.shape[1])
+        varied = self._gaps(moved)[np.arange(len(time)), :, capsule]
+        slope = (gap[time, capsule][:, None] - varied) / _STEP  # (k, n)
+        by_missing = (slope[:, None] @ by.angle[time])[:, 0]
+        return missing[time, capsule] / CLEARANCE_SCALE, by_missing / CLEARANCE_SCALE
+
+
+def clearance_fault(path: Samples, clearances: tuple[Clearance, ...]) -> tuple[Cause, str, float] | None:
+    """Cause, reason and size of the largest clearance that a path lacks; None if it keeps all of them."""
+    worst = max(clearances, key=lambda clearance: clearance.missing(path), default=None)
+    if worst is None or (missing := worst.missing(path)) <= 0.0:
+        return None
+    return Cause.CLEARANCE, f"the path found comes {missing:.3f} m too close to {worst.obstacle}", missing
