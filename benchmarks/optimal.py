@@ -22,6 +22,7 @@ from agents.planners.single_arm.weights.shapes import INTERVALS
 from agents.planners.single_arm.weights.sqp import GOAL_TOLERANCE, minimise
 from benchmarks.arguments import check_goals, split, whole
 from benchmarks.machine import machine_class, markdown_table
+from space_envs.dynamics.grapples import Grapple
 from space_envs.dynamics.rotations import Array
 from space_envs.system.command_line import Parser, exit_status
 from space_envs.tasks.single_arm import SingleArmTask
@@ -55,9 +56,9 @@ class ReachSetting:
         task = SingleArmTask(difficulty=self.difficulty)
         goals = task.goals(split, np.arange(count))
         return [
-            Reach(task.mechanics.home, position, quaternion, keep_attitude=self.keep_attitude).checked(
-                task.mechanics
-            )
+            Reach(
+                task.mechanics.home, Grapple.at_rest(position, quaternion), keep_attitude=self.keep_attitude
+            ).checked(task.mechanics)
             for position, quaternion in zip(goals.position, goals.quaternion, strict=True)
         ]
 

@@ -37,11 +37,11 @@ class TimedPolicy(PrompReactionless):
     def plan(self, asked: list[Reach]) -> list[ReachPlan | Failure]:
         """Plans of all rows."""
         for reach in asked:
-            if (key := reach.position.tobytes() + reach.quaternion.tobytes()) not in self.known:
+            if (key := reach.end.position.tobytes() + reach.end.quaternion.tobytes()) not in self.known:
                 before = time.perf_counter()
                 self.known[key] = self.planner.plan(reach)
                 self.times.append(time.perf_counter() - before)
-        return [self.known[reach.position.tobytes() + reach.quaternion.tobytes()] for reach in asked]
+        return [self.known[reach.end.position.tobytes() + reach.end.quaternion.tobytes()] for reach in asked]
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,6 +18,7 @@ from agents.policies.single_arm.stochastic_feedback import StochasticFeedback
 from benchmarks.arguments import check_goals, seed, whole
 from benchmarks.machine import machine_class, markdown_table
 from promp import ProMP
+from space_envs.dynamics.grapples import Grapple
 from space_envs.dynamics.rotations import Array, angle_between, from_matrix, multiply, rotate
 from space_envs.simulation import Simulation
 from space_envs.system.command_line import Parser, exit_status
@@ -124,9 +125,9 @@ def _end_errors(simulation: Simulation, reach: Reach) -> tuple[float, float, flo
     qpos, _ = simulation.robot_state()
     base, attitude = qpos[:, :3], qpos[:, 3:7]
     local, axes = SingleArmTask().mechanics.end_effector_pose(qpos[:, 7:])
-    position = base + rotate(attitude, local) - reach.position
+    position = base + rotate(attitude, local) - reach.end.position
     rotation = multiply(attitude, from_matrix(axes))
-    goal, still = (np.broadcast_to(each, rotation.shape) for each in (reach.quaternion, STILL))
+    goal, still = (np.broadcast_to(each, rotation.shape) for each in (reach.end.quaternion, STILL))
     return (
         float(np.median(np.linalg.norm(position, axis=1))),
         float(np.median(np.rad2deg(angle_between(rotation, goal)))),
@@ -150,9 +151,8 @@ def main() -> None:
     goals = task.goals("validation", np.arange(options.goals))
     used = 0
     for number, (position, quaternion) in enumerate(zip(goals.position, goals.quaternion, strict=True)):
-        reach = Reach(task.mechanics.home, position, quaternion, DURATION, keep_attitude=True).checked(
-            task.mechanics
-        )
+        goal = Grapple.at_rest(position, quaternion)
+        reach = Reach(task.mechanics.home, goal, DURATION, keep_attitude=True).checked(task.mechanics)
         space, bounds, _ = planner.planner.setting(reach)
         found = planner.distributions(reach, space, bounds).found
         if not found:

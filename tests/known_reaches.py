@@ -9,6 +9,7 @@ from agents.planners.common.plans import Limits
 from agents.planners.single_arm.problem import Reach
 from agents.policies.clearance import link_radii
 from space_envs.dynamics import FloatingRobot
+from space_envs.dynamics.grapples import Grapple
 from space_envs.robots.zoo import find_robot
 from space_envs.tasks.single_arm import SingleArmTask
 
@@ -26,6 +27,6 @@ def drives() -> Limits:
 
 
 def reach_of(number: int, keep_attitude: bool = False) -> Reach:
-    position, quaternion = (np.array(KNOWN[number][name]) for name in ("position", "quaternion"))
+    goal = Grapple.at_rest(*(np.array(KNOWN[number][name]) for name in ("position", "quaternion")))
     radii = link_radii(ROBOT)
-    return Reach(robot().home, position, quaternion, keep_attitude=keep_attitude, link_radius=radii)
+    return Reach(robot().home, goal, keep_attitude=keep_attitude, link_radius=radii)

@@ -48,6 +48,7 @@ from space_envs.dynamics import (
 )
 from space_envs.dynamics.bodies import body_motion, momentum_drift
 from space_envs.dynamics.capsules import box_distance, point_segment, segment_distance
+from space_envs.dynamics.grapples import Grapple, PoseTwist
 from space_envs.dynamics.rotations import Array
 from space_envs.envs import CaptureVectorEnv
 from space_envs.policy import PolicyContext
@@ -169,6 +170,14 @@ CASES: dict[str, Callable[[int], Any]] = {
     "tumble": lambda n: rigid_body.tumble(quaternions(n), numbers(n, 3), np.ones(3), np.arange(3.0)),
     "point_motion": lambda n: rigid_body.point_motion(
         numbers(n, 3), quaternions(n), numbers(n, 3), numbers(n, 3)
+    ),
+    "Grapple": lambda n: tuple(
+        Grapple.on_body(
+            PoseTwist(numbers(n, 3), quaternions(n), numbers(n, 3), numbers(n, 3)),
+            np.ones(3),
+            numbers(n, 3),
+            quaternions(n),
+        ).at(np.arange(3.0))
     ),
     "end_effectors": lambda n: tuple(reactionless.end_effectors(arms("Spatial"), numbers(n, 14))),
     "reactionless_rates": lambda n: reactionless.reactionless_rates(

@@ -19,6 +19,7 @@ from agents.policies.single_arm.promp import ProMPPolicy
 from agents.policies.single_arm.weights import PrompAvoiding, PrompDemonstrated
 from promp import ProMP, ViaPoint
 from space_envs.dynamics import FloatingRobot, roll_out_base, trajectory_cost
+from space_envs.dynamics.grapples import Grapple
 from space_envs.dynamics.rotations import Array
 from space_envs.dynamics.spheres import link_ends, sphere_gaps
 from space_envs.envs import CaptureVectorEnv
@@ -43,7 +44,8 @@ def planner(keep_attitude: bool = False) -> DemonstratedPlanner:
 
 def reach_of(number: int, keep_attitude: bool = False) -> Reach:
     goals = SingleArmTask().goals("validation", np.arange(GOALS))
-    reach = Reach(robot().home, goals.position[number], goals.quaternion[number], keep_attitude=keep_attitude)
+    goal = Grapple.at_rest(goals.position[number], goals.quaternion[number])
+    reach = Reach(robot().home, goal, keep_attitude=keep_attitude)
     return reach.checked(robot())
 
 
@@ -51,7 +53,7 @@ def cluttered(number: int) -> Reach:
     goals = SingleArmClutteredTask().goals("validation", np.arange(GOALS))
     start, place, turn = goals.joint_position, goals.position, goals.quaternion
     near = {"spheres": goals.spheres[number], "link_radius": link_radii(ROBOT)}
-    return Reach(start[number], place[number], turn[number], **near)
+    return Reach(start[number], Grapple.at_rest(place[number], turn[number]), **near)
 
 
 def measured(reach: Reach, plan: ReachPlan | Failure) -> ReachPlan:
@@ -175,7 +177,7 @@ def test_motions_around_spheres_are_clear_and_within_limits() -> None:
 
 def test_a_sphere_around_the_goal_is_a_typed_collision() -> None:
     reach = reach_of(3)
-    blocked = replace(reach, spheres=np.append(reach.position, 0.2)[None])
+    blocked = replace(reach, spheres=np.append(reach.end.position, 0.2)[None])
     failure = AvoidingPlanner(robot(), robot_limits(ROBOT), library_of(ROBOT, False)).plan(blocked)
     assert isinstance(failure, Failure)
     assert failure.cause in (Cause.CLEARANCE, Cause.SOLVER)

@@ -1,5 +1,7 @@
 """Paths of one arm in the reaction null space, checked by code that shares nothing with their planner."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,7 @@ from agents.planners.single_arm.reactionless.planner import ReactionlessPlanner,
 from agents.planners.single_arm.reactionless.planner import space_of as paths_of
 from agents.policies.single_arm.reactionless.policy import PrompReactionless
 from agents.policies.single_arm.reactionless.problem import path_limits
+from space_envs.dynamics.grapples import Grapple
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError
 from space_envs.policy import PolicyContext
@@ -27,7 +30,7 @@ def reach_of(number: int, duration: float = LONG) -> Reach:
     """A validation goal of medium difficulty."""
     env = CaptureVectorEnv(ID, 1)
     goal = env.task.goals("validation", np.array([number]))
-    return Reach(ROBOT.home, goal.position[0], goal.quaternion[0], duration).checked(ROBOT)
+    return Reach(ROBOT.home, Grapple.at_rest(goal.position[0], goal.quaternion[0]), duration).checked(ROBOT)
 
 
 def space_of(number: int) -> PathSpace:
@@ -95,9 +98,9 @@ def test_a_later_arrival_disturbs_the_base_less() -> None:
 def test_what_cannot_be_planned_is_a_failure_with_its_reason() -> None:
     planner = ReactionlessPlanner(ROBOT, LIMITS, random=4)
     reach = reach_of(5)
-    far = Reach(reach.start, np.array([50.0, 0.0, 0.0]), reach.quaternion)
-    moving = Reach(reach.start, reach.position, reach.quaternion, rate=np.full(7, 0.01))
-    hasty = Reach(reach.start, reach.position, reach.quaternion, duration=2.0)
+    far = replace(reach, goal=Grapple.at_rest(np.array([50.0, 0.0, 0.0]), reach.end.quaternion))
+    moving = replace(reach, rate=np.full(7, 0.01))
+    hasty = replace(reach, duration=2.0)
     expected = [(far, Cause.OUT_OF_REACH, "reaches"), (moving, Cause.INFEASIBLE, "at rest")]
     expected += [(hasty, Cause.INFEASIBLE, "there are 2.0 s")]
     for asked, cause, words in expected:

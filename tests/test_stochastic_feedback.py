@@ -10,6 +10,7 @@ from agents.planners.single_arm.promp.demonstrated import DemonstratedPlanner
 from agents.policies.single_arm.stochastic_feedback import StochasticFeedback
 from benchmarks.stochastic_feedback import DURATION, PERIOD, SETTINGS, computed_torque, simulated_errors
 from promp import ProMP, ViaPoint
+from space_envs.dynamics.grapples import Grapple
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError
 from space_envs.robots.zoo import find_robot
@@ -102,7 +103,8 @@ def test_both_laws_bring_the_arm_to_the_goal_in_simulation() -> None:
     task = SingleArmTask()
     goals = task.goals("validation", np.array([2]))
     planner = DemonstratedPlanner(task.mechanics, robot_limits(ROBOT), library_of(ROBOT, True))
-    reach = Reach(task.mechanics.home, goals.position[0], goals.quaternion[0], keep_attitude=True)
+    goal = Grapple.at_rest(goals.position[0], goals.quaternion[0])
+    reach = Reach(task.mechanics.home, goal, keep_attitude=True)
     reach = reach.checked(task.mechanics)
     space, bounds, _ = planner.planner.setting(reach)
     promp = planner.distributions(reach, space, bounds).found[0].promp

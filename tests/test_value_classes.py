@@ -33,6 +33,7 @@ from agents.planners.single_arm.weights.task_space import PoseTarget
 from agents.policies.single_arm.stochastic_feedback import StochasticFeedback
 from promp import GaussianBasis, ProMP, PrompError, ViaPoint, regress_weights
 from promp.nonlinear import NonlinearTarget, condition_nonlinear
+from space_envs.dynamics.grapples import Grapple
 from space_envs.errors import ConfigurationError
 from space_envs.registration import make_task
 from space_envs.robots.models import SceneOptions, robot_model
@@ -42,7 +43,8 @@ from space_envs.tasks.single_arm import PoseEnvelope
 
 ARM = make_task("SpaceCapture/SingleArm-v0", {}).mechanics
 ARMS = make_task("SpaceCapture/DualArmPlanar-v0", {}).mechanics
-REACH = Reach(ARM.home, *(np.ones(3), np.array([1.0, 0.0, 0.0, 0.0])), 10.0, np.zeros(7))
+GRAPPLE = Grapple.at_rest(np.ones(3), np.array([1.0, 0.0, 0.0, 0.0]))
+REACH = Reach(ARM.home, GRAPPLE, 10.0, np.zeros(7))
 REST = Capture(ARMS.home, 20.0, np.ones((2, 3)), np.zeros((2, 3)), np.ones((2, 3)))
 PROMP = ProMP(np.zeros((2, 10)), 0.01 * np.eye(20))
 MODEL = robot_model(find_robot("shyam2020"))
@@ -67,6 +69,10 @@ NO_ARRAY = NO_TABLE | st.sampled_from([5.0, [], np.ones((5, 4))])
 def each(build: Callable[..., Any], names: str, values: Any) -> list[tuple[Callable[..., Any], str, Any]]:
     """One case for each of the keywords `names`, separated by blanks."""
     return [(build, name, values) for name in names.split()]
+
+
+def grapple(**values: Any) -> Grapple:
+    return replace(GRAPPLE, **values).checked()
 
 
 def reach(**values: Any) -> Reach:
@@ -143,7 +149,13 @@ CASES = [
     *each(Limits, "control", NOT_POSITIVE),
     *each(Limits, "position", NO_ARRAY | st.sampled_from([np.array([[1.0, 0.0]]), np.full((7, 2), np.nan)])),
     *each(reach, "duration c", NOT_POSITIVE),
-    *each(reach, "start position quaternion", NO_ARRAY),
+    *each(
+        grapple, "centre attitude linear_velocity angular_velocity inertia offset orientation", NO_ARRAY
+    ),
+    *each(grapple, "attitude orientation", st.just(np.zeros(4))),
+    *each(grapple, "inertia", st.sampled_from([np.array([1.0, 0.0, 1.0]), np.array([1.0, -1.0, 1.0])])),
+    *each(reach, "start goal", NO_ARRAY),
+    *each(reach, "window", NO_ARRAY | st.sampled_from([(2.0, 1.0), (0.0, 1.0), (1.0, np.inf)])),
     *each(reach, "rate", NO_ARRAY),
     *each(reach, "spheres", NO_TABLE | st.sampled_from([np.zeros((2, 4)), np.ones((2, 3))])),
     *each(reach, "keep_attitude", NO_FLAG),

@@ -26,6 +26,7 @@ from agents.planners.single_arm.weights.weight_space import WeightSpace
 from promp import GaussianBasis
 from promp.errors import StorageError
 from space_envs.dynamics import roll_out_base, trajectory_cost
+from space_envs.dynamics.grapples import Grapple
 from space_envs.dynamics.rotations import Array, exponential, to_matrix
 from space_envs.errors import ConfigurationError
 from space_envs.tasks.single_arm import SingleArmTask
@@ -255,7 +256,8 @@ def plans_to_goals(keep_attitude: bool) -> list[tuple[Reach, ReachPlan]]:
     goals = SingleArmTask().goals("validation", np.array(POLISHED))
     found = []
     for position, quaternion in zip(goals.position, goals.quaternion, strict=True):
-        reach = Reach(robot().home, position, quaternion, keep_attitude=keep_attitude).checked(robot())
+        goal = Grapple.at_rest(position, quaternion)
+        reach = Reach(robot().home, goal, keep_attitude=keep_attitude).checked(robot())
         plan = OptimalPlanner(robot(), drives(), library_of(ROBOT, keep_attitude)).plan(reach)
         assert isinstance(plan, ReachPlan)
         found.append((reach, plan))
@@ -332,7 +334,7 @@ def test_library_file_is_checked(tmp_path: Path) -> None:
     path.write_bytes(content)
     with pytest.raises(StorageError):
         Library.load(path)
-    reach = Reach(robot().home, library.position[5], library.quaternion[5])
+    reach = Reach(robot().home, Grapple.at_rest(library.position[5], library.quaternion[5]))
     assert np.array_equal(library.nearest(reach, 1)[0], library.coordinates[5])
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from agents.planners.common.plans import Limits
 from agents.planners.single_arm.problem import Reach
 from agents.policies.clearance import link_radii
+from space_envs.dynamics.grapples import Grapple
 from space_envs.dynamics.rotations import Array
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError
@@ -42,8 +43,7 @@ class GoalCase:
         """Planning problem for the optimal planners."""
         return Reach(
             self.start,
-            self.position,
-            self.quaternion,
+            Grapple.at_rest(self.position, self.quaternion),
             keep_attitude=keep_attitude,
             spheres=spheres,
             link_radius=link_radii(context().robot),

@@ -7,13 +7,16 @@ from space_envs.dynamics.rotations import Array, conjugate, cross, multiply, rot
 _STEP = 0.1  # s, largest step of the integration; a target rotates by less than 0.02 rad in it
 
 
-def tumble(quaternion: Array, angular_velocity: Array, inertia: Array, times: Array) -> tuple[Array, Array]:
+def tumble(
+    quaternion: Array, angular_velocity: Array, inertia: Array, times: Array, step: float = _STEP
+) -> tuple[Array, Array]:
     """Attitude and angular velocity of torque-free bodies (Euler's equations), by Runge-Kutta of order 4.
 
     Args:
         quaternion: (..., 4) body to inertial at time 0. angular_velocity: (..., 3) rad/s, inertial axes.
         inertia: (3,) principal moments along the body's axes, kg m^2; only their ratios matter.
         times: (T,) s, monotonic, of any sign; time 0 need not be among them.
+        step: s, the largest of the integration.
 
     Returns:
         Quaternions (..., T, 4) and angular velocities (..., T, 3) in inertial axes.
@@ -32,7 +35,7 @@ def tumble(quaternion: Array, angular_velocity: Array, inertia: Array, times: Ar
     quaternions, velocities = np.empty((*batch, len(times), 4)), np.empty((*batch, len(times), 3))
     now = 0.0
     for place, time in enumerate(np.asarray(times, dtype=np.float64)):
-        steps = int(np.ceil(abs(time - now) / _STEP - 1e-9))
+        steps = int(np.ceil(abs(time - now) / step - 1e-9))
         h = (time - now) / max(steps, 1)
         for _ in range(steps):
             a = rate(attitude)

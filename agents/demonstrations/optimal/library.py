@@ -18,6 +18,7 @@ from agents.planners.single_arm.promp.optimal import OptimalPlanner
 from agents.policies.single_arm.optimal import further_rows
 from agents.policies.single_arm.reaching import motion_duration
 from space_envs.checks import count, flag
+from space_envs.dynamics.grapples import Grapple
 from space_envs.dynamics.rotations import Array
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError, positive_integer
@@ -203,8 +204,8 @@ def _part(
     planner = OptimalPlanner(robot, limits, further=further_rows(context, limited=recipe.limited))
     rows = []
     for number, goal_position, goal_quaternion in zip(numbers, position, quaternion, strict=True):
-        goal = goal_position, goal_quaternion, duration
-        reach = Reach(robot.home, *goal, keep_attitude=recipe.keep_attitude).checked(robot)
+        goal = Grapple.at_rest(goal_position, goal_quaternion)
+        reach = Reach(robot.home, goal, duration, keep_attitude=recipe.keep_attitude).checked(robot)
         if before is None:
             rows.append(first_motion(planner, reach, np.random.default_rng([recipe.seed, number])))
         else:

@@ -16,6 +16,7 @@ from agents.planners.single_arm.reactionless.improvement import PathImprover
 from agents.planners.single_arm.reactionless.paths import PathSpace
 from agents.planners.single_arm.reactionless.planner import random_starts, space_of
 from agents.policies.single_arm.reactionless.problem import latest_arrival, path_limits
+from space_envs.dynamics.grapples import Grapple
 from space_envs.dynamics.rotations import Array
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import positive_integer
@@ -102,7 +103,8 @@ def _part(
     improver, duration = PathImprover(path_limits(context)), latest_arrival(context)
     found = []
     for number, goal_position, goal_quaternion in zip(numbers, position, quaternion, strict=True):
-        reach = Reach(context.arm.home, goal_position, goal_quaternion, duration).checked(context.arm)
+        goal = Grapple.at_rest(goal_position, goal_quaternion)
+        reach = Reach(context.arm.home, goal, duration).checked(context.arm)
         if before is None:
             rng = np.random.default_rng([seed, int(number)])
             best = _Best(np.zeros((context.joints, 0)), np.inf, 0)

@@ -8,6 +8,7 @@ import numpy as np
 from agents.planners.common.plans import Limits
 from agents.planners.single_arm.problem import Reach, ReachPlan
 from space_envs.dynamics import FloatingRobot, attitude_cost, roll_out_base
+from space_envs.dynamics.grapples import PoseTwist
 from space_envs.dynamics.rotations import Array, angle_between, from_matrix, multiply, rotate
 from space_envs.dynamics.spheres import link_ends, sphere_gaps
 
@@ -20,19 +21,23 @@ def check(
 ) -> ReachPlan:
     """Return a plan with its cost and violations as measured on an even grid, also between its nodes.
 
-    Violations: `start` rad and rad/s, `end_rate` rad/s, `position_error` m and `rotation_error` rad of the
-    end-effector at T, `end_attitude` rad of the base at T, `peak_attitude` rad; beyond the limits (negative
-    inside, absent without a limit) `position` rad, `rate` rad/s, `acceleration` rad/s^2, `torque` and
-    `coriolis` N m, and `clearance` m, the largest depth of a link inside a sphere of reach.spheres.
+    Violations: `start` rad and rad/s, `position_error` m, `rotation_error` rad, `linear_velocity_error` m/s
+    and `angular_velocity_error` rad/s of the end-effector relative to the goal at T, `end_rate` rad/s of the
+    joints at T (absent for a moving goal), `end_attitude` rad of the base at T, `peak_attitude` rad; beyond
+    the limits (negative inside, absent without a limit) `position` rad, `rate` rad/s, `acceleration`
+    rad/s^2, `torque` and `coriolis` N m, and `clearance` m, the largest depth of a link inside a sphere of
+    reach.spheres.
 
     Args:
         model: compiled model of the robot, for the torques. reach: as `Reach.checked` returns it.
     """
     time = np.linspace(0.0, plan.time[-1], SAMPLES)
+    goal = reach.goal.at(plan.time[-1])
     state = plan.sample(time)
     twist, dt = robot.base_twist(*state[:2]), float(time[1])
     base = roll_out_base(robot, *state[:2], dt, twist=twist)
-    violation = _boundary_errors(robot, reach, state, base) | _excess(model, limits, state, twist)
+    violation = _boundary_errors(robot, reach, state, base) | _goal_errors(robot, goal, state, base)
+    violation |= _excess(model, limits, state, twist)
     if reach.spheres is not None and len(reach.spheres):
         ends = link_ends(robot, state[0], *base)
         violation["clearance"] = -float(sphere_gaps(ends, reach.spheres, reach.link_radius).min())
@@ -45,21 +50,33 @@ def check(
 def _boundary_errors(
     robot: FloatingRobot, reach: Reach, state: tuple[Array, Array, Array], base: tuple[Array, Array]
 ) -> dict[str, float]:
-    """Errors at the start and at T, and attitudes of the base."""
+    """Errors of the joints at the start and at T, and attitudes of the base."""
     q, qdot, _ = state
-    position, quaternion = base
-    local, axes = robot.end_effector_pose(q[-1])
-    end_effector = position[-1] + rotate(quaternion[-1], local)
-    rotation = multiply(quaternion[-1], from_matrix(axes))
     start_rate = 0.0 if reach.rate is None else reach.rate
-    angle = angle_between(quaternion, np.broadcast_to([1.0, 0.0, 0.0, 0.0], quaternion.shape))
-    return {
+    angle = angle_between(base[1], np.broadcast_to([1.0, 0.0, 0.0, 0.0], base[1].shape))
+    found = {
         "start": float(max(np.abs(q[0] - reach.start).max(), np.abs(qdot[0] - start_rate).max())),
-        "end_rate": float(np.abs(qdot[-1]).max()),
-        "position_error": float(np.linalg.norm(end_effector - reach.position)),
-        "rotation_error": float(angle_between(rotation, reach.quaternion)),
         "end_attitude": float(angle[-1]),
         "peak_attitude": float(angle.max()),
+    }
+    return found if reach.goal.moves else found | {"end_rate": float(np.abs(qdot[-1]).max())}
+
+
+def _goal_errors(
+    robot: FloatingRobot, goal: PoseTwist, state: tuple[Array, Array, Array], base: tuple[Array, Array]
+) -> dict[str, float]:
+    """Errors of the end-effector's pose and twist at T."""
+    q, qdot, position, quaternion = state[0][-1], state[1][-1], base[0][-1], base[1][-1]
+    local, axes = robot.end_effector_pose(q)
+    reached = position + rotate(quaternion, local)
+    rotation = multiply(quaternion, from_matrix(axes))
+    twist = robot.generalized_jacobian(q) @ qdot
+    linear, angular = rotate(quaternion, twist[:3]), rotate(quaternion, twist[3:])
+    return {
+        "position_error": float(np.linalg.norm(reached - goal.position)),
+        "rotation_error": float(angle_between(rotation, goal.quaternion)),
+        "linear_velocity_error": float(np.linalg.norm(linear - goal.linear_velocity)),
+        "angular_velocity_error": float(np.linalg.norm(angular - goal.angular_velocity)),
     }
 
 

@@ -42,7 +42,7 @@ class Library:
 
     def nearest(self, reach: Reach, count: int) -> Array:
         """Coordinates (count, n, m) of the motions with the nearest goals; a metre counts as a radian."""
-        return self.coordinates[self.order(reach.position, reach.quaternion)[:count]]
+        return self.coordinates[self.order(reach.end.position, reach.end.quaternion)[:count]]
 
     def order(self, position: Array, quaternion: Array) -> NDArray[np.intp]:
         """Indices (L,) by distance of the goals from a pose."""

@@ -21,7 +21,8 @@ from agents.policies.following import FollowedPlans, sampled_plans
 from agents.policies.single_arm.reaching import ReachingPolicy, motion_duration, motion_times
 from space_envs.drives import CORIOLIS_SHARE, braking_deceleration
 from space_envs.dynamics import FloatingRobot
-from space_envs.dynamics.rotations import Array, conjugate, multiply, rotate
+from space_envs.dynamics.grapples import Grapple
+from space_envs.dynamics.rotations import Array
 from space_envs.policy import PolicyContext
 from space_envs.tasks.contacts import Contacts
 
@@ -75,9 +76,8 @@ def reaches(context: PolicyContext, observation: Array, keep_attitude: bool) -> 
     def read(name: str) -> Array:
         return context.layout.read(observation, name)
 
-    inverse, origin = conjugate(read("base_quaternion")), read("base_position")
-    position = rotate(inverse, read("goal_position") - origin)
-    quaternion = multiply(inverse, read("goal_quaternion"))
+    goals = Grapple.at_rest(read("goal_position"), read("goal_quaternion"))
+    goals = goals.in_frame(read("base_position"), read("base_quaternion"))
     start, rate = read("joint_position"), read("joint_velocity")
     duration, spheres = motion_duration(context.robot), spheres_seen(context, observation)
     if spheres is not None:
@@ -85,8 +85,7 @@ def reaches(context: PolicyContext, observation: Array, keep_attitude: bool) -> 
     return [
         Reach(
             start[row],
-            position[row],
-            quaternion[row],
+            goals.row(row),
             duration,
             rate[row],
             keep_attitude,

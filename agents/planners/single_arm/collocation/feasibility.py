@@ -36,9 +36,9 @@ def _collision(method: str, robot: FloatingRobot, reach: Reach) -> Failure | Non
     ends = link_ends(robot, reach.start, np.zeros(3), NO_ROTATION)
     # The pose of the last link at the end follows from the goal.
     _, axes = robot.end_effector_pose(reach.start)
-    last = reach.position + to_matrix(reach.quaternion) @ axes.T @ (ends[-2] - ends[-1])
+    last = reach.end.position + to_matrix(reach.end.quaternion) @ axes.T @ (ends[-2] - ends[-1])
     radii = np.broadcast_to(reach.link_radius, robot.n_joints)
-    for when, points in (("the start", ends), ("the goal", np.stack([last, reach.position]))):
+    for when, points in (("the start", ends), ("the goal", np.stack([last, reach.end.position]))):
         gap = float(sphere_gaps(points, reach.spheres, radii[1 - len(points) :]).min())
         if gap < 0.0:
             reason = f"{when} is in a collision: a link is {-gap:.3f} m deep in a ball"

@@ -20,7 +20,7 @@ from agents.planners.single_arm.collocation.feasibility import infeasible_start
 from agents.planners.single_arm.collocation.solver import METHOD, ReachSolver
 from agents.planners.single_arm.collocation.starts import end_configurations, initial_paths
 from agents.planners.single_arm.library import Library
-from agents.planners.single_arm.problem import Reach, ReachPlan
+from agents.planners.single_arm.problem import Reach, ReachPlan, require_rest
 from agents.planners.single_arm.promp.optimal import OptimalPlanner
 from space_envs.checks import count
 from space_envs.dynamics import FloatingRobot
@@ -62,12 +62,14 @@ def plan_ocp(
         seed: of the random part of the initial guesses.
 
     Raises:
-        ConfigurationError: for a malformed reach, limits of another robot or an invalid number of starts.
+        ConfigurationError: for a malformed reach, a moving goal, limits of another robot or an invalid number
+            of starts.
     """
     positive_integer("starts", starts, MAX_STARTS)
     count("seed", seed, 2**63)
-    search = _ReachSearch(model, robot, reach.checked(robot), limits.checked(robot), library, seed)
-    return search.plan(starts)
+    reach = reach.checked(robot)
+    require_rest(METHOD, reach)
+    return _ReachSearch(model, robot, reach, limits.checked(robot), library, seed).plan(starts)
 
 
 class _ReachSearch:

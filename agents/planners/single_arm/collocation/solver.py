@@ -108,8 +108,8 @@ class ReachSolver:
         return ReachProgram.of(self._robot, constraints)
 
     def _parameters(self) -> Array:
-        axes = to_matrix(self.reach.quaternion)
-        pose = [self.reach.position, axes.T.ravel()]
+        axes = to_matrix(self.reach.end.quaternion)
+        pose = [self.reach.end.position, axes.T.ravel()]
         return np.concatenate(
             [self._fixed.ravel(), self._com, *pose, [self.reach.c**2], self._spheres.ravel()]
         )

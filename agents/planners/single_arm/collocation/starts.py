@@ -28,7 +28,7 @@ def end_configurations(
     """
     n, start = robot.n_joints, reach.start
     com = model.com(start).full()[:, 0]
-    far, longest = float(np.linalg.norm(reach.position - com)), robot.reach()
+    far, longest = float(np.linalg.norm(reach.end.position - com)), robot.reach()
     if far > longest:
         reason = f"the goal is {far:.3f} m from the system's centre of mass, the reach is {longest:.3f} m"
         return Failure(method, Cause.OUT_OF_REACH, reason)
@@ -37,8 +37,8 @@ def end_configurations(
     q = np.clip(start + random * np.resize(SPREAD, SEARCHES)[:, None], *angles.T)
     value, slope = (f.map(SEARCHES) for f in (model.ending.value, model.ending.slope))
     given = [np.zeros((3, SEARCHES)), np.tile(com[:, None], SEARCHES)]
-    given.append(np.tile(to_matrix(reach.quaternion), SEARCHES))
-    required = np.concatenate([reach.position, np.zeros(3)])
+    given.append(np.tile(to_matrix(reach.end.quaternion), SEARCHES))
+    required = np.concatenate([reach.end.position, np.zeros(3)])
     q, error = damped_newton(
         lambda q: required - value(q.T, *given).full().T,
         lambda q: slope(q.T, *given).full().reshape(6, SEARCHES, n + 3)[:, :, :n].swapaxes(0, 1),
@@ -50,7 +50,7 @@ def end_configurations(
     )
     # Sines vanish at half a revolution too.
     axes = robot.end_effector_pose(q)[1]
-    aligned = np.trace(to_matrix(reach.quaternion).T @ axes, axis1=1, axis2=2) > 1.0
+    aligned = np.trace(to_matrix(reach.end.quaternion).T @ axes, axis1=1, axis2=2) > 1.0
     found = q[(error < _TOLERANCE) & aligned]
     if not len(found):
         reason = (

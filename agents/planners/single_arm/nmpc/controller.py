@@ -24,6 +24,7 @@ from agents.planners.single_arm.weights.shapes import Basis, Shapes
 from agents.planners.single_arm.weights.sqp import Rows
 from agents.planners.single_arm.weights.weight_space import WeightSpace
 from space_envs.dynamics import FloatingRobot
+from space_envs.dynamics.grapples import Grapple
 from space_envs.dynamics.rotations import Array, conjugate, multiply, rotate, to_matrix
 from space_envs.errors import positive
 
@@ -74,8 +75,7 @@ class Controller:
         back = conjugate(state.quaternion)
         reach = Reach(
             start=state.angles,
-            position=rotate(back, position - state.position),
-            quaternion=multiply(back, quaternion),
+            goal=Grapple.at_rest(rotate(back, position - state.position), multiply(back, quaternion)),
             duration=duration,
             rate=state.rates,
             keep_attitude=True,

@@ -133,8 +133,8 @@ class DemonstratedPlanner:
                     self._robot,
                     self._basis,
                     reach.duration,
-                    reach.position,
-                    to_matrix(reach.quaternion),
+                    reach.end.position,
+                    to_matrix(reach.end.quaternion),
                     np.eye(3) if reach.keep_attitude else None,
                 )
             )
@@ -153,7 +153,7 @@ class DemonstratedPlanner:
         The motions are moved to the observed start and its rate by the minimum-energy change: the result of
         conditioning on the start if the prior's starts vary by such changes.
         """
-        near = self._library.order(reach.position, reach.quaternion)[
+        near = self._library.order(reach.end.position, reach.end.quaternion)[
             : CANDIDATES if self._groups > 1 else GROUP
         ]
         coordinates = self._library.coordinates[near]

@@ -9,7 +9,7 @@ from agents.planners.common.plans import Cause, Failure, Limits
 from agents.planners.single_arm.inequalities.spheres import Spheres
 from agents.planners.single_arm.inequalities.torques import Torques
 from agents.planners.single_arm.library import Library
-from agents.planners.single_arm.problem import Reach, ReachPlan
+from agents.planners.single_arm.problem import Reach, ReachPlan, require_rest
 from agents.planners.single_arm.weights.bounds import Bounds, lower_and_upper
 from agents.planners.single_arm.weights.sqp import GOAL_TOLERANCE, Ending, Rows, SqpResult, minimise
 from agents.planners.single_arm.weights.weight_space import WeightSpace
@@ -80,15 +80,20 @@ class OptimalPlanner:
         return self.motion(space, best)
 
     def setting(self, reach: Reach) -> tuple[WeightSpace, Bounds, tuple[Rows, ...]]:
-        """Return the motions, bounds and nonlinear inequalities of a checked problem."""
+        """Return the motions, bounds and nonlinear inequalities of a checked problem.
+
+        Raises:
+            ConfigurationError: for a moving goal.
+        """
+        require_rest(METHOD, reach)
         space = WeightSpace(
             self._robot,
             self._basis,
             reach.start,
             np.zeros_like(reach.start) if reach.rate is None else reach.rate,
             reach.duration,
-            reach.position,
-            to_matrix(reach.quaternion),
+            reach.end.position,
+            to_matrix(reach.end.quaternion),
             reach.c,
         )
         limits = self._limits
@@ -138,7 +143,7 @@ class OptimalPlanner:
         if self._library is None:
             return []
         keep = reach.keep_attitude
-        near = self._library.order(reach.position, reach.quaternion)[: self._candidates]
+        near = self._library.order(reach.end.position, reach.end.quaternion)[: self._candidates]
         starts = self._library.coordinates[near]
         predicted = predicted_costs(space, starts, keep)
         expected = max(predicted.min(), float(np.quantile(self._library.cost[near], 0.25)))
@@ -183,7 +188,7 @@ class OptimalPlanner:
         """Failure if the goal is farther than the straight arm reaches."""
         robot = self._robot
         centre = robot.centre_of_mass(robot.kinematics(reach.start))
-        distance, longest = float(np.linalg.norm(reach.position - centre)), robot.reach()
+        distance, longest = float(np.linalg.norm(reach.end.position - centre)), robot.reach()
         if distance <= longest:
             return None
         reason = f"the goal is {distance:.2f} m from the centre of mass, the arm reaches {longest:.2f} m"

@@ -8,7 +8,7 @@ import numpy as np
 
 from agents.planners.common.plans import Cause, Failure, start_beyond_limits
 from agents.planners.single_arm.library import Library
-from agents.planners.single_arm.problem import Reach, ReachPlan
+from agents.planners.single_arm.problem import Reach, ReachPlan, require_rest
 from agents.planners.single_arm.reactionless.goals import PoseRows
 from agents.planners.single_arm.reactionless.improvement import METHOD, NEWTON, Candidate, PathImprover
 from agents.planners.single_arm.reactionless.limits import PathLimits
@@ -58,8 +58,13 @@ class ReactionlessPlanner:
         self._random = positive_integer("random", random, MOST_STARTS)
 
     def plan(self, reach: Reach) -> ReachPlan | Failure:
-        """The motion from rest of a problem, whose duration is the longest one."""
+        """The motion from rest of a problem, whose duration is the longest one.
+
+        Raises:
+            ConfigurationError: for a malformed problem or a moving goal.
+        """
         reach = reach.checked(self._robot)
+        require_rest(METHOD, reach)
         if (failure := self._refusal(reach)) is not None:
             return failure
         space = space_of(self._robot, reach)
@@ -103,7 +108,7 @@ class ReactionlessPlanner:
             return beyond
         robot = self._robot
         centre = robot.centre_of_mass(robot.kinematics(reach.start))
-        distance, longest = float(np.linalg.norm(reach.position - centre)), robot.reach()
+        distance, longest = float(np.linalg.norm(reach.end.position - centre)), robot.reach()
         if distance <= longest:
             return None
         reason = f"the goal is {distance:.2f} m from the centre of mass, the arm reaches {longest:.2f} m"
@@ -112,7 +117,8 @@ class ReactionlessPlanner:
 
 def space_of(robot: FloatingRobot, reach: Reach) -> PathSpace:
     """Paths of a checked problem."""
-    return PathSpace(robot, reach.start, PoseRows(robot, reach.position, to_matrix(reach.quaternion)))
+    rows = PoseRows(robot, reach.end.position, to_matrix(reach.end.quaternion))
+    return PathSpace(robot, reach.start, rows)
 
 
 def random_starts(rng: np.random.Generator, n: int, count: int) -> Iterator[Array]:
