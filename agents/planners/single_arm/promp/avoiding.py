@@ -12,7 +12,7 @@ import numpy as np
 from agents.planners.common.plans import Cause, Failure, Limits
 from agents.planners.single_arm.inequalities.spheres import SPHERE_MARGIN, Spheres
 from agents.planners.single_arm.library import Library
-from agents.planners.single_arm.problem import Reach, ReachPlan
+from agents.planners.single_arm.problem import Reach, ReachPlan, require_rest
 from agents.planners.single_arm.promp.demonstrated import DemonstratedPlanner
 from agents.planners.single_arm.weights.bounds import Bounds
 from agents.planners.single_arm.weights.sqp import GOAL_TOLERANCE, Rows, minimise
@@ -54,8 +54,13 @@ class AvoidingPlanner:
         self._demonstrated = DemonstratedPlanner(robot, limits, library, groups=GROUPS)
 
     def plan(self, reach: Reach) -> ReachPlan | Failure:
-        """Plan the best of the refined motions that are clear of all spheres."""
+        """Plan the best of the refined motions that are clear of all spheres.
+
+        Raises:
+            ConfigurationError: for a malformed problem or a moving goal.
+        """
         reach = reach.checked(self._robot)
+        require_rest(METHOD, reach)
         planner = self._demonstrated.planner
         space, bounds, rows = planner.setting(reach)
         starts = self._starts(reach, space, bounds)

@@ -12,7 +12,7 @@ import numpy as np
 
 from agents.planners.common.plans import Cause, Failure, Limits
 from agents.planners.single_arm.library import Library
-from agents.planners.single_arm.problem import Reach, ReachPlan
+from agents.planners.single_arm.problem import Reach, ReachPlan, require_rest
 from agents.planners.single_arm.promp.limit_conditioning import GOAL_TOLERANCE, conditioned_on_limits
 from agents.planners.single_arm.promp.optimal import OptimalPlanner
 from agents.planners.single_arm.weights.bounds import Bounds
@@ -75,8 +75,13 @@ class DemonstratedPlanner:
         self.planner = OptimalPlanner(robot, limits, library, self._basis)
 
     def plan(self, reach: Reach) -> ReachPlan | Failure:
-        """Plan the best sample within the limits."""
+        """Plan the best sample within the limits.
+
+        Raises:
+            ConfigurationError: for a malformed problem or a moving goal.
+        """
         reach = reach.checked(self._robot)
+        require_rest(METHOD, reach)
         space, bounds, rows = self.planner.setting(replace(reach, spheres=None))
         conditioned = self.distributions(reach, space, bounds)
         if not conditioned.found:
