@@ -2,10 +2,10 @@
 
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import redirect_stdout
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib
 from matplotlib.axes import Axes
@@ -25,9 +25,53 @@ from space_envs.system.files import atomic_write
 ENV = "SpaceCapture/SingleArm-v0"
 NO_PLANNERS = ("random", "hold", "gjm", "bc", "ppo")
 ATTITUDE_METRIC = "capture@0.1deg"  # at least 0.5: the planner constrains the final attitude
-# Alternative text of the figure in README.md and docs/optimal.md.
+
+
+class Panel(NamedTuple):
+    """A scatter plot of planners: a value of leaderboard rows over another one, both on logarithmic axes.
+
+    Attributes:
+        x, y: values. x_label, y_label: with units. least: smallest value that is drawn along y.
+    """
+
+    x: Callable[[dict[str, Any]], float]
+    x_label: str
+    y: Callable[[dict[str, Any]], float]
+    y_label: str
+    least: float = 1e-4
+
+
+def planning_time(row: dict[str, Any]) -> float:
+    """Milliseconds before the first action."""
+    return float(row["timing"]["planning_ms"])
+
+
+def figure_of(key: str, scale: float = 1.0) -> Callable[[dict[str, Any]], float]:
+    """A metric of rows, times a scale."""
+    return lambda row: scale * row["figures"][key]["value"]
+
+
+PLANNING = planning_time, "planning time [ms]"
+DISTURBANCE = figure_of("attitude_cost", 1e4), "base disturbance, eq. 20 [cm²/s]"
+PEAK = figure_of("peak_attitude"), "peak attitude [deg]"
+# Panels of the figures by the names of their files.
+FIGURES = {
+    "planners": (
+        Panel(*PLANNING, *DISTURBANCE),
+        Panel(*PLANNING, figure_of("final_attitude"), "final attitude error [deg]"),
+    ),
+    "peak_attitude": (
+        Panel(figure_of("time_to_capture"), "time to capture [s]", *PEAK),
+        Panel(*PLANNING, *PEAK),
+    ),
+}
+# Alternative texts of the figures in README.md and docs/.
 CAPTION = (
     "Planning time against base disturbance (eq. 20) and against final attitude error, for the planners "
+    f"of {ENV}; squares constrain the final attitude."
+)
+PEAK_CAPTION = (
+    "Time to capture and planning time against the satellite's peak attitude, for the planners "
     f"of {ENV}; squares constrain the final attitude."
 )
 
@@ -50,31 +94,22 @@ def summary(
     return json.loads((output / "summary.json").read_text())["rows"]
 
 
-def planning_time(row: dict[str, Any]) -> float:
-    """Milliseconds before the first action."""
-    return float(row["timing"]["planning_ms"])
-
-
-def draw(rows: list[dict[str, Any]], path: Path) -> None:
-    """Draw two panels over planning time; planners that constrain the final attitude are orange squares."""
+def draw(rows: list[dict[str, Any]], panels: Sequence[Panel], path: Path) -> None:
+    """Draw panels next to each other; planners that constrain the final attitude are orange squares."""
     matplotlib.rcParams["svg.hashsalt"] = "planners"
     figure = Figure(figsize=(10.0, 4.2), layout="constrained")
-    panels = (
-        ("attitude_cost", 1e4, "base disturbance, eq. 20 [cm²/s]"),
-        ("final_attitude", 1.0, "final attitude error [deg]"),
-    )
     labels: list[tuple[Axes, list[tuple[str, float, float]]]] = []
-    for number, (key, scale, title) in enumerate(panels):
+    for number, panel in enumerate(panels):
         axes: Axes = figure.add_subplot(1, 2, number + 1)
         points = []
         for row in rows:
-            x, y = planning_time(row), max(scale * row["figures"][key]["value"], 1e-4)
+            x, y = panel.x(row), max(panel.y(row), panel.least)
             constrained = row["figures"][ATTITUDE_METRIC]["value"] >= 0.5
             marker, color = ("s", VERMILION) if constrained else ("o", BLUE)
             label = "final attitude constrained" if constrained else "final attitude unconstrained"
             axes.plot(x, y, marker, color=color, ms=7, label=label)
             points.append((row["policy"], x, y))
-        axes.set(xscale="log", yscale="log", xlabel="planning time [ms]", ylabel=title)
+        axes.set(xscale="log", yscale="log", xlabel=panel.x_label, ylabel=panel.y_label)
         axes.margins(0.12)
         for axis in (axes.xaxis, axes.yaxis):
             log_ticks(axis, most=7)
@@ -96,7 +131,9 @@ def main() -> None:
     parser.add_argument("--split", type=split, default="test", help="default %(default)s")
     parser.add_argument("--output", type=Path, default=Path("results/planners"), help="default %(default)s")
     parser.add_argument(
-        "--plot", type=Path, help="default planners.svg in the output folder; docs/ has one of its own"
+        "--plots",
+        type=Path,
+        help="folder of the figures (default: the output folder); docs/images has its own",
     )
     add_robot(parser.add_argument)
     options = parser.parse_args()
@@ -104,19 +141,23 @@ def main() -> None:
     evaluated = summary(options.env, options.output, options.episodes, options.split, robot)
     rows = [row for row in evaluated if row["captures"]]  # without a capture there is no cost
     if options.env == ENV:
-        draw(rows, options.plot or options.output / "planners.svg")
+        for name, panels in FIGURES.items():
+            draw(rows, panels, (options.plots or options.output) / f"{name}.svg")
     table = [
         [
             row["policy"],
             f"{planning_time(row):.1f}",
             f"{1e4 * row['figures']['attitude_cost']['value']:.1f}",
             f"{row['figures']['final_attitude']['value']:.3g}",
+            f"{row['figures']['peak_attitude']['value']:.3g}",
+            f"{row['figures']['time_to_capture']['value']:.1f}",
             f"{100 * row['figures']['success']['value']:.0f}",
             f"{100 * row['figures'][ATTITUDE_METRIC]['value']:.0f}",
         ]
         for row in sorted(rows, key=lambda row: row["figures"]["attitude_cost"]["value"])
     ]
     head = ["planner", "planning, ms", "base disturbance (eq. 20), cm^2/s", "final attitude error, deg"]
+    head += ["peak attitude, deg", "time to capture, s"]
     head += ["captured, %", "captured within 0.1 deg, %"]
     print(markdown_table(head, table))
     print(f"\n{options.episodes} medium {options.split} goals{robot_words(robot)}, {machine_class()}.")

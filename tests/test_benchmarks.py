@@ -129,23 +129,25 @@ def test_an_unknown_benchmark_gets_the_nearest(capsys: pytest.CaptureFixture[str
     assert "Did you mean 'planners'" in capsys.readouterr().err
 
 
-def test_the_plot_goes_to_the_output_folder_unless_it_is_sent_elsewhere(
+def test_the_plots_go_to_the_output_folder_unless_they_are_sent_elsewhere(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shipped = ROOT / "docs/images/planners.svg"
     before = shipped.read_bytes()
     figure = {"value": 1.0}
-    keys = ("attitude_cost", "final_attitude", "success", "capture@0.1deg")
+    keys = ("attitude_cost", "final_attitude", "peak_attitude", "time_to_capture", "success")
+    keys += ("capture@0.1deg",)
     row = {"policy": "mpc", "timing": {"planning_ms": 8.0}, "figures": dict.fromkeys(keys, figure)}
     row["captures"] = 3
     missing = {key: {"value": None if "@" not in key and key != "success" else 0.0} for key in keys}
     never = {"policy": "never", "timing": {"planning_ms": 8.0}, "figures": missing, "captures": 0}
     monkeypatch.setattr(planners, "summary", lambda *_: [row, never])
-    for arguments, path in ((["--plot", str(tmp_path / "own.svg")], "own.svg"), ([], "out/planners.svg")):
+    for arguments, path in ((["--plots", str(tmp_path / "own")], "own"), ([], "out")):
         monkeypatch.setattr(sys, "argv", ["planners.py", "--output", str(tmp_path / "out"), *arguments])
-        (tmp_path / "out").mkdir(exist_ok=True)
+        (tmp_path / path).mkdir()
         planners.main()
-        assert (tmp_path / path).read_text().startswith("<?xml")
+        names = sorted(file.name for file in (tmp_path / path).iterdir())
+        assert names == ["peak_attitude.svg", "planners.svg"]
     assert shipped.read_bytes() == before
 
 
@@ -155,7 +157,8 @@ def test_figure_of_planners_shows_what_its_caption_says(tmp_path: Path) -> None:
         figures["capture@0.1deg"] = {"value": kept}
         return {"policy": policy, "timing": {"planning_ms": 10.0 * len(policy)}, "figures": figures}
 
-    planners.draw([row("ocp", 0.0), row("nmpc", 0.99), row("mpc_of_a_kind", 0.2)], tmp_path / "one.svg")
+    rows = [row("ocp", 0.0), row("nmpc", 0.99), row("mpc_of_a_kind", 0.2)]
+    planners.draw(rows, planners.FIGURES["planners"], tmp_path / "one.svg")
     text = (tmp_path / "one.svg").read_text(encoding="utf-8")
     markers = re.findall(r'<path id="[^"]+" d="([^"]+)" style="stroke: (#[0-9a-f]{6})', text)
     # A circle is made of curves, a square of lines.
@@ -164,5 +167,9 @@ def test_figure_of_planners_shows_what_its_caption_says(tmp_path: Path) -> None:
     # In two panels and in the legend.
     uses = [text.count(f'style="fill: {color}') for color in (planners.VERMILION, planners.BLUE)]
     assert uses == [3, 5]
-    for name in ("README.md", "docs/optimal.md"):
-        assert f"![{planners.CAPTION}](" in (ROOT / name).read_text(encoding="utf-8")
+    for name, caption in (
+        ("README.md", planners.PEAK_CAPTION),
+        ("docs/reactionless.md", planners.PEAK_CAPTION),
+        ("docs/optimal.md", planners.CAPTION),
+    ):
+        assert f"![{caption}](" in (ROOT / name).read_text(encoding="utf-8")
