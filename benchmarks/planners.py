@@ -27,7 +27,7 @@ NO_PLANNERS = ("random", "hold", "gjm", "bc", "ppo")
 ATTITUDE_METRIC = "capture@0.1deg"  # at least 0.5: the planner constrains the final attitude
 
 
-class Panel(NamedTuple):
+class ScatterPlot(NamedTuple):
     """A scatter plot of planners: a value of leaderboard rows over another one, both on logarithmic axes.
 
     Attributes:
@@ -57,12 +57,12 @@ PEAK = figure_of("peak_attitude"), "peak attitude [deg]"
 # Panels of the figures by the names of their files.
 FIGURES = {
     "planners": (
-        Panel(*PLANNING, *DISTURBANCE),
-        Panel(*PLANNING, figure_of("final_attitude"), "final attitude error [deg]"),
+        ScatterPlot(*PLANNING, *DISTURBANCE),
+        ScatterPlot(*PLANNING, figure_of("final_attitude"), "final attitude error [deg]"),
     ),
     "peak_attitude": (
-        Panel(figure_of("time_to_capture"), "time to capture [s]", *PEAK),
-        Panel(*PLANNING, *PEAK),
+        ScatterPlot(figure_of("time_to_capture"), "time to capture [s]", *PEAK),
+        ScatterPlot(*PLANNING, *PEAK),
     ),
 }
 # Alternative texts of the figures in README.md and docs/.
@@ -94,7 +94,7 @@ def summary(
     return json.loads((output / "summary.json").read_text())["rows"]
 
 
-def draw(rows: list[dict[str, Any]], panels: Sequence[Panel], path: Path) -> None:
+def draw(rows: list[dict[str, Any]], panels: Sequence[ScatterPlot], path: Path) -> None:
     """Draw panels next to each other; planners that constrain the final attitude are orange squares."""
     matplotlib.rcParams["svg.hashsalt"] = "planners"
     figure = Figure(figsize=(10.0, 4.2), layout="constrained")

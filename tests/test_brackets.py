@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from space_envs.dynamics.brackets import bracket_singular_values, null_space
+from benchmarks.brackets import bracket_singular_values, null_space
 from space_envs.dynamics.symbolic import SymbolicRobot
 from space_envs.robots.models import robot_mechanics
 from space_envs.robots.zoo import find_robot

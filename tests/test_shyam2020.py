@@ -54,7 +54,11 @@ def test_tables_as_compiled_are_the_printed_ones():
 
 def made_figures(**changes: float) -> dict:
     names = "position_error rotation_error end_rate peak_rate peak_acceleration peak_torque shift".split()
-    return dict.fromkeys(names, 1e-6) | {"cost": 1.0, "end_attitude": 0.1, "peak_attitude": 0.1} | changes
+    return (
+        dict.fromkeys(names, 1e-6)
+        | {"cost": 1.0, "end_attitude": 0.1, "peak_attitude": 0.1, "duration": 10.0}
+        | changes
+    )
 
 
 def made(**changes) -> dict:
@@ -127,6 +131,11 @@ def test_claims_about_samples_by_hand():
     assert answers(CLAIMS, made(promp=made_figures(position_error=1.1e-3)))["unseen"] is False
     assert answers(CLAIMS, made(promp=FAILED))["unseen"] is False
     assert answers(CLAIMS, made(literal={"position_error": 0.04, "rotation_error": 0.08}))["literal"] is True
+    assert found["special_cases"] is True
+    never = made_figures(peak_attitude=1e-5)
+    assert answers(CLAIMS, made(promp_reactionless=never))["special_cases"] is False
+    assert answers(CLAIMS, made(promp_reactionless=never | {"position_error": 2e-3}))["special_cases"] is True
+    assert answers(CLAIMS, made(promp_reactionless=FAILED))["special_cases"] is True
     assert answers(CLAIMS, made(locked={"still": 6, "of": 7, "starts": 25}))["failure"] is False
 
 
@@ -151,7 +160,12 @@ def test_methods_without_a_plan_are_left_out():
     empty = dict.fromkeys(("samples", "via_point", "encoding", "sphere"))
     record = made(**dict.fromkeys(METHODS, FAILED), **empty)
     found = answers(CLAIMS + BEYOND, record)
-    assert [key for key, value in found.items() if value is not None] == ["unseen", "literal", "failure"]
+    assert [key for key, value in found.items() if value is not None] == [
+        "unseen",
+        "literal",
+        "special_cases",
+        "failure",
+    ]
     for each in CLAIMS + BEYOND:
         assert each.measured(record) and each.measured(made())
 

@@ -119,15 +119,16 @@ def course(motion: JointMotion | JointPath, samples: int = SAMPLES) -> Course:
 def figures(course: Course, case: GoalCase) -> Mapping[str, float]:
     """Figures that claims and tables are made of, plain floats.
 
-    cost, m^2/s, eq. 20 times dt; end_attitude, peak_attitude, rad, and shift, m, largest, of the base;
-    position_error, m, and rotation_error, rad, of the end-effector at the end; end_rate, rad/s, of the joints
-    there; peak_rate, rad/s; peak_acceleration, rad/s^2; peak_torque, N m, of any joint.
+    duration, s; cost, m^2/s, eq. 20 times dt; end_attitude, peak_attitude, rad, and shift, m, largest, of the
+    base; position_error, m, and rotation_error, rad, of the end-effector at the end; end_rate, rad/s, of the
+    joints there; peak_rate, rad/s; peak_acceleration, rad/s^2; peak_torque, N m, of any joint.
     """
     rows = slice(None, None, EVERY)
     torque = joint_torques(
         context().model, course.joints[rows], course.rate[rows], course.acceleration[rows], course.twist[rows]
     )
     return {
+        "duration": float(course.time[-1]),
         "cost": course.cost,
         "end_attitude": float(course.angle[-1]),
         "peak_attitude": float(course.angle.max()),

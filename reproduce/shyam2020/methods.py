@@ -1,23 +1,25 @@
 """The planners that are compared: the paper's, those it is measured against, and extensions of it."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 from agents.planners.common.inverse_kinematics import JointMotion
 from agents.planners.common.plans import Cause, Failure
 from agents.planners.single_arm.collocation.ocp import STARTS, plan_ocp
-from agents.planners.single_arm.library import library_of
+from agents.planners.single_arm.library import find_reactionless_library, library_of
 from agents.planners.single_arm.problem import ReachPlan
 from agents.planners.single_arm.promp.optimal import OptimalPlanner
+from agents.planners.single_arm.reactionless.planner import ReactionlessPlanner
 from agents.policies.single_arm.joint_goals import JointGoalPolicy
 from agents.policies.single_arm.minimum_jerk import MinimumJerk
 from agents.policies.single_arm.mpc import ModelPredictive
 from agents.policies.single_arm.promp import ConditionalMean, ProMPPolicy
+from agents.policies.single_arm.reactionless.problem import latest_arrival, path_limits
 from reproduce.shyam2020.cases import GoalCase, context, limits
 from space_envs.evaluation.report.drawing.look import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
 
-OLIVE, PLUM = "#7f8f1f", "#7a5ea8"
+OLIVE, PLUM, BROWN = "#7f8f1f", "#7a5ea8", "#8a5a2b"
 
 Found = JointMotion | ReachPlan | Failure
 
@@ -57,6 +59,14 @@ def _planned(kind: type[JointGoalPolicy]) -> Callable[[GoalCase, int], Found]:
 def planner(keep_attitude: bool) -> OptimalPlanner:
     """Planner in the weights of a ProMP, with the shipped library of initial guesses."""
     return OptimalPlanner(context().arm, limits(), library_of(context().robot, keep_attitude))
+
+
+@cache
+def reactionless_planner() -> ReactionlessPlanner:
+    """Planner of paths in the reaction null space, as the suite's policy has it."""
+    return ReactionlessPlanner(
+        context().arm, path_limits(context()), find_reactionless_library(context().robot)
+    )
 
 
 def optimal_control(case: GoalCase, keep_attitude: bool = False, starts: int = STARTS) -> ReachPlan | Failure:
@@ -116,6 +126,14 @@ METHODS = {
             "ProMP weights, attitude constrained",
             PLUM,
             lambda case, seed: planner(True).plan(case.reach(keep_attitude=True)),
+        ),
+        SingleArmMethod(
+            "promp_reactionless",
+            "reactionless path",
+            BROWN,
+            lambda case, seed: reactionless_planner().plan(
+                replace(case.reach(keep_attitude=True), duration=latest_arrival(context()))
+            ),
         ),
     )
 }

@@ -105,8 +105,8 @@ def recipe(seed: int) -> dict[str, Any]:
         Path(agents.__file__).parent / "planners" / "common",
         Path(agents.__file__).parent / "planners" / "single_arm",
         *(
-            Path(agents.__file__).parent / "policies" / "single_arm" / f"{name}.py"
-            for name in ("minimum_jerk", "mpc", "promp", "reaching")
+            Path(agents.__file__).parent / "policies" / "single_arm" / name
+            for name in ("minimum_jerk.py", "mpc.py", "promp.py", "reaching.py", "reactionless")
         ),
         Path(promp.__file__).parent,
         suite / "dynamics",

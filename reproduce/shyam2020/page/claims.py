@@ -22,6 +22,7 @@ from reproduce.shyam2020.page.thresholds import (
     MET,
     MUCH,
     NEAR,
+    NEVER,
     OFTEN,
     PERIOD,
     SAME,
@@ -156,6 +157,11 @@ def obstacle_free(record: CaseRecord) -> bool | None:
     return record["sphere"]["usable"] > 0 if record["sphere"] else None
 
 
+def special_cases(record: CaseRecord) -> bool | None:
+    found = figures_of(record, "promp_reactionless")
+    return not (found and found["peak_attitude"] <= NEVER and meets(record, "promp_reactionless"))
+
+
 def failure(record: CaseRecord) -> bool | None:
     return record["locked"]["still"] == record["locked"]["of"]
 
@@ -256,6 +262,7 @@ CLAIMS = rules(
         expensive,
         local_minima,
         obstacle_free,
+        special_cases,
         failure,
     ),
     sentence_figures,

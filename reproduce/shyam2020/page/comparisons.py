@@ -14,7 +14,7 @@ from reproduce.shyam2020.methods import METHODS
 from reproduce.shyam2020.page.text import TEXT
 from space_envs.evaluation.report.drawing.panel import INK
 
-LETTERS = {key: "abcdefgh"[number] for number, key in enumerate(METHODS)}  # on narrow panels
+LETTERS = {key: "abcdefghi"[number] for number, key in enumerate(METHODS)}  # on narrow panels
 LEAST_ATTITUDE = 1e-5  # deg; smaller ones are drawn there
 
 

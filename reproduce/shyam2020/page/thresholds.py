@@ -8,6 +8,7 @@ SAME = 2e-3  # relative; costs that differ by less are equal: one is read off sp
 MET = (1e-3, radians(0.05))  # m and rad, of an end-effector that meets its goal
 ENVELOPE = (0.05, radians(5.0))  # m and rad, within which the suite's target is captured
 KEPT = radians(0.05)  # rad, of an attitude that is kept
+NEVER = radians(0.001)  # rad, of a satellite that is not rotated at any instant
 FAST = 0.1  # of optimal control's planning time
 PERIOD = 0.1  # s, a control period of the suite
 COMPACT = 0.01  # of the largest joint displacement, error of a motion in the ProMP's weights
