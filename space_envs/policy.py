@@ -17,6 +17,7 @@ from space_envs.foreign_code import described
 from space_envs.robots.robot import Robot
 from space_envs.tasks.common import CaptureEnvelope, ObservationLayout
 from space_envs.tasks.contacts import Contacts
+from space_envs.tasks.goals.kinds import GoalKind
 
 if TYPE_CHECKING:
     from space_envs.envs import CaptureEnv, CaptureVectorEnv
@@ -70,6 +71,7 @@ class PolicyContext:
         envelope: of a capture. c: m/rad of the attitude cost (eq. 20 of shyam2020).
         jobs: number of processes for planning; -1 is one per core.
         contacts: gaps between the links and other bodies; None if contacts are not checked.
+        goal_kind: what a capture asks of an end-effector, the task's keyword `goal`.
     """
 
     env_id: str
@@ -88,6 +90,7 @@ class PolicyContext:
     c: float
     jobs: int = 1
     contacts: Contacts | None = None
+    goal_kind: GoalKind = "pose"
 
     @classmethod
     def from_env(cls, env: "CaptureVectorEnv | CaptureEnv", jobs: int = 1) -> Self:
@@ -111,6 +114,7 @@ class PolicyContext:
             c=task.c,
             jobs=jobs,
             contacts=task.contacts if task.collides and task.collisions else None,
+            goal_kind=task.goal,
         )
 
     @property

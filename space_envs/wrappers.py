@@ -7,11 +7,13 @@ import numpy as np
 from gymnasium.utils import RecordConstructorArgs
 from numpy.typing import NDArray
 
-from space_envs.dynamics.rotations import Array, angle_between
+from space_envs.dynamics.rotations import Array, angle_between, z_axis
 from space_envs.envs import CaptureEnv
 from space_envs.errors import ConfigurationError, shown
+from space_envs.tasks.common import UNIT
 
-# Observation fields of end-effectors and of their goals: position and at most one kind of orientation.
+# Observation fields of end-effectors and of their goals: position and at most one kind of orientation, which
+# counts as far as the task's keyword `goal` asks for it.
 PAIRS = (
     ("end_effector_position", "goal_position"),
     ("end_effector_quaternion", "goal_quaternion"),
@@ -38,12 +40,17 @@ class GoalConditioned(gym.Wrapper[Any, NDArray, Any, NDArray], RecordConstructor
         gym.Wrapper.__init__(self, env)
         self._task = env.unwrapped.task
         slices = self._task.layout.slices
-        self._achieved, self._desired = zip(*(pair for pair in PAIRS if pair[0] in slices), strict=True)
+        pairs = [pair for pair in PAIRS if pair[0] in slices]
+        pairs = pairs[:1] if self._task.goal == "position" else pairs
+        self._achieved, self._desired = zip(*pairs, strict=True)
         part = slices[self._achieved[0]]
         self._positions = part.stop - part.start
         box = env.observation_space
-        low, high = (self._goal(bound, self._desired) for bound in (box.low, box.high))  # type: ignore[attr-defined]
-        goal = gym.spaces.Box(low, high, dtype=np.float64)
+        bound = self._task.layout.bound
+        bounds = [bound[slices[name]] for name in self._desired]
+        if self._task.goal == "axis":
+            bounds[1] = np.full(3, UNIT)
+        goal = gym.spaces.Box(-np.concatenate(bounds), np.concatenate(bounds), dtype=np.float64)
         self.observation_space = gym.spaces.Dict(observation=box, achieved_goal=goal, desired_goal=goal)
 
     def reset(
@@ -92,7 +99,10 @@ class GoalConditioned(gym.Wrapper[Any, NDArray, Any, NDArray], RecordConstructor
         }
 
     def _goal(self, observation: Array, names: tuple[str, ...]) -> Array:
-        return np.concatenate([self._task.layout.read(observation, name) for name in names])
+        position, *rotation = [self._task.layout.read(observation, name) for name in names]
+        if self._task.goal == "axis":
+            rotation = [z_axis(quaternion) for quaternion in rotation]
+        return np.concatenate([position, *rotation])
 
 
 def _angle(a: Array, b: Array) -> Array:

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from agents.commands.robots import add_robot
+from agents.commands.robots import add_robot, robot_keywords
 from agents.policies.registry import POLICIES, missing, policies_for
 from agents.policies.resolve import ResolvedPolicy, resolve_policy
 from space_envs.control import CONTROL_MODES
@@ -15,16 +15,25 @@ from space_envs.errors import ConfigurationError, PolicyError, UnfitRobotError, 
 from space_envs.evaluation.play.process.policy_process import PolicyProcess
 from space_envs.policy import PolicyContext
 from space_envs.registration import ENTRIES, find, make_task
+from space_envs.tasks.goals.kinds import GOAL_KINDS
 
 
 def add_task_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the tasks and of the processes that `evaluate.py` and its commands share."""
     add = parser.add_argument
     add_robot(add)
+    what = f"of ids that have the choice: {', '.join(GOAL_KINDS)} (default {GOAL_KINDS[0]})"
+    add("--goal", metavar="KIND", help=what)
     what = f"{', '.join(CONTROL_MODES)}; by default the one of each policy"
     add("--control-mode", metavar="MODE", help=what)
     cores = len(os.sched_getaffinity(0))
     add("--jobs", type=int, default=cores, metavar="N", help=f"processes (default {cores}, the cores)")
+
+
+def task_keywords(options: argparse.Namespace) -> dict[str, Any]:
+    """Keywords of a task that its options set: robot, variant and goal."""
+    goal = {} if options.goal is None else {"goal": options.goal}
+    return {**robot_keywords(options), **goal}
 
 
 def experts_for(env_id: str, mode: str | None = None, keywords: Mapping[str, Any] | None = None) -> list[str]:

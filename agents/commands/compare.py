@@ -24,7 +24,7 @@ Merge result folders of several people into one leaderboard with a report of its
   evaluate.py compare results/mine results/theirs --output results/both
   evaluate.py compare mine theirs --name theirs=Ann --output both
 
-Every record is validated. Records of another version, difficulty or split, or of a task with another
+Every record is validated. Records of another version, difficulty, goal or split, or of a task with another
 configuration, are refused with what differs; so are records and files that were edited. An episode with the
 same result in two folders counts once; one with two different results is an error. Where two people call
 different policies by one name, --name appends a name to those of a folder: promp becomes `promp (Ann)`.
@@ -50,7 +50,7 @@ def parser() -> argparse.ArgumentParser:
     add("--name", action="append", default=[], metavar="RESULTS=NAME", help=what)
     what = "ids of other packages, as module:id; their modules are imported, which replays need"
     add("--env", action=AppendValues, nargs="+", default=[], metavar="ID", help=what)
-    what = "accept folders that share no version, difficulty or split, as tables of their own"
+    what = "accept folders that share no version, difficulty, goal or split, as tables of their own"
     add("--separate", action="store_true", help=what)
     return out
 

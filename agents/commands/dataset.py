@@ -12,7 +12,14 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from agents.commands.choice import add_task_options, check_fit, choose_ids, choose_policies, distinct
+from agents.commands.choice import (
+    add_task_options,
+    check_fit,
+    choose_ids,
+    choose_policies,
+    distinct,
+    task_keywords,
+)
 from agents.commands.recording.making import make
 from agents.commands.recording.request import DatasetFolders, DatasetRequest, complete
 from agents.commands.robots import robot_keywords
@@ -137,7 +144,8 @@ def _requests(options: argparse.Namespace) -> list[DatasetRequest]:
         raise ConfigurationError("--minari-root goes with --format minari")
     check_backend(options.jobs)
     formats = tuple(name for name in FORMATS if name in options.format)
-    chosen = {**robot, **({"difficulty": options.difficulty} if options.difficulty else {})}
+    keywords = task_keywords(options)
+    chosen = {**keywords, **({"difficulty": options.difficulty} if options.difficulty else {})}
     tasks = {env_id: make_task(env_id, {**chosen, "split": options.split}) for env_id in env_ids}
     requests = [
         DatasetRequest(
@@ -152,7 +160,7 @@ def _requests(options: argparse.Namespace) -> list[DatasetRequest]:
             robot,
         )
         for env_id in env_ids
-        for policy in choose_policies(options.policy, env_id, env_ids, options.control_mode, robot)
+        for policy in choose_policies(options.policy, env_id, env_ids, options.control_mode, keywords)
     ]
     distinct("name of a dataset", [request.id for request in requests])
     for request in requests:

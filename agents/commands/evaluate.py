@@ -7,7 +7,14 @@ from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
-from agents.commands.choice import add_task_options, check_fit, choose_ids, choose_policies, distinct
+from agents.commands.choice import (
+    add_task_options,
+    check_fit,
+    choose_ids,
+    choose_policies,
+    distinct,
+    task_keywords,
+)
 from agents.commands.evaluation.dry_run import dry_run
 from agents.commands.evaluation.run import RunOptions, run
 from agents.commands.robots import robot_keywords
@@ -148,7 +155,8 @@ def _checked(options: argparse.Namespace, arguments: list[str]) -> tuple[Evaluat
         tasks = _tasks(env_id, options)
         robots |= tasks
         usual = next(iter(tasks))
-        policies = choose_policies(options.policy, env_id, env_ids, options.control_mode, robot)
+        keywords = task_keywords(options)
+        policies = choose_policies(options.policy, env_id, env_ids, options.control_mode, keywords)
         for policy in policies:
             check_fit(policy, env_id, usual.keywords(tasks[usual]))
         entries += [(task, policy) for task in tasks for policy in policies]
@@ -176,10 +184,10 @@ def _checked(options: argparse.Namespace, arguments: list[str]) -> tuple[Evaluat
 
 def _tasks(env_id: str, options: argparse.Namespace) -> dict[EvaluatedTask, Robot]:
     """An id's tasks with their robots, by difficulty and then by split; errors as in `make_task`."""
-    robot = robot_keywords(options)
-    difficulties = options.difficulty or [make_task(env_id, robot).difficulty]
+    keywords = task_keywords(options)
+    difficulties = options.difficulty or [make_task(env_id, keywords).difficulty]
     made = [
-        make_task(env_id, {**robot, "difficulty": difficulty, "split": split})
+        make_task(env_id, {**keywords, "difficulty": difficulty, "split": split})
         for difficulty in difficulties
         for split in options.split
     ]

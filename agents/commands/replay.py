@@ -35,6 +35,7 @@ _CHOICES: dict[str, tuple[str, str, type]] = {
     "robot": ("robot", "robot", str),
     "difficulty": ("difficulty", "difficulty", str),
     "split": ("split", "split", str),
+    "goal": ("goal", "kind of goal", str),
     "policy": ("policy", "policy", str),
     "control-mode": ("control_mode", "control mode", str),
     "seed": ("seed", "seed", int),

@@ -31,7 +31,7 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument("results", type=Path, metavar="RESULTS", help="folder")
     what = f"{', '.join(column.key for column in COLUMNS)}: best first (default: as in the report)"
     out.add_argument("--sort", metavar="COLUMN", help=what)
-    what = "only tables of these ids, robots, difficulties or splits, such as SingleArm-v0 test"
+    what = "only tables of these ids, robots, difficulties, splits or goals, such as SingleArm-v0 test"
     out.add_argument("--task", action=AppendValues, nargs="+", default=[], metavar="WORD", help=what)
     return out
 
@@ -97,19 +97,20 @@ def of_tasks(records: Sequence[EpisodeRecord], words: Sequence[str]) -> list[Epi
     """Records of the named tasks: words of one kind are alternatives, and all kinds must match.
 
     Args:
-        words: ids, with or without the part before the slash, robots, difficulties and splits.
+        words: ids, with or without the part before the slash, robots, difficulties, splits and goals.
 
     Raises:
         ConfigurationError: for a word that is not in the records, or if no record matches.
     """
-    kinds: tuple[dict[str, set[Any]], ...] = ({}, {}, {}, {})
+    kinds: tuple[dict[str, set[Any]], ...] = ({}, {}, {}, {}, {})
     for record in records:
-        ids, robots, difficulties, splits = kinds
+        ids, robots, difficulties, splits, goals = kinds
         for word in (record.env_id, record.env_id.rpartition("/")[2]):
             ids.setdefault(word, set()).add(record.env_id)
         robots.setdefault(record.robot, set()).add(record.robot)
         difficulties.setdefault(record.difficulty, set()).add(record.difficulty)
         splits.setdefault(record.split, set()).add(record.split)
+        goals.setdefault(record.goal, set()).add(record.goal)
     for word in words:
         if not any(word in kind for kind in kinds):
             raise unknown_name("task", word, dict.fromkeys(name for kind in kinds for name in kind))
@@ -126,4 +127,4 @@ def of_tasks(records: Sequence[EpisodeRecord], words: Sequence[str]) -> list[Epi
 
 
 def _words(record: EpisodeRecord) -> tuple[str, ...]:
-    return record.env_id, record.robot, record.difficulty, record.split
+    return record.env_id, record.robot, record.difficulty, record.split, record.goal

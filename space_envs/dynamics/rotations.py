@@ -85,6 +85,16 @@ def to_matrix(q: Array) -> Array:
     return out
 
 
+def z_axis(q: Array) -> Array:
+    """Third columns (..., 3) of the rotation matrices of unit quaternions (..., 4)."""
+    w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
+    out = np.empty((*q.shape[:-1], 3))
+    out[..., 0] = 2.0 * (x * z + w * y)
+    out[..., 1] = 2.0 * (y * z - w * x)
+    out[..., 2] = 1.0 - 2.0 * (x * x + y * y)
+    return out
+
+
 def from_matrix(matrix: Array) -> Array:
     """Unit quaternions (..., 4) with w >= 0 of rotation matrices (..., 3, 3).
 

@@ -43,6 +43,7 @@ class EnvKeywords(TypedDict, total=False):
     linear_velocity_tolerance: float
     hold_time: float
     # Of some tasks only.
+    goal: str
     mounts: Sequence[Sequence[float]] | None
     orientation_tolerance: float
     angular_velocity_tolerance: float

@@ -31,6 +31,7 @@ from space_envs.tasks.common import (
     ObservationLayout,
 )
 from space_envs.tasks.contacts import Contacts
+from space_envs.tasks.goals.kinds import GoalKind
 from space_envs.tasks.rewards import DENSE, SPARSE, RewardTerm, StepQuantities
 from space_envs.tasks.robots import LEAST_TIMESTEP, check_robot, usual_period
 
@@ -81,6 +82,7 @@ class CaptureTask:
     planar: ClassVar[bool] = False  # whether the robot must move in the plane
     difficulties: ClassVar[tuple[str, ...]] = DIFFICULTIES  # sizes of the goal region
     split_sizes: ClassVar[Mapping[str, int]]
+    goal: ClassVar[GoalKind] = "pose"  # what of a grapple is asked; a keyword where there is a choice
     collides: ClassVar[bool] = False  # whether the task checks contacts
     dense_reward: ClassVar[tuple[RewardTerm, ...]] = DENSE  # terms of reward `dense`
     sparse_reward: ClassVar[tuple[RewardTerm, ...]] = SPARSE  # terms of reward `sparse`

@@ -14,7 +14,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from space_envs.dynamics.rotations import Array, multiply, rotation_angle
+from space_envs.dynamics.reactionless import axis_rotation
+from space_envs.dynamics.rotations import Array, multiply, rotation_angle, z_axis
 from space_envs.errors import GoalError
 from space_envs.simulation import Simulation
 from space_envs.tasks.base import CaptureTask
@@ -28,18 +29,24 @@ from space_envs.tasks.common import (
     Goals,
     ObservationLayout,
 )
+from space_envs.tasks.goals.kinds import GoalKind, checked_kind
 from space_envs.tasks.goals.poses import SPLIT_SIZE, PoseGoals, goal_block
 from space_envs.tasks.robots import length_factor
 
 _TINY = 1e-300  # avoids 0 / 0
+_ROTATION_ERROR: dict[GoalKind, str] = {
+    "pose": "rotation vector from end-effector to goal, inertial axes, rad",
+    "axis": "smallest rotation from the approach axis to the goal's, inertial axes, rad",
+    "position": "zero, as any orientation is accepted, rad",
+}
 
 
 @lru_cache(maxsize=16)
-def pose_layout(joints: int, factor: float = 1.0) -> ObservationLayout:
+def pose_layout(joints: int, factor: float = 1.0, goal: GoalKind = "pose") -> ObservationLayout:
     """Observation of an arm with a number of joints; sensors, in order, before the errors and the time.
 
     Args:
-        factor: on the bounds of positions.
+        factor: on the bounds of positions. goal: kind of the goals.
     """
     return ObservationLayout(
         (
@@ -56,9 +63,7 @@ def pose_layout(joints: int, factor: float = 1.0) -> ObservationLayout:
             Field("goal_position", 3, 10.0 * factor, "grapple, inertial frame, m"),
             Field("goal_quaternion", 4, UNIT, "grapple, w x y z, grapple to inertial, w >= 0"),
             Field("position_error", 3, 20.0 * factor, "goal minus end-effector, inertial axes, m"),
-            Field(
-                "rotation_error", 3, 3.1416, "rotation vector from end-effector to goal, inertial axes, rad"
-            ),
+            Field("rotation_error", 3, 3.1416, _ROTATION_ERROR[goal]),
             Field("time", 1, 1e4, "since the start of the episode, s"),
         )
     )
@@ -93,25 +98,39 @@ class PoseEnvelope(CaptureEnvelope):
 
 @dataclass(frozen=True)
 class SingleArmTask(CaptureTask):
-    """An arm on a free-floating satellite reaches a static grapple pose."""
+    """An arm on a free-floating satellite reaches a static grapple pose.
+
+    Attributes:
+        goal: pose, axis or position; what a capture asks of the end-effector: the grapple's whole pose, its
+            position and approach axis z with any rotation about it, or its position with any orientation.
+    """
 
     envelope: CaptureEnvelope = field(default_factory=PoseEnvelope)
+    goal: GoalKind = "pose"  # type: ignore[misc]
 
     own_robot = "shyam2020"
     arms = 1
     split_sizes = SPLIT_SIZE
     collides = True
 
+    def __post_init__(self) -> None:
+        checked_kind(self.goal)
+        super().__post_init__()
+
     @cached_property
     def layout(self) -> ObservationLayout:
         """Layout of the observation vector."""
-        return pose_layout(self.robot.n_joints, length_factor(self.robot))
+        return pose_layout(self.robot.n_joints, length_factor(self.robot), self.goal)
 
     @property
     def goal_options(self) -> dict[str, GoalOption]:
         """Options of `reset` that together define a goal."""
         farthest = 10.0 * length_factor(self.robot)
-        return {"goal_position": GoalOption(3, largest=farthest), "goal_quaternion": GoalOption(4)}
+        any_orientation = (1.0, 0.0, 0.0, 0.0) if self.goal == "position" else None
+        return {
+            "goal_position": GoalOption(3, largest=farthest),
+            "goal_quaternion": GoalOption(4, any_orientation),
+        }
 
     def check_start(self, goals: Goals) -> None:
         """Reject joint angles for which a link touches the satellite; errors as in the base class."""
@@ -205,6 +224,19 @@ class SingleArmTask(CaptureTask):
             sensors[:, at.end_effector_position],
             out=observation[:, at.position_error],
         )
+        if self.goal == "pose":
+            self._write_rotation_error(sensors, observation)
+        elif self.goal == "axis":
+            axes = (z_axis(sensors[:, part]) for part in (at.end_effector_quaternion, at.goal_quaternion))
+            observation[:, at.rotation_error] = axis_rotation(*axes)
+        else:
+            observation[:, at.rotation_error] = 0.0
+        observation[:, at.time] = time[:, None]
+        return observation
+
+    def _write_rotation_error(self, sensors: Array, observation: Array) -> None:
+        """Write the rotation vectors from the end-effectors to full poses."""
+        at = self._columns
         # goal * conjugate(end-effector) as two stacked matrix products, which are bitwise the same for any N.
         product = (sensors[:, None, at.goal_quaternion] @ _QUOTIENT).reshape(-1, 4, 4)
         error = (product @ sensors[:, at.end_effector_quaternion, None])[..., 0]
@@ -214,8 +246,6 @@ class SingleArmTask(CaptureTask):
         half = np.arctan2(sine, np.abs(cosine))
         factor = np.copysign(half / np.maximum(0.5 * sine, _TINY), cosine)
         np.multiply(factor, vector, out=observation[:, at.rotation_error])
-        observation[:, at.time] = time[:, None]
-        return observation
 
     def errors(self, observation: Array) -> CaptureErrors:
         """Capture errors (N,) from observations (N, size); the grapple is at rest."""

@@ -62,7 +62,7 @@ def _written(request: DatasetRequest, parts: Sequence[Recorded], folders: Datase
     if not written:
         return {"episodes": {"written": 0, "captured": 0, "omitted": [vars(one) for one in omitted]}}
     values = request.to_json()
-    names = ("env_id", "robot", "robot_digest", "policy", "control_mode", "difficulty", "split")
+    names = ("env_id", "robot", "robot_digest", "policy", "control_mode", "difficulty", "split", "goal")
     dataset = Dataset.of({name: values[name] for name in names}, written)
     origin = provenance(request.command(), [request.seed])
     card = make_card(values, origin, dataset, omitted, request.make_env())

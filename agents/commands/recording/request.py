@@ -50,7 +50,8 @@ class DatasetRequest:
         name = re.sub(r"[^\w-]+", "-", self.policy.name, flags=re.ASCII).strip("-") or "policy"
         env = self.task.env_id.removeprefix("SpaceCapture/").replace("/", "-").replace(".", "-")
         given = [re.sub(r"[^\w-]+", "-", Path(word).stem, flags=re.ASCII) for word in self.robot.values()]
-        words = [name, self.control_mode, *given, self.task.difficulty, self.task.split, VERSION]
+        goal = None if self.task.goal == "pose" else self.task.goal
+        words = [name, self.control_mode, *given, self.task.difficulty, goal, self.task.split, VERSION]
         return f"{NAMESPACE}/{env}/{'-'.join(filter(None, words))}"
 
     @property
@@ -101,6 +102,7 @@ class DatasetRequest:
             "robot_digest": self.task.robot_digest,
             "difficulty": self.task.difficulty,
             "split": self.task.split,
+            "goal": self.task.goal,
             "episodes": self.episodes,
             "seed": self.seed,
             "captured_only": self.captured_only,
@@ -112,6 +114,7 @@ class DatasetRequest:
         source = self.policy.source.name if isinstance(self.policy.source, Path) else self.policy.source
         words = ["evaluate.py", "dataset", "--env", find(self.task.env_id).name, "--policy", source]
         words += ["--difficulty", self.task.difficulty, "--split", self.task.split]
+        words += [] if self.task.goal == "pose" else ["--goal", self.task.goal]
         words += ["--episodes", str(self.episodes), "--seed", str(self.seed), "--format", *self.formats]
         words += [] if self.control_mode is None else ["--control-mode", self.control_mode]
         words += [word for name, value in self.robot.items() for word in (f"--{name}", Path(value).name)]

@@ -11,7 +11,8 @@ import numpy as np
 
 from agents.planners.common.damped_search import JointGoals, Rows, search
 from space_envs.dynamics import FloatingRobot, roll_out_base
-from space_envs.dynamics.rotations import Array, conjugate, from_matrix, logarithm, multiply, rotate
+from space_envs.dynamics.rotations import Array, conjugate, from_matrix, multiply, rotate
+from space_envs.tasks.goals.kinds import GoalKind, asked_jacobian, rotation_to_goal
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +68,7 @@ def floating_inverse_kinematics(
     start: Array,
     limits: Array,
     preferred: Array | None = None,
+    kind: GoalKind = "pose",
 ) -> JointGoals:
     """Joint goals whose motion brings the end-effector to poses in the INERTIAL frame.
 
@@ -75,7 +77,7 @@ def floating_inverse_kinematics(
         motion: model of the motions (k, T, n) that will be executed to joint goals (k, n) of rows (k,); each
             ends at its goal or near it. Total momentum is zero.
         base_position, base_quaternion: (N, 3) m and (N, 4), of the base at the start.
-        start, limits, preferred: as in `inverse_kinematics`.
+        start, limits, preferred: as in `inverse_kinematics`. kind: of the goals.
     """
 
     def error(q: Array, rows: Rows) -> Array:
@@ -85,15 +87,21 @@ def floating_inverse_kinematics(
         )
         back = conjugate(quaternions[:, -1])
         place = rotate(back, goal_position[rows] - positions[:, -1])
-        return pose_error(arm, path.position[:, -1], place, multiply(back, goal_quaternion[rows]))
+        return pose_error(arm, path.position[:, -1], place, multiply(back, goal_quaternion[rows]), kind)
+
+    def jacobian(q: Array) -> Array:
+        found = arm.generalized_jacobian(q)
+        return found if kind == "pose" else asked_jacobian(kind, found, arm.end_effector_pose(q)[1][..., 2])
 
     # The generalised Jacobian neglects that the base's final pose depends on the path too, an effect of
     # second order in the motion, which the iteration removes.
-    return search(error, arm.generalized_jacobian, start, limits, start if preferred is None else preferred)
+    return search(error, jacobian, start, limits, start if preferred is None else preferred)
 
 
-def pose_error(arm: FloatingRobot, q: Array, position: Array, quaternion: Array) -> Array:
-    """Error (..., 6) [m; rad] from the end-effector's pose to one given in the base frame, base axes."""
+def pose_error(
+    arm: FloatingRobot, q: Array, position: Array, quaternion: Array, kind: GoalKind = "pose"
+) -> Array:
+    """Error (..., 6) [m; rad] from the end-effector to a goal of a kind in the base frame, base axes."""
     at, rotation = arm.end_effector_pose(q)
-    rotation_error = logarithm(multiply(quaternion, conjugate(from_matrix(rotation))))
+    rotation_error = rotation_to_goal(kind, from_matrix(rotation), quaternion)
     return np.concatenate([position - at, rotation_error], axis=-1)

@@ -7,6 +7,7 @@ import numpy as np
 from agents.policies.base import BasePolicy
 from space_envs.dynamics.rotations import Array, conjugate, rotate
 from space_envs.policy import Needs, PolicyContext
+from space_envs.tasks.goals.kinds import asked_jacobian
 
 GAIN = 0.6  # 1/s, of the end-effector's error
 LINEAR_SPEED = 0.15  # m/s, largest commanded speed of the end-effector
@@ -25,7 +26,8 @@ def resolved_rate(
 ) -> Array:
     """Joint rates (N, n), rad/s, that move the end-effector towards the goal in the inertial frame (eq. 8).
 
-    The twist gain * error is slowed as a whole to the speed limits. Total momentum is assumed to be zero.
+    They are the least ones: rotations that the goal does not ask for are free. The twist gain * error is
+    slowed as a whole to the speed limits. Total momentum is assumed to be zero.
 
     Args:
         observation: (N, size). gain: 1/s. linear_speed: m/s. angular_speed: rad/s.
@@ -38,7 +40,10 @@ def resolved_rate(
     # The Jacobian is in base axes, the error in inertial ones.
     to_base = conjugate(read(observation, "base_quaternion"))
     twist = gain * np.concatenate([rotate(to_base, linear), rotate(to_base, angular)], axis=1) / slow
-    jacobian = arm.generalized_jacobian(read(observation, "joint_position"))
+    q = read(observation, "joint_position")
+    jacobian = arm.generalized_jacobian(q)
+    if context.goal_kind != "pose":
+        jacobian = asked_jacobian(context.goal_kind, jacobian, arm.end_effector_pose(q)[1][..., 2])
     square = jacobian @ jacobian.swapaxes(1, 2) + DAMPING**2 * np.eye(6)
     rate = (jacobian.swapaxes(1, 2) @ np.linalg.solve(square, twist[..., None]))[..., 0]
     return rate / np.maximum((np.abs(rate) / context.rate_limit).max(axis=1, keepdims=True), 1.0)

@@ -71,6 +71,7 @@ def profile_goals(
         read("base_quaternion"),
         start if preferred is None else preferred,
         context.joint_limits,
+        kind=context.goal_kind,
     )
 
 

@@ -214,6 +214,7 @@ class ProMPPolicy(JointGoalPolicy):
             read(observation, "base_quaternion"),
             start,
             context.joint_limits,
+            kind=context.goal_kind,
         )
 
 

@@ -125,7 +125,7 @@ def to_markdown(card: Mapping[str, Any]) -> str:
         f"# {card['id']}",
         "",
         f"Episodes of the policy `{plain(request['policy'])}` on `{request['env_id']}`, "
-        f"difficulty {request['difficulty']}, {request['split']} split.",
+        f"difficulty {request['difficulty']}, {request['split']} split, goal {request['goal']}.",
         "",
         "| | |",
         "|---|---|",

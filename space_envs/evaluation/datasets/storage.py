@@ -42,7 +42,7 @@ class Dataset:
     steps, are observation_start[k] ... observation_start[k + 1] - 1.
 
     Attributes:
-        about: env_id, robot, robot_digest, policy, control_mode, difficulty, split.
+        about: env_id, robot, robot_digest, policy, control_mode, difficulty, split, goal.
         observations: (S + K, size). actions: (S, m) float32. rewards: (S,).
         terminations, truncations: (S,) bool. step_start, observation_start: (K + 1,).
         episode, index, seed: (K,) as of `Trajectory`. captured: (K,) bool. outcome: (K,) strings.

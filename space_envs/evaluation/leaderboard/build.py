@@ -40,6 +40,7 @@ from space_envs.evaluation.statistics.scores import ATTITUDE_LIMITS, capture_rat
 from space_envs.registration import ENTRIES
 from space_envs.robots.zoo import robot_names
 from space_envs.tasks.common import DIFFICULTIES, SPLITS
+from space_envs.tasks.goals.kinds import GOAL_KINDS
 
 Stream = Callable[[str], np.random.Generator]  # random numbers by the name of what they are for
 STATISTICS: dict[str, Statistic] = {
@@ -193,7 +194,8 @@ def _order(row: Row) -> tuple[Any, ...]:
     merit = (-figures[HEADLINE].value, -figures["success"].value, math.inf if math.isnan(cost) else cost)
     robot = (*_place(task.robot, robot_names()), task.robot_digest)
     place = (_place(task.env_id, ENTRIES), robot, _place(task.difficulty, DIFFICULTIES))
-    return (*place, _place(task.split, SPLITS), not row.competes, *merit, row.policy, row.control_mode)
+    place = (*place, _place(task.goal, GOAL_KINDS), _place(task.split, SPLITS))
+    return (*place, not row.competes, *merit, row.policy, row.control_mode)
 
 
 def _place(name: str, names: Iterable[str]) -> tuple[int, str]:

@@ -64,6 +64,7 @@ class Row:
             "robot_digest": self.task.robot_digest,
             "difficulty": self.task.difficulty,
             "split": self.task.split,
+            "goal": self.task.goal,
             "policy": self.policy,
             "control_mode": self.control_mode,
             "config_hash": self.config_hash,

@@ -15,6 +15,7 @@ class EvaluatedTask:
 
     Attributes:
         robot: its name, with the variant where it has several. robot_digest: first digits of its digest.
+        goal: kind of the goals, where the task has the choice.
     """
 
     env_id: str
@@ -22,19 +23,22 @@ class EvaluatedTask:
     robot_digest: str
     difficulty: str
     split: str
+    goal: str = "pose"
 
     @classmethod
     def of(cls, env_id: str, task: CaptureTask) -> Self:
         """The set of goals that a task draws from by default."""
         robot = task.robot
-        return cls(env_id, robot.title, robot.digest[:DIGITS], task.difficulty, task.split)
+        return cls(env_id, robot.title, robot.digest[:DIGITS], task.difficulty, task.split, task.goal)
 
     def keywords(self, robot: Robot) -> dict[str, Any]:
         """Keywords of the environment that it is played in, with its robot."""
-        return {"difficulty": self.difficulty, "split": self.split, "robot": robot}
+        goal = {} if self.goal == "pose" else {"goal": self.goal}
+        return {"difficulty": self.difficulty, "split": self.split, "robot": robot, **goal}
 
     def __str__(self) -> str:
-        return f"{self.env_id}, {self.robot}, {self.difficulty}, {self.split} split"
+        goal = "" if self.goal == "pose" else f", goal {self.goal}"
+        return f"{self.env_id}, {self.robot}, {self.difficulty}, {self.split} split{goal}"
 
 
 @dataclass(frozen=True, order=True)

@@ -7,7 +7,7 @@ field `timing`.
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Self, get_type_hints
 
@@ -17,6 +17,7 @@ from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
 from space_envs.evaluation.records.timing import Timing
 from space_envs.evaluation.records.values import abbreviated, checked, checked_metrics, checked_timing
 from space_envs.system.digests import text_digest
+from space_envs.tasks.goals.kinds import checked_kind
 
 SCHEMA_VERSION = 4
 RECORDS, SUMMARY, REPORT = "records.jsonl", "summary.json", "report.html"  # in a result folder
@@ -39,6 +40,7 @@ class EpisodeRecord:
     control_mode: str
     difficulty: str
     split: str
+    goal: str = field(default="pose", kw_only=True)  # one of GOAL_KINDS; its key is absent for full poses
     index: int  # of the goal in its split
     episode: int  # running number within this policy and seed
     seed: int  # evaluation seed: the stratum of the bootstrap
@@ -59,6 +61,7 @@ class EpisodeRecord:
         object.__setattr__(self, "timing", checked_timing(self.timing))
         if self.schema != SCHEMA_VERSION:
             raise _other_schema(self.schema)
+        checked_kind(self.goal)
         check_cause(self.captured, self.outcome, self.cause)
         metrics = checked_metrics(self.metrics, self.env_id, self.captured, FIELDS)
         object.__setattr__(self, "metrics", metrics)
@@ -72,7 +75,8 @@ class EpisodeRecord:
     @cached_property
     def entry(self) -> LeaderboardEntry:
         """Row of the leaderboard that this episode counts in."""
-        task = EvaluatedTask(self.env_id, self.robot, self.robot_digest, self.difficulty, self.split)
+        goals = self.difficulty, self.split, self.goal
+        task = EvaluatedTask(self.env_id, self.robot, self.robot_digest, *goals)
         return LeaderboardEntry(task, self.policy, self.control_mode)
 
     @property
@@ -94,6 +98,8 @@ class EpisodeRecord:
         values: dict[str, Any] = {}
         for name in FIELDS:
             values |= self.metrics if name == "metrics" else {name: getattr(self, name)}
+        if self.goal == "pose":
+            del values["goal"]
         values["timing"] = dict(self.timing)
         return values
 
@@ -107,12 +113,12 @@ class EpisodeRecord:
         if type(version := values.get("schema")) is int and version != SCHEMA_VERSION:
             raise _other_schema(version)
         own = [name for name in FIELDS if name != "metrics"]
-        if missing := [name for name in own if name not in values]:
+        if missing := [name for name in own if name not in values and name not in MAY_BE_ABSENT]:
             raise ConfigurationError(f"missing field {', '.join(missing)}")
         if values["checksum"] == "":
             raise ConfigurationError("checksum must not be empty")
         metrics = {name: value for name, value in values.items() if name not in own}
-        return cls(metrics=metrics, **{name: values[name] for name in own})
+        return cls(metrics=metrics, **{name: values[name] for name in own if name in values})
 
     @classmethod
     def from_json(cls, line: str) -> Self:
@@ -149,3 +155,4 @@ _KINDS = get_type_hints(EpisodeRecord)
 FIELDS = tuple(_KINDS)
 PLAIN = {name: kind for name, kind in _KINDS.items() if name not in ("metrics", "timing")}
 MAY_BE_EMPTY = ("reason", "checksum")  # of the texts
+MAY_BE_ABSENT = ("goal",)

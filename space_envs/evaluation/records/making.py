@@ -33,6 +33,7 @@ def episode_records(
             control_mode=entry.control_mode,
             difficulty=entry.task.difficulty,
             split=entry.task.split,
+            goal=entry.task.goal,
             index=int(episodes.index[row]),
             episode=first + row,
             seed=seed,

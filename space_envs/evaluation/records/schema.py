@@ -10,11 +10,18 @@ import json
 from typing import Any, get_type_hints
 
 from space_envs.evaluation.play.causes import CAUSES, OUTCOMES, causes_of
-from space_envs.evaluation.records.episode import FIELDS, MAY_BE_EMPTY, PLAIN, SCHEMA_VERSION
+from space_envs.evaluation.records.episode import (
+    FIELDS,
+    MAY_BE_ABSENT,
+    MAY_BE_EMPTY,
+    PLAIN,
+    SCHEMA_VERSION,
+)
 from space_envs.evaluation.records.metrics import METRICS
 from space_envs.evaluation.records.timing import Timing
 from space_envs.evaluation.records.values import plain_kind
 from space_envs.metric import Metric
+from space_envs.tasks.goals.kinds import GOAL_KINDS
 
 SCHEMA_ID = f"urn:space-capture:schema:record:{SCHEMA_VERSION}"
 DESCRIPTIONS = {
@@ -27,6 +34,8 @@ DESCRIPTIONS = {
     "control_mode": "What the policy's actions are, such as joint_velocity.",
     "difficulty": "Size of the goal region.",
     "split": "Set of goals that the goal is from.",
+    "goal": "What a capture asks of the end-effector, where that is not the grapple's whole pose: its "
+    "position and approach axis, or its position.",
     "index": "Number of the goal in its split.",
     "episode": "Running number within this policy and seed.",
     "seed": "Evaluation seed, of the goals played and of the policy; the stratum of the bootstrap.",
@@ -63,6 +72,7 @@ def record_schema() -> dict[str, Any]:
             properties[name] = {**_object(timing), "description": DESCRIPTIONS[name]}
     properties["schema"] = {"const": SCHEMA_VERSION, **properties["schema"]}
     properties["outcome"] = {"enum": list(OUTCOMES), "description": DESCRIPTIONS["outcome"]}
+    properties["goal"] = {"enum": list(GOAL_KINDS[1:]), "description": DESCRIPTIONS["goal"]}
     properties["cause"] = {"enum": [None, *CAUSES], "description": DESCRIPTIONS["cause"]}
     properties["checksum"] = {**properties["checksum"], "pattern": "^[0-9a-f]{16}$"}
     of_captures = [metric.name for metric in METRICS if metric.of_captures]
@@ -95,7 +105,7 @@ def _object(properties: dict[str, Any]) -> dict[str, Any]:
     return {
         "type": "object",
         "properties": properties,
-        "required": list(properties),
+        "required": [name for name in properties if name not in MAY_BE_ABSENT],
         "additionalProperties": False,
     }
 

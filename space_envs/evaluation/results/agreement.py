@@ -25,8 +25,8 @@ def check_agreement(folders: Sequence[ResultFolder], separate: bool = False) -> 
     """Check that records that would share a table are of one task, and that every folder shares one.
 
     Args:
-        separate: accept a folder that shares no version, robot, difficulty or split with the others; its
-            tasks become tables of their own.
+        separate: accept a folder that shares no version, robot, difficulty, goal or split with the others;
+            its tasks become tables of their own.
 
     Raises:
         ConfigurationError: naming two folders and what differs between them, first of all their versions of
@@ -36,15 +36,15 @@ def check_agreement(folders: Sequence[ResultFolder], separate: bool = False) -> 
     _check_metrics(folders)
     if not separate:
         _check_shared(folders)
-    # Id, robot and difficulty -> configurations, by folder, control mode and hash.
-    uses: dict[tuple[str, str, str], dict[tuple[str, str, str], _Use]] = {}
+    # Id, robot, difficulty and goal -> configurations, by folder, control mode and hash.
+    uses: dict[tuple[str, str, str, str], dict[tuple[str, str, str], _Use]] = {}
     for folder in folders:
         for record in folder.records:
             key = (str(folder.path), record.control_mode, record.config_hash)
             use = _Use(*key, folder.configurations.get(record.config_hash))
-            task = (record.env_id, record.robot_digest, record.difficulty)
+            task = (record.env_id, record.robot_digest, record.difficulty, record.goal)
             uses.setdefault(task, {})[key] = use
-    for (env_id, _, difficulty), known in uses.items():
+    for (env_id, _, difficulty, _), known in uses.items():
         for one, other in combinations(known.values(), 2):
             if difference := _difference(one, other):
                 raise ConfigurationError(
@@ -82,7 +82,7 @@ def _check_metrics(folders: Sequence[ResultFolder]) -> None:
 
 
 def _check_shared(folders: Sequence[ResultFolder]) -> None:
-    """Every folder must share a version, a robot, a difficulty and a split of its ids with another folder."""
+    """Every folder must share a version, robot, difficulty, goal and split of its ids with another folder."""
     # What is compared -> folder -> values that the folder has.
     levels: dict[tuple[str, str], dict[str, set[str]]] = {}
     for folder in folders:
@@ -94,6 +94,7 @@ def _check_shared(folders: Sequence[ResultFolder]) -> None:
                 ((base, "version"), version),
                 ((env_id, "robot"), f"{task.robot} ({task.robot_digest})"),
                 ((env_id, "difficulty"), difficulty),
+                ((env_id, "goal"), task.goal),
                 ((f"{env_id}, {difficulty},", "split"), split),
             ):
                 levels.setdefault(about, {}).setdefault(name, set()).add(value)

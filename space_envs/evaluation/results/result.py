@@ -48,4 +48,5 @@ def task_stem(task: EvaluatedTask) -> str:
 
 
 def _words(task: EvaluatedTask) -> tuple[str, ...]:
-    return task.env_id, task.robot, task.robot_digest, task.difficulty, task.split
+    goal = () if task.goal == "pose" else (task.goal,)
+    return task.env_id, task.robot, task.robot_digest, task.difficulty, task.split, *goal

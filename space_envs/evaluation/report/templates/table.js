@@ -27,7 +27,7 @@ function sortTable(table, column) {
   body.append(...[...body.rows].sort(compare));
 }
 
-/** Show the rows whose name holds every word, in the tasks of the robot, difficulty and split chosen. */
+/** Show the rows whose name holds every word, in the tasks of the robot, difficulty, goal and split chosen. */
 function filterPage(form) {
   const page = form.closest("article.page");
   const words = form.querySelector(".words").value.toLowerCase().split(/\s+/).filter(Boolean);
