@@ -1,6 +1,7 @@
 """Goals that ask for less than a pose: tasks, records and planners by the keyword `goal`."""
 
 import json
+from dataclasses import replace
 from typing import Any
 
 import gymnasium as gym
@@ -11,9 +12,17 @@ from hypothesis import strategies as st
 
 import space_envs  # noqa: F401  (registers the ids)
 from agents.commands.evaluate import main as evaluate
+from agents.planners.single_arm.check import check
+from agents.planners.single_arm.library import library_of
+from agents.planners.single_arm.problem import Reach, ReachPlan
+from agents.planners.single_arm.promp.optimal import OptimalPlanner
+from agents.policies.single_arm.optimal import drive_limits
+from space_envs.dynamics.grapples import Grapple
 from space_envs.dynamics.rotations import exponential, from_matrix, multiply, rotate, to_matrix, z_axis
+from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError
 from space_envs.evaluation.records.episode import RECORDS, EpisodeRecord
+from space_envs.policy import PolicyContext
 from space_envs.registration import make_task
 from space_envs.tasks.goals.kinds import (
     GOAL_KINDS,
@@ -155,6 +164,41 @@ def test_goals_for_hindsight_hold_what_is_asked():
             np.testing.assert_allclose(observation["desired_goal"][3:], z_axis(turned), atol=1e-12)
         same = env.compute_reward(observation["desired_goal"], observation["desired_goal"], {})
         assert same == 0.0
+
+
+@pytest.mark.parametrize("keep", [False, True])
+def test_plans_for_less_than_a_pose_cost_less_and_ignore_what_is_not_asked(keep):
+    """Ends, limits and costs as the independent check measures them."""
+    context = PolicyContext.from_env(CaptureVectorEnv(ID))
+    goals, limits = SingleArmTask().goals("validation", np.arange(2)), drive_limits(context)
+    planner = OptimalPlanner(ARM, limits, library_of(context.robot, keep))
+    rng, costs = np.random.default_rng(3), []
+    for kind in GOAL_KINDS:
+        for position, quaternion in zip(goals.position, goals.quaternion, strict=True):
+            reach = Reach(ARM.home, Grapple.at_rest(position, quaternion), keep_attitude=keep, kind=kind)
+            plan = measured(planner, limits, reach.checked(ARM))
+            costs.append(plan.cost)
+            if kind == "pose":
+                continue
+            other = Grapple.at_rest(position, multiply(quaternion, unasked(kind, rng)))
+            same = measured(planner, limits, replace(reach, goal=other).checked(ARM))
+            assert same.cost == pytest.approx(plan.cost, rel=1e-3)
+    pose, axis, place = np.reshape(costs, (3, 2))
+    assert (place < axis).all() and (axis < pose).all()
+
+
+def measured(planner: Any, limits: Any, reach: Reach) -> ReachPlan:
+    """A plan that was checked."""
+    plan = planner.plan(reach)
+    assert isinstance(plan, ReachPlan)
+    plan = check(SingleArmTask().model, ARM, reach, limits, plan)
+    assert ("rotation_error" in plan.violation) == (reach.kind != "position")
+    assert plan.violation["position_error"] < 1e-3
+    assert plan.violation.get("rotation_error", 0.0) < 1e-3
+    assert not reach.keep_attitude or plan.violation["end_attitude"] < 1e-3
+    for name in ("position", "rate", "acceleration", "torque"):
+        assert plan.violation[name] < 1e-2
+    return plan
 
 
 def test_records_and_tables_name_the_kind(tmp_path, capsys):

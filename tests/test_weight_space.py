@@ -29,10 +29,11 @@ from space_envs.dynamics import roll_out_base, trajectory_cost
 from space_envs.dynamics.grapples import Grapple
 from space_envs.dynamics.rotations import Array, exponential, to_matrix
 from space_envs.errors import ConfigurationError
+from space_envs.tasks.goals.kinds import GOAL_KINDS, GoalKind
 from space_envs.tasks.single_arm import SingleArmTask
 
 
-def space_of(seed: int, rate: float = 0.1) -> tuple[WeightSpace, Array]:
+def space_of(seed: int, rate: float = 0.1, kind: GoalKind = "pose") -> tuple[WeightSpace, Array]:
     rng = np.random.default_rng(seed)
     start = robot().home + rng.uniform(-1.0, 1.0, 7)
     turn = to_matrix(exponential(rng.normal(size=3)))
@@ -47,11 +48,12 @@ def space_of(seed: int, rate: float = 0.1) -> tuple[WeightSpace, Array]:
         turn,
         1.3,
         attitude,
+        kind=kind,
     )
     return space, 0.15 * rng.standard_normal((7, space.free))
 
 
-@pytest.mark.parametrize("name", ["slopes", "ending", "torque_slope"])
+@pytest.mark.parametrize("name", ["slopes", *GOAL_KINDS, "torque_slope"])
 def test_compiled_derivatives_agree_with_differences(name: str) -> None:
     functions, rng = ArmFunctions.of(robot(), INTERVALS), np.random.default_rng(1)
     q, qdot, qddot = rng.normal(size=(3, 4, 7))
@@ -68,9 +70,10 @@ def test_compiled_derivatives_agree_with_differences(name: str) -> None:
             np.testing.assert_allclose(slope[..., joint], difference, atol=1e-8)
             difference = (functions.twist(q, qdot + step)[0] - functions.twist(q, qdot - step)[0]) / 2e-6
             np.testing.assert_allclose(slope[..., 7 + joint], difference, atol=1e-8)
-        elif name == "ending":
-            slope = functions.ending(q, pose, goal)[1]
-            sides = [functions.ending(q + sign * step, pose, goal)[0] for sign in (1, -1)]
+        elif name in GOAL_KINDS:
+            ending = functions.ending_of(name)
+            slope = ending(q, pose, goal)[1]
+            sides = [ending(q + sign * step, pose, goal)[0] for sign in (1, -1)]
             np.testing.assert_allclose(slope[..., 6 + joint], (sides[0] - sides[1]) / 2e-6, atol=1e-7)
         else:
             (slope,) = functions.torque_slope(q, qdot, qddot, weight)
@@ -83,13 +86,14 @@ def test_compiled_derivatives_agree_with_differences(name: str) -> None:
                 np.testing.assert_allclose(slope[:, 7 * part + joint], difference, rtol=1e-6, atol=1e-5)
 
 
-@settings(max_examples=15, deadline=None)
-@given(st.integers(0, 10_000))
-def test_costs_and_goal_errors_are_differentiated_exactly(seed: int) -> None:
-    space, y = space_of(seed)
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 10_000), st.sampled_from(GOAL_KINDS))
+def test_costs_and_goal_errors_are_differentiated_exactly(seed: int, kind: GoalKind) -> None:
+    space, y = space_of(seed, kind=kind)
     at = space.disturbance(y[None])
     # At half a turn a rotation vector jumps to the other side, and close to it differences lose their digits.
-    assume(all(np.linalg.norm(at.goal_error[0, part]) < np.pi - 0.01 for part in (slice(3, 6), slice(6, 9))))
+    turns = np.split(at.goal_error[0], [3, space.rows])[1:]
+    assume(all(np.linalg.norm(turn) < np.pi - 0.01 for turn in turns))
     direction = np.random.default_rng(seed + 1).standard_normal(y.shape)
     high, low = (space.disturbance((y + sign * 1e-6 * direction)[None]) for sign in (1, -1))
     for name, derivative in (("residual", "residual_slope"), ("goal_error", "goal_slope")):

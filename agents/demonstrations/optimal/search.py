@@ -41,7 +41,7 @@ def improved_motion(
     """The best so far, or the result from a neighbouring goal's solution whose predicted cost is lower."""
     problem = planner.setting(reach)
     y, cost = before.coordinates[number], float(before.cost[number])
-    neighbours = before.order(reach.end.position, reach.end.quaternion)
+    neighbours = before.order(reach)
     neighbours = neighbours[(neighbours != number) & np.isfinite(before.cost[neighbours])][:NEIGHBOURS]
     starts = before.coordinates[neighbours]
     predicted = predicted_costs(problem[0], starts, reach.keep_attitude)

@@ -111,7 +111,7 @@ def _part(
             starts = list(random_starts(rng, context.joints, STARTS))
         else:
             best = _Best(before.coordinates[number], float(before.cost[number]), int(before.attempts[number]))
-            near = before.order(goal_position, goal_quaternion)
+            near = before.order(reach)
             near = near[(near != number) & np.isfinite(before.cost[near])][:NEIGHBOURS]
             starts = [*before.coordinates[near].astype(np.float64)]
         for start in starts:

@@ -9,7 +9,7 @@ from agents.planners.common.plans import Limits
 from agents.planners.single_arm.problem import Reach, ReachPlan
 from space_envs.dynamics import FloatingRobot, attitude_cost, roll_out_base
 from space_envs.dynamics.grapples import PoseTwist
-from space_envs.dynamics.rotations import Array, angle_between, from_matrix, multiply, rotate
+from space_envs.dynamics.rotations import Array, angle_between, from_matrix, multiply, rotate, to_matrix
 from space_envs.dynamics.spheres import link_ends, sphere_gaps
 
 SAMPLES = 1001  # of the roll-out
@@ -21,8 +21,9 @@ def check(
 ) -> ReachPlan:
     """Return a plan with its cost and violations as measured on an even grid, also between its nodes.
 
-    Violations: `start` rad and rad/s, `position_error` m, `rotation_error` rad, `linear_velocity_error` m/s
-    and `angular_velocity_error` rad/s of the end-effector relative to the goal at T, `end_rate` rad/s of the
+    Violations: `start` rad and rad/s, `position_error` m, `rotation_error` rad (of approach axes for goals
+    of kind axis, absent for those of kind position), `linear_velocity_error` m/s and
+    `angular_velocity_error` rad/s of the end-effector relative to the goal at T, `end_rate` rad/s of the
     joints at T (absent for a moving goal), `end_attitude` rad of the base at T, `peak_attitude` rad; beyond
     the limits (negative inside, absent without a limit) `position` rad, `rate` rad/s, `acceleration`
     rad/s^2, `torque` and `coriolis` N m, and `clearance` m, the largest depth of a link inside a sphere of
@@ -37,7 +38,7 @@ def check(
     twist, dt = robot.base_twist(*state[:2]), float(time[1])
     base = roll_out_base(robot, *state[:2], dt, twist=twist)
     violation = _boundary_errors(robot, reach, state, base) | _goal_errors(robot, goal, state, base)
-    violation |= _excess(model, limits, state, twist)
+    violation |= _rotation_errors(robot, reach, state, base) | _excess(model, limits, state, twist)
     if reach.spheres is not None and len(reach.spheres):
         ends = link_ends(robot, state[0], *base)
         violation["clearance"] = -float(sphere_gaps(ends, reach.spheres, reach.link_radius).min())
@@ -65,19 +66,33 @@ def _boundary_errors(
 def _goal_errors(
     robot: FloatingRobot, goal: PoseTwist, state: tuple[Array, Array, Array], base: tuple[Array, Array]
 ) -> dict[str, float]:
-    """Errors of the end-effector's pose and twist at T."""
+    """Errors of the end-effector's position and twist at T."""
     q, qdot, position, quaternion = state[0][-1], state[1][-1], base[0][-1], base[1][-1]
-    local, axes = robot.end_effector_pose(q)
+    local, _ = robot.end_effector_pose(q)
     reached = position + rotate(quaternion, local)
-    rotation = multiply(quaternion, from_matrix(axes))
     twist = robot.generalized_jacobian(q) @ qdot
     linear, angular = rotate(quaternion, twist[:3]), rotate(quaternion, twist[3:])
     return {
         "position_error": float(np.linalg.norm(reached - goal.position)),
-        "rotation_error": float(angle_between(rotation, goal.quaternion)),
         "linear_velocity_error": float(np.linalg.norm(linear - goal.linear_velocity)),
         "angular_velocity_error": float(np.linalg.norm(angular - goal.angular_velocity)),
     }
+
+
+def _rotation_errors(
+    robot: FloatingRobot, reach: Reach, state: tuple[Array, Array, Array], base: tuple[Array, Array]
+) -> dict[str, float]:
+    """Error of the end-effector's rotation at T, as far as the goal asks for one."""
+    _, axes = robot.end_effector_pose(state[0][-1])
+    goal = reach.goal.at(reach.duration).quaternion
+    if reach.kind == "pose":
+        rotation = multiply(base[1][-1], from_matrix(axes))
+        return {"rotation_error": float(angle_between(rotation, goal))}
+    if reach.kind == "position":
+        return {}
+    approach, wanted = rotate(base[1][-1], axes[:, 2]), to_matrix(goal)[:, 2]
+    sine, cosine = np.linalg.norm(np.cross(approach, wanted)), approach @ wanted
+    return {"rotation_error": float(np.arctan2(sine, cosine))}
 
 
 def _excess(

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from agents.planners.common.robot_files import robot_file, robot_options
 from agents.planners.single_arm.problem import Reach
 from promp.storage import load_arrays, save_arrays
-from space_envs.dynamics.rotations import Array, angle_between
+from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError
 from space_envs.robots.robot import Robot
+from space_envs.tasks.goals.kinds import goal_angle
 
 REACTIONLESS = "library_reactionless.npz"  # name of a library of motions that never rotate the base
 NAMES = ("position", "quaternion", "coordinates", "cost", "attempts")
@@ -42,12 +43,12 @@ class Library:
 
     def nearest(self, reach: Reach, count: int) -> Array:
         """Coordinates (count, n, m) of the motions with the nearest goals; a metre counts as a radian."""
-        return self.coordinates[self.order(reach.end.position, reach.end.quaternion)[:count]]
+        return self.coordinates[self.order(reach)[:count]]
 
-    def order(self, position: Array, quaternion: Array) -> NDArray[np.intp]:
-        """Indices (L,) by distance of the goals from a pose."""
-        offset = self.position - position
-        angle = angle_between(self.quaternion, np.broadcast_to(quaternion, self.quaternion.shape))
+    def order(self, reach: Reach) -> NDArray[np.intp]:
+        """Indices (L,) by distance of the goals from that of a problem, as far as it asks for a pose."""
+        offset = self.position - reach.end.position
+        angle = goal_angle(reach.kind, self.quaternion, reach.end.quaternion)
         return np.argsort((offset * offset).sum(axis=1) + angle**2, kind="stable")
 
     def rows(self, chosen: NDArray[np.bool_]) -> "Library":

@@ -13,6 +13,7 @@ from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.grapples import Grapple, PoseTwist
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError, positive, shown
+from space_envs.tasks.goals.kinds import GoalKind, asked_attitude, checked_kind
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +31,7 @@ class Reach:
         spheres: (K, 4) centre m and radius m of keep-out spheres, inertial frame; None for none.
         link_radius: m, of the links, which are capsules from joint to joint, in checks against spheres: (n,),
             or one for all.
+        kind: what the end-effector has to take of the grapple's pose.
     """
 
     start: Array
@@ -41,11 +43,15 @@ class Reach:
     spheres: Array | None = None
     link_radius: Array | float = 0.0
     window: tuple[float, float] | None = None
+    kind: GoalKind = "pose"
 
     @cached_property
     def end(self) -> PoseTwist:
-        """Pose and twist of the end-effector at T."""
-        return self.goal.at(self.duration)
+        """Pose and twist of the end-effector at T, equal for all attitudes that the kind of goal allows."""
+        end = self.goal.at(self.duration)
+        if self.kind == "pose":
+            return end
+        return end._replace(quaternion=asked_attitude(self.kind, end.quaternion))
 
     def checked(self, robot: FloatingRobot) -> Self:
         """Return a copy with float64 arrays and unit quaternions.
@@ -53,7 +59,8 @@ class Reach:
         Raises:
             ConfigurationError: if a shape is wrong, a number is not finite, the duration, c or a sphere's
                 radius is not positive, the links' radius is negative, the goal is no valid grapple, the
-                window is not two increasing positive times, or keep_attitude is no flag.
+                window is not two increasing positive times, keep_attitude is no flag, or there is no such
+                kind of goal.
         """
         n = robot.n_joints
         if not isinstance(self.goal, Grapple):
@@ -74,6 +81,7 @@ class Reach:
             spheres=spheres,
             link_radius=_radii(self.link_radius, n),
             window=None if self.window is None else _increasing(self.window),
+            kind=checked_kind(self.kind),
         )
 
 

@@ -92,6 +92,7 @@ def reaches(context: PolicyContext, observation: Array, keep_attitude: bool) -> 
             context.c,
             None if spheres is None else spheres[row],
             link_radii(context.robot),
+            kind=context.goal_kind,
         )
         for row in range(len(start))
     ]

@@ -21,6 +21,7 @@ from agents.planners.single_arm.collocation.mesh import (
 from agents.planners.single_arm.collocation.model import SingleArm, Torque
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
+from space_envs.tasks.goals.kinds import GOAL_ROWS, GoalKind
 
 SCALE = 100.0  # of the objective, so that it is of order one
 # On the mean square of the second derivatives by s, in units of the objective before SCALE: one direction of
@@ -35,12 +36,13 @@ class OptionalConstraints:
     Attributes:
         rates: whether joint rates and accelerations are bounded.
         torques: for each bound on torques whether it is on the whole torque, or on what the rates alone
-            require. spheres: number of keep-out spheres.
+            require. spheres: number of keep-out spheres. goal: kind of the goal.
     """
 
     rates: bool
     torques: tuple[bool, ...]
     spheres: int
+    goal: GoalKind = "pose"
 
 
 class Assembly:
@@ -52,6 +54,7 @@ class Assembly:
 
     def __init__(self, robot: FloatingRobot, constraints: OptionalConstraints) -> None:
         self._robot, self._model, self._constraints = robot, SingleArm.of(robot), constraints
+        self._ending, self._end_rows = self._model.ending_of(constraints.goal), GOAL_ROWS[constraints.goal]
         self._n = n = robot.n_joints
         self._layout = layout = Layout(MESH, n)
         spheres = constraints.spheres
@@ -92,7 +95,7 @@ class Assembly:
             f,
             g,
             SCALE * gradient(layout, self._intervals, slope, pull),
-            jacobian(layout, self._blocks, linear, 3 * INTERVALS + 6, g.numel()),
+            jacobian(layout, self._blocks, linear, 3 * INTERVALS + self._end_rows, g.numel()),
             (factor, multipliers),
             self._hessian(factor, multipliers, first_clearance),
         )
@@ -148,9 +151,9 @@ class Assembly:
         return [Inputs.of(np.concatenate(variables))]
 
     def _add_end(self) -> None:
-        inputs, ending = self._end_inputs(), self._model.ending
-        values = ending.value(*inputs) - ca.vertcat(self._place, ca.MX(3, 1))
-        self._add(values, Block(self._rows, 6, self._end, ending.slope(*inputs)))
+        inputs, ending, rows = self._end_inputs(), self._ending, self._end_rows
+        values = ending.value(*inputs) - ca.vertcat(self._place, ca.MX(rows - 3, 1))
+        self._add(values, Block(self._rows, rows, self._end, ending.slope(*inputs)))
 
     def _add_linear(self) -> Array:
         """Add rates and accelerations; return their rows on a joint's coefficients."""
@@ -204,10 +207,10 @@ class Assembly:
         defects = ca.reshape(multipliers[: 3 * INTERVALS], 3, INTERVALS)
         weight = ca.vertcat(ca.repmat(SCALE * factor, 1, INTERVALS), defects)
         interval = self._model.interval.bend.map(INTERVALS)(*self._interval_inputs, weight)
-        ends = multipliers[3 * INTERVALS : 3 * INTERVALS + 6]
+        ends = multipliers[3 * INTERVALS : 3 * INTERVALS + self._end_rows]
         bends = [
             (self._intervals, interval),
-            (self._end, self._model.ending.bend(*self._end_inputs(), ends)),
+            (self._end, self._ending.bend(*self._end_inputs(), ends)),
         ]
         size = len(self._model.links) * INTERVALS
         for number in range(self._constraints.spheres):

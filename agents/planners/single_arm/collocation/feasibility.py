@@ -34,11 +34,13 @@ def _collision(method: str, robot: FloatingRobot, reach: Reach) -> Failure | Non
     if reach.spheres is None or not len(reach.spheres):
         return None
     ends = link_ends(robot, reach.start, np.zeros(3), NO_ROTATION)
-    # The pose of the last link at the end follows from the goal.
-    _, axes = robot.end_effector_pose(reach.start)
-    last = reach.end.position + to_matrix(reach.end.quaternion) @ axes.T @ (ends[-2] - ends[-1])
     radii = np.broadcast_to(reach.link_radius, robot.n_joints)
-    for when, points in (("the start", ends), ("the goal", np.stack([last, reach.end.position]))):
+    places = [("the start", ends)]
+    if reach.kind == "pose":  # the pose of the last link at the end follows from the goal
+        _, axes = robot.end_effector_pose(reach.start)
+        last = reach.end.position + to_matrix(reach.end.quaternion) @ axes.T @ (ends[-2] - ends[-1])
+        places.append(("the goal", np.stack([last, reach.end.position])))
+    for when, points in places:
         gap = float(sphere_gaps(points, reach.spheres, radii[1 - len(points) :]).min())
         if gap < 0.0:
             reason = f"{when} is in a collision: a link is {-gap:.3f} m deep in a ball"

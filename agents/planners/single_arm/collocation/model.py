@@ -18,6 +18,7 @@ from space_envs.codegen.once import built_once
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.symbolic import SymbolicRobot
 from space_envs.errors import ConfigurationError
+from space_envs.tasks.goals.kinds import GoalKind
 
 SHORT = 1e-6  # m; shorter links are points, covered by their neighbours
 
@@ -33,7 +34,8 @@ class SingleArm:
             the defect (3) of the attitude. The derivatives are by the 4 n + 6 variables in that order.
         ending: of q (n) and r (3) with parameters com (3), the system's centre of mass, and goal (3, 3), the
             end-effector's axes at the goal: position (3) m of the end-effector and sines (3) of its rotation
-            from the goal.
+            from the goal. axis_ending, position_ending: the same for goals of these kinds, with the sines (2)
+            of the approach axis's angle from that of the goal along its x and y axes, and without.
         spheres: of q (n) and r (3) with parameters com (3) and centre (3): squared distances of a
             sphere's centre from the segments of the links that have a length, m^2.
         links: numbers of these from 0.
@@ -42,6 +44,8 @@ class SingleArm:
 
     interval: Smooth
     ending: Smooth
+    axis_ending: Smooth
+    position_ending: Smooth
     spheres: Smooth
     links: tuple[int, ...]
     com: ca.Function
@@ -57,6 +61,10 @@ class SingleArm:
             ConfigurationError: if the robot is no single arm.
         """
         return _build(robot)
+
+    def ending_of(self, kind: GoalKind) -> Smooth:
+        """Ending for goals of a kind, with as many rows as they have."""
+        return {"pose": self.ending, "axis": self.axis_ending, "position": self.position_ending}[kind]
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +137,8 @@ def _build(robot: FloatingRobot) -> SingleArm:
         {
             **interval_functions(symbolic.base_twist(q, qdot), q, qdot),
             **smooth_parts("ending", ending, [q, r], [com, goal]),
+            **smooth_parts("axis_ending", ca.vertcat(position, deviation[:2, 2]), [q, r], [com, goal]),
+            **smooth_parts("position_ending", position, [q, r], [com, goal]),
             **smooth_parts("spheres", ca.vertcat(*squares), [q, r], [com, centre]),
             "com": ca.Function("com", [q], [ca.densify(middle)]),
         }
@@ -137,6 +147,8 @@ def _build(robot: FloatingRobot) -> SingleArm:
     return SingleArm(
         interval=Smooth.named(ready, "interval"),
         ending=Smooth.named(ready, "ending"),
+        axis_ending=Smooth.named(ready, "axis_ending"),
+        position_ending=Smooth.named(ready, "position_ending"),
         spheres=Smooth.named(ready, "spheres"),
         links=tuple(np.flatnonzero(long).tolist()),
         com=ready["com"],

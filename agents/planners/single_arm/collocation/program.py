@@ -26,7 +26,8 @@ class ReachProgram:
 
     Its variables are those of `Layout`; its parameters [first two coefficients (2 n), com (3), position (3)
     of the goal m, its axes (9) column by column, c^2, spheres (4 K)]; its constraints, in this order: defects
-    (3 N), end pose (6), rates and accelerations (rows of `linear`, n each), torques and clearances.
+    (3 N), end (6, 5 or 3, by the kind of the goal), rates and accelerations (rows of `linear`, n each),
+    torques and clearances.
 
     Attributes:
         joints: n. free: number of free coefficients. linear: numbers of rows for rates and for accelerations.

@@ -15,6 +15,7 @@ from agents.planners.single_arm.collocation.program import ReachProgram
 from agents.planners.single_arm.problem import Reach, ReachPlan
 from space_envs.dynamics import FloatingRobot, roll_out_base
 from space_envs.dynamics.rotations import Array, to_matrix
+from space_envs.tasks.goals.kinds import GOAL_ROWS
 
 METHOD = "ocp"
 STEPS = 10  # of a roll-out, in an interval
@@ -104,7 +105,7 @@ class ReachSolver:
     def _program(self) -> ReachProgram:
         rates = self._limits.rate is not None or self._limits.acceleration is not None
         torques = tuple(name == "torque" for name in self._torques)
-        constraints = OptionalConstraints(rates, torques, len(self._spheres))
+        constraints = OptionalConstraints(rates, torques, len(self._spheres), self.reach.kind)
         return ReachProgram.of(self._robot, constraints)
 
     def _parameters(self) -> Array:
@@ -132,7 +133,7 @@ class ReachSolver:
         rows += [(program.torques // n, most) for most in torques]
         symmetric = np.concatenate(
             [
-                np.zeros(3 * INTERVALS + 6),
+                np.zeros(3 * INTERVALS + GOAL_ROWS[self.reach.kind]),
                 *(np.broadcast_to(bound, (count, n)).ravel() for count, bound in rows),
             ]
         )

@@ -7,7 +7,8 @@ from agents.planners.common.plans import Cause, Failure, Limits
 from agents.planners.single_arm.collocation.model import SingleArm
 from agents.planners.single_arm.problem import Reach
 from space_envs.dynamics import FloatingRobot, attitude_cost, base_twist
-from space_envs.dynamics.rotations import Array, to_matrix
+from space_envs.dynamics.rotations import Array, from_matrix, to_matrix
+from space_envs.tasks.goals.kinds import GOAL_ROWS, goal_angle
 
 SEARCHES = 64
 SPREAD = (0.0, 1.0, 2.0, 3.0)  # rad, ranges of the searches' random starts, in turn
@@ -35,13 +36,14 @@ def end_configurations(
     angles = limits.angles(n)
     random = np.random.default_rng(seed).uniform(-1.0, 1.0, (SEARCHES, n))
     q = np.clip(start + random * np.resize(SPREAD, SEARCHES)[:, None], *angles.T)
-    value, slope = (f.map(SEARCHES) for f in (model.ending.value, model.ending.slope))
+    ending, rows = model.ending_of(reach.kind), GOAL_ROWS[reach.kind]
+    value, slope = (f.map(SEARCHES) for f in (ending.value, ending.slope))
     given = [np.zeros((3, SEARCHES)), np.tile(com[:, None], SEARCHES)]
     given.append(np.tile(to_matrix(reach.end.quaternion), SEARCHES))
-    required = np.concatenate([reach.end.position, np.zeros(3)])
+    required = np.concatenate([reach.end.position, np.zeros(rows - 3)])
     q, error = damped_newton(
         lambda q: required - value(q.T, *given).full().T,
-        lambda q: slope(q.T, *given).full().reshape(6, SEARCHES, n + 3)[:, :, :n].swapaxes(0, 1),
+        lambda q: slope(q.T, *given).full().reshape(rows, SEARCHES, n + 3)[:, :, :n].swapaxes(0, 1),
         q,
         angles,
         iterations=_ITERATIONS,
@@ -49,8 +51,8 @@ def end_configurations(
         damping=(_LEAST_DAMPING, _DAMPING),
     )
     # Sines vanish at half a revolution too.
-    axes = robot.end_effector_pose(q)[1]
-    aligned = np.trace(to_matrix(reach.end.quaternion).T @ axes, axis1=1, axis2=2) > 1.0
+    turned = from_matrix(robot.end_effector_pose(q)[1])
+    aligned = goal_angle(reach.kind, turned, reach.end.quaternion) < 0.5 * np.pi
     found = q[(error < _TOLERANCE) & aligned]
     if not len(found):
         reason = (

@@ -132,18 +132,17 @@ class DemonstratedPlanner:
         Args:
             reach: checked. space, bounds: of it. spread: factor on the ProMPs' standard deviations.
         """
-        targets = [
-            NonlinearTarget(
-                PoseTarget(
-                    self._robot,
-                    self._basis,
-                    reach.duration,
-                    reach.end.position,
-                    to_matrix(reach.end.quaternion),
-                    np.eye(3) if reach.keep_attitude else None,
-                )
-            )
-        ]
+        axes = to_matrix(reach.end.quaternion)
+        target = PoseTarget(
+            self._robot,
+            self._basis,
+            reach.duration,
+            reach.end.position,
+            axes if reach.kind == "pose" else None,
+            np.eye(3) if reach.keep_attitude else None,
+            approach=axes if reach.kind == "axis" else None,
+        )
+        targets = [NonlinearTarget(target)]
         found, residual = [], np.inf
         for prior in self.priors(reach, space, spread):
             try:
@@ -158,9 +157,7 @@ class DemonstratedPlanner:
         The motions are moved to the observed start and its rate by the minimum-energy change: the result of
         conditioning on the start if the prior's starts vary by such changes.
         """
-        near = self._library.order(reach.end.position, reach.end.quaternion)[
-            : CANDIDATES if self._groups > 1 else GROUP
-        ]
+        near = self._library.order(reach)[: CANDIDATES if self._groups > 1 else GROUP]
         coordinates = self._library.coordinates[near]
         weights, flat = space.weights(coordinates), coordinates.reshape(len(near), -1)
         free = np.kron(np.eye(self._robot.n_joints), space.shapes.free)

@@ -95,6 +95,7 @@ class OptimalPlanner:
             reach.end.position,
             to_matrix(reach.end.quaternion),
             reach.c,
+            kind=reach.kind,
         )
         limits = self._limits
         rows: list[Rows] = []
@@ -143,7 +144,7 @@ class OptimalPlanner:
         if self._library is None:
             return []
         keep = reach.keep_attitude
-        near = self._library.order(reach.end.position, reach.end.quaternion)[: self._candidates]
+        near = self._library.order(reach)[: self._candidates]
         starts = self._library.coordinates[near]
         predicted = predicted_costs(space, starts, keep)
         expected = max(predicted.min(), float(np.quantile(self._library.cost[near], 0.25)))
@@ -197,7 +198,7 @@ class OptimalPlanner:
 
 def predicted_costs(space: WeightSpace, starts: Array, keep_attitude: bool) -> Array:
     """Costs (S,) predicted by one Gauss-Newton step from each of the coordinates (S, n, m)."""
-    constrained = 9 if keep_attitude else 6
+    constrained = space.constrained(keep_attitude)
     at = space.disturbance(starts)
     jacobian, equations = at.residual_slope, at.goal_slope[:, :constrained]
     size, count = space.size, len(starts)

@@ -8,6 +8,7 @@ from agents.planners.single_arm.weights.functions import ArmFunctions
 from agents.planners.single_arm.weights.shapes import INTERVALS
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
+from space_envs.tasks.goals.kinds import GOAL_ROWS, GoalKind
 
 
 class PathEnd(NamedTuple):
@@ -34,18 +35,22 @@ class GoalRows(Protocol):
 
 
 class PoseRows:
-    """Six rows: position and rotation vector of the end-effector from a pose.
+    """Rows of a goal at rest: position of the end-effector, and rotation vector or tilt of its approach axis.
 
     Args:
         position, rotation: (3,) m and (3, 3) of the pose in the frame of the base at the start.
+        kind: of the goal, which has 6, 5 or 3 rows.
     """
 
-    def __init__(self, robot: FloatingRobot, position: Array, rotation: Array) -> None:
-        self._arm = ArmFunctions.of(robot, INTERVALS)
+    def __init__(
+        self, robot: FloatingRobot, position: Array, rotation: Array, kind: GoalKind = "pose"
+    ) -> None:
+        self._ending, self._rows = ArmFunctions.of(robot, INTERVALS).ending_of(kind), GOAL_ROWS[kind]
         self._goal = np.concatenate([position, rotation.T.ravel(), np.eye(3).ravel()])
 
     def __call__(self, end: PathEnd) -> EndError:
-        """The pose error of an end."""
+        """The goal error of an end."""
         pose = np.concatenate([end.shift, np.eye(3).ravel()])
-        miss, slope = self._arm.ending(end.angle, pose, self._goal)
-        return EndError(miss[:6], slope[:6, 6:], slope[:6, :3])
+        miss, slope = self._ending(end.angle, pose, self._goal)
+        rows = self._rows
+        return EndError(miss[:rows], slope[:rows, 6:], slope[:rows, :3])

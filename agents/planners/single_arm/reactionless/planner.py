@@ -117,7 +117,7 @@ class ReactionlessPlanner:
 
 def space_of(robot: FloatingRobot, reach: Reach) -> PathSpace:
     """Paths of a checked problem."""
-    rows = PoseRows(robot, reach.end.position, to_matrix(reach.end.quaternion))
+    rows = PoseRows(robot, reach.end.position, to_matrix(reach.end.quaternion), reach.kind)
     return PathSpace(robot, reach.start, rows)
 
 

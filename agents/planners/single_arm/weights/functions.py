@@ -15,6 +15,7 @@ from space_envs.codegen.functions import Batched, batched
 from space_envs.codegen.once import built_once
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.symbolic import SymbolicRobot
+from space_envs.tasks.goals.kinds import GoalKind
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +33,9 @@ class ArmFunctions:
             -> goal error (9): position m and rotation vector rad of the end-effector from its goal, rotation
             vector of the base from its goal; slope (9, 6 + n) with respect to the displacement of the base
             and q.
+        axis_ending, position_ending: the same for goals of these kinds: goal errors (8) and (6) without the
+            rotation vector; the former has the approach axis's tilt from that of the goal instead, (2) rad,
+            along the goal's x and y axes.
         torque: q, qdot, qddot (n each) -> torque (n) N m.
         torque_slope: q, qdot, qddot, weight (n) -> derivative (3 n) of weight' torque.
     """
@@ -40,6 +44,8 @@ class ArmFunctions:
     slopes: Batched
     chain: Batched
     ending: Batched
+    axis_ending: Batched
+    position_ending: Batched
     torque: Batched
     torque_slope: Batched
 
@@ -51,6 +57,10 @@ class ArmFunctions:
             NoCompiledCodeWarning: if they are interpreted, up to twenty times slower.
         """
         return _build(robot, intervals)
+
+    def ending_of(self, kind: GoalKind) -> Batched:
+        """Goal error at the end for goals of a kind, as `ending`."""
+        return {"pose": self.ending, "axis": self.axis_ending, "position": self.position_ending}[kind]
 
 
 @built_once
@@ -65,7 +75,9 @@ def _build(robot: FloatingRobot, intervals: int) -> ArmFunctions:
         "twist": ca.Function("twist", [q, qdot], [twist]),
         "slopes": ca.Function("slopes", [q, qdot], ca.cse([twist, slope.T])),
         "chain": _chain(intervals),
-        "ending": _ending(symbolic),
+        "ending": _ending(symbolic, "pose"),
+        "axis_ending": _ending(symbolic, "axis"),
+        "position_ending": _ending(symbolic, "position"),
         "torque": ca.Function("torque", [q, qdot, qddot], [torque]),
         "torque_slope": ca.Function(
             "torque_slope", [q, qdot, qddot, weight], ca.cse([ca.densify(torque_gradient)])
@@ -102,8 +114,8 @@ def _chain(intervals: int) -> ca.Function:
     return ca.Function("chain", [xi, h], ca.cse(outputs))
 
 
-def _ending(symbolic: SymbolicRobot) -> ca.Function:
-    """Goal error at the end and its derivative."""
+def _ending(symbolic: SymbolicRobot, kind: GoalKind) -> ca.Function:
+    """Goal error at the end for goals of a kind, and its derivative."""
     n = symbolic.robot.n_joints
     q, pose, goal = ca.SX.sym("q", n), ca.SX.sym("pose", 12), ca.SX.sym("goal", 21)
     change = ca.SX.sym("change", 6)  # of the base: displacement in inertial axes at the inertial origin
@@ -111,23 +123,45 @@ def _ending(symbolic: SymbolicRobot) -> ca.Function:
     local, rotation = symbolic.end_effector_pose(0)(q)
     end_effector = base_position + base @ local
     end_effector = end_effector + change[:3] + ca.cross(change[3:], end_effector)
-    deviation = base @ rotation @ ca.reshape(goal[3:12], 3, 3).T
-    rotation_error = _logarithm(deviation)
+    goal_axes = ca.reshape(goal[3:12], 3, 3)
     attitude_error = _logarithm(base @ ca.reshape(goal[12:], 3, 3).T)
     position = end_effector - goal[:3]
     # Angular rates in inertial axes: of the base, and of the end-effector by its joints.
     spins = [
         ca.inv_skew(ca.reshape(ca.jacobian(ca.vec(rotation), q[j]), 3, 3) @ rotation.T) for j in range(n)
     ]
+    angular = ca.horzcat(ca.SX(3, 3), ca.SX.eye(3), base @ ca.horzcat(*spins))  # of the end-effector
+    if kind == "pose":
+        rotation_error = _logarithm(base @ rotation @ goal_axes.T)
+        rotation_slope = _inverse_derivative(rotation_error) @ angular
+    elif kind == "axis":
+        axis = base @ rotation[:, 2]
+        rotation_error, by_axis = _tilt(axis, goal_axes)
+        rotation_slope = by_axis @ -ca.skew(axis) @ angular
+    else:
+        rotation_error, rotation_slope = ca.SX(0, 1), ca.SX(0, 6 + n)
     slope = ca.vertcat(
         ca.jacobian(position, ca.vertcat(change, q)),
-        _inverse_derivative(rotation_error)
-        @ ca.horzcat(ca.SX(3, 3), ca.SX.eye(3), base @ ca.horzcat(*spins)),
+        rotation_slope,
         _inverse_derivative(attitude_error) @ ca.horzcat(ca.SX(3, 3), ca.SX.eye(3), ca.SX(3, n)),
     )
     outputs = [ca.vertcat(position, rotation_error, attitude_error), ca.densify(slope).T]
     outputs = [ca.substitute(output, change, ca.DM.zeros(6)) for output in outputs]
-    return ca.Function("ending", [q, pose, goal], ca.cse(outputs))
+    name = "ending" if kind == "pose" else f"{kind}_ending"
+    return ca.Function(name, [q, pose, goal], ca.cse(outputs))
+
+
+def _tilt(axis: ca.SX, goal_axes: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Angle (2,), rad, of an axis from a goal's z axis, along its x and y axes; derivative (2, 3) by axis."""
+    unit = ca.SX.sym("unit", 3)
+    sines, cosine = goal_axes[:, :2].T @ unit, ca.dot(goal_axes[:, 2], unit)
+    square = ca.dot(sines, sines)
+    sine = ca.sqrt(square + 1e-24)
+    small = ca.logic_and(square < 1e-8, cosine > 0.0)
+    tilt = sines * ca.if_else(small, 1.0 + square / 6.0, ca.atan2(sine, cosine) / sine)
+    found = [tilt, ca.jacobian(tilt, unit)]
+    value, slope = (ca.substitute(each, unit, axis) for each in found)
+    return value, slope
 
 
 def _bracket(twist: ca.SX) -> ca.SX:

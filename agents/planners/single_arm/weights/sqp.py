@@ -114,7 +114,7 @@ class _Iterations:
         tolerance: float,
     ) -> None:
         self._space, self._rows, self._tolerance = space, rows, tolerance
-        self._constrained = 9 if keep_attitude else 6  # components of the terminal error
+        self._constrained = space.constrained(keep_attitude)  # components of the terminal error
         self._program, self._unit = QuadraticProgram(bounds), np.eye(space.size)
         self._damping, self._fraction, self._penalty = DAMPING, 1.0, 1e-4
 

@@ -25,11 +25,13 @@ class PoseTarget:
         position: (3,) m, of the end-effector, or None for any.
         rotation: (3, 3), end-effector to inertial, or None for any.
         attitude: (3, 3), base to inertial, or None for any.
+        approach: (3, 3) as `rotation`, where only its approach axis z counts, or None.
         phase: above 0 and at most 1. The base is rolled out over [0, phase], so that a pose along the path is
             as accurate as one at the end.
 
     Raises:
-        ConfigurationError: if nothing is constrained, a shape is wrong, or the phase is outside (0, 1].
+        ConfigurationError: if nothing is constrained, a shape is wrong, the phase is outside (0, 1], or both
+            a rotation and an approach axis are given.
     """
 
     def __init__(
@@ -41,19 +43,24 @@ class PoseTarget:
         rotation: Array | None = None,
         attitude: Array | None = None,
         phase: float = 1.0,
+        approach: Array | None = None,
     ) -> None:
-        constrained = [part is not None for part in (position, rotation, attitude)]
+        if rotation is not None and approach is not None:
+            raise ConfigurationError("a pose target has a rotation or an approach axis, got both")
+        end_effector = approach if rotation is None else rotation
+        constrained = [part is not None for part in (position, end_effector, attitude)]
         if not any(constrained):
             raise ConfigurationError("a pose target needs a position, a rotation or an attitude, got none")
         if not positive("phase", phase) <= 1.0:
             raise ConfigurationError(f"phase must be above 0 and at most 1, got {phase!r}")
-        self.rows = np.repeat(constrained, 3)
+        self.rows = np.repeat(constrained, (3, 3 if approach is None else 2, 3))
         self._functions = ArmFunctions.of(robot, INTERVALS)
+        self._ending = self._functions.ending_of("pose" if approach is None else "axis")
         unit = np.eye(3)
         self._goal = np.concatenate(
             [
                 np.zeros(3) if position is None else finite_array("position", position, (3,)),
-                (unit if rotation is None else finite_array("rotation", rotation, (3, 3))).T.ravel(),
+                (unit if end_effector is None else finite_array("rotation", end_effector, (3, 3))).T.ravel(),
                 (unit if attitude is None else finite_array("attitude", attitude, (3, 3))).T.ravel(),
             ]
         )
@@ -67,7 +74,8 @@ class PoseTarget:
         """Errors (S, m) of weights (S, n, nb) and their derivative (S, m, n nb).
 
         Rows are three each of position m, rotation rad (rotation vector of the end-effector from its goal)
-        and attitude rad (the same of the base), as far as they are constrained.
+        and attitude rad (the same of the base), as far as they are constrained; those of an approach axis are
+        two, its tilt in rad along the axes x and y of its goal.
         """
         weights = np.asarray(weights, dtype=np.float64)
         (s, n, size), points = weights.shape, 2 * INTERVALS
@@ -76,12 +84,12 @@ class PoseTarget:
         step = np.broadcast_to(self._step, (s, 1))
         pose, propagation = self._functions.chain(xi.reshape(s, 6 * points), step)
         goal = np.broadcast_to(self._goal, (s, len(self._goal)))
-        error, ending = self._functions.ending(weights @ self._end, pose[:, -1], goal)
+        error, ending = self._ending(weights @ self._end, pose[:, -1], goal)
         # Derivative of the base's displacement by the weights, through every Gauss point.
         influence = (propagation.reshape(s, points, 6, 6) @ slope).reshape(s, points, 12 * n)
         columns = influence.swapaxes(1, 2).reshape(s, 6, 2, n, points)
         angle, rate = self._gauss
         displacement = (columns[:, :, 0] @ angle + columns[:, :, 1] @ rate).reshape(s, 6, n * size)
         by_weight = ending[..., :6] @ displacement
-        by_weight += (ending[..., 6:, None] * self._end).reshape(s, 9, n * size)
+        by_weight += (ending[..., 6:, None] * self._end).reshape(s, len(self.rows), n * size)
         return error[:, self.rows], by_weight[:, self.rows]

@@ -13,6 +13,7 @@ from agents.planners.single_arm.weights.functions import ArmFunctions
 from agents.planners.single_arm.weights.shapes import INTERVALS, Basis, Shapes
 from space_envs.dynamics import FloatingRobot, attitude_cost
 from space_envs.dynamics.rotations import Array
+from space_envs.tasks.goals.kinds import GOAL_ROWS, GoalKind
 
 DENSE = 128  # intervals of the integral for reported costs: with 16 they are up to 1.3 % too low
 
@@ -22,10 +23,11 @@ class Disturbance:
     """Costs and terminal errors of motions (S,), with derivatives by the coordinates y, flattened (n m).
 
     Attributes:
-        cost: (S,) eq. 20 times dt, m^2/s. goal_error: (S, 9) position m and rotation rad of the end-effector
-            from its goal, and rotation rad of the base from its goal, at the end.
+        cost: (S,) eq. 20 times dt, m^2/s. goal_error: (S, r + 3) at the end: position m and rotation rad of
+            the end-effector from its goal, as far as the goal asks for them, then rotation rad of the base
+            from its goal.
         residual: (S, R) whose squares sum to the cost. residual_slope: (S, R, n m).
-        goal_slope: (S, 9, n m).
+        goal_slope: (S, r + 3, n m).
         pose: (S, K + 1, 12) of the base at the ends of the intervals.
         influence: (S, 2 K, 6, 2 n) later displacement of the base, in inertial axes at the inertial origin,
             by [q; qdot] at the Gauss points.
@@ -49,6 +51,10 @@ class WeightSpace:
         start, rate: (n,) rad and rad/s. duration: s. position, rotation: (3,) m and (3, 3) of the
             end-effector at the end. c: m/rad, of eq. 20. attitude: (3, 3) of the base at the end, where it
             is constrained; None for that of the start. end_rate: (n,) rad/s at the end; None for rest.
+        kind: of the goal.
+
+    Attributes:
+        rows: r, number of equations of the goal.
     """
 
     def __init__(
@@ -63,9 +69,11 @@ class WeightSpace:
         c: float,
         attitude: Array | None = None,
         end_rate: Array | None = None,
+        kind: GoalKind = "pose",
     ) -> None:
         self.shapes = shapes = Shapes.of(basis)
-        self.functions = ArmFunctions.of(robot, INTERVALS)
+        self.functions, self.rows = ArmFunctions.of(robot, INTERVALS), GOAL_ROWS[kind]
+        self._ended = self.functions.ending_of(kind)
         attitude = np.eye(3) if attitude is None else attitude
         self.duration = duration
         self._goal = np.concatenate([position, rotation.T.ravel(), attitude.T.ravel()])
@@ -83,6 +91,10 @@ class WeightSpace:
         weight = np.sqrt(0.5 * duration / INTERVALS)
         self._scale = weight * np.array([1.0, 1.0, 1.0, c, c, c])
         self._c = c
+
+    def constrained(self, keep_attitude: bool) -> int:
+        """Number of equations for the end, with or without those of the base's attitude."""
+        return self.rows + 3 if keep_attitude else self.rows
 
     def weights(self, y: Array) -> Array:
         """ProMP weights (..., n, nb) of coordinates (..., n, m)."""
@@ -108,7 +120,7 @@ class WeightSpace:
         return attitude_cost(xi, 0.5 * self.duration / DENSE, self._c)
 
     def values(self, y: Array) -> tuple[Array, Array]:
-        """Cost (S,) and terminal goal error (S, 9) of coordinates (S, n, m)."""
+        """Cost (S,) and terminal goal error (S, r + 3) of coordinates (S, n, m)."""
         (xi,) = self.functions.twist(*self._states(y))
         residual = xi * self._scale
         cost = (residual * residual).sum(axis=(1, 2))
@@ -127,7 +139,7 @@ class WeightSpace:
         influence = propagation.reshape(s, 2 * INTERVALS, 6, 6) @ slope
         goal_error, ending = self._ending(y, pose[:, -1])
         goal_slope = ending[..., :6] @ self.displacement(influence)
-        goal_slope += (ending[..., 6:, None] * self._end).reshape(s, 9, n * m)
+        goal_slope += (ending[..., 6:, None] * self._end).reshape(s, self.rows + 3, n * m)
         return Disturbance(
             cost=(residual * residual).sum(axis=1),
             goal_error=goal_error,
@@ -160,4 +172,4 @@ class WeightSpace:
 
     def _ending(self, y: Array, pose: Array) -> list[Array]:
         goal = np.broadcast_to(self._goal, (len(y), len(self._goal)))
-        return self.functions.ending(self._end_fixed + y @ self._end, pose, goal)
+        return self._ended(self._end_fixed + y @ self._end, pose, goal)
