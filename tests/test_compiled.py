@@ -9,6 +9,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 import pytest
 from dynamics_models import ROBOTS, robot_and_model
@@ -129,7 +130,7 @@ def test_wrong_code_is_not_trusted(monkeypatch: pytest.MonkeyPatch) -> None:
         def map_base_twist(inputs: ctypes.Array, outputs: ctypes.Array, count: int) -> None:
             np.ctypeslib.as_array((ctypes.c_double * (6 * count)).from_address(outputs[0]))[:] = 0.0
 
-    monkeypatch.setattr(functions, "load_library", lambda source: Zeros)
+    monkeypatch.setattr(functions, "load_library", lambda source, native: Zeros)
     with pytest.warns(NoCompiledCodeWarning, match="disagrees with numpy"):
         twist = base_twist(robot, *samples("single arm", 3))
     assert (twist != 0.0).all()
@@ -183,3 +184,18 @@ def test_things_are_built_once_for_equal_content_by_all_threads() -> None:
         thread.join()
     assert sorted(built) == sorted((robot.fingerprint, 1) for robot in robots)
     assert slowly(robots[0]) is slowly(replace(robots[0])) is not slowly(robots[0], 2)
+
+
+@quiet
+def test_eight_samples_at_once_have_the_bits_of_one() -> None:
+    """Whatever their number; what cannot be vectorised is refused."""
+    twist = SymbolicRobot(robot_and_model("single arm")[0]).base_twist
+    rates = samples("single arm", 13)
+    fast = functions.batched({"twist": twist})["twist"](*rates)[0]
+    wide = functions.batched({"twist": twist}, vectorise=True)["twist"]
+    for count in (1, 8, 13):
+        found = wide(*[x[:count] for x in rates])[0]
+        assert np.array_equal(found, fast[:count]) if HAS_COMPILER else np.allclose(found, fast[:count])
+    x = ca.SX.sym("x")
+    with pytest.raises(ValueError, match="has an operation without a vector"):
+        functions.batched({"f": ca.Function("f", [x], [ca.exp(x)])}, vectorise=True)

@@ -8,12 +8,16 @@ import pytest
 from agents.planners.common.plans import Cause, Failure
 from agents.planners.single_arm.check import check
 from agents.planners.single_arm.problem import Reach, ReachPlan
+from agents.planners.single_arm.reactionless.flow.chain import StepChain
+from agents.planners.single_arm.reactionless.flow.series import Series
 from agents.planners.single_arm.reactionless.improvement import PathImprover
 from agents.planners.single_arm.reactionless.paths import FUNCTIONS, PathSpace
 from agents.planners.single_arm.reactionless.planner import ReactionlessPlanner, Timing
 from agents.planners.single_arm.reactionless.planner import space_of as paths_of
 from agents.policies.single_arm.reactionless.policy import PrompReactionless
 from agents.policies.single_arm.reactionless.problem import path_limits
+from space_envs.codegen import libraries
+from space_envs.dynamics import NoCompiledCodeWarning
 from space_envs.dynamics.grapples import Grapple
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError
@@ -68,6 +72,18 @@ def test_derivatives_by_phase_and_by_weights_are_those_of_differences() -> None:
         middle = np.gradient(value, phase, axis=0, edge_order=2)
         assert np.abs(middle - slope).max() < 0.02 * np.abs(slope).max()
     assert np.abs(path.miss - fine.miss).max() < 1e-3  # the search rolls out coarsely
+
+
+def test_derivatives_of_steps_are_chained_alike_without_a_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng, shape = np.random.default_rng(0), Series.of(FUNCTIONS, 6).points
+    transfer = [rng.standard_normal((6, 7, 7)) for _ in range(6)]
+    found = StepChain(7, FUNCTIONS, 6)(transfer, shape)
+    monkeypatch.setenv("CC", "no-such-compiler")
+    libraries.warn_uncompiled.cache_clear()
+    with pytest.warns(NoCompiledCodeWarning):
+        expected = StepChain(7, FUNCTIONS, 6)(transfer, shape)
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("timing", ["latest", "shortest"])

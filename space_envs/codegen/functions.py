@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from space_envs.codegen.cache import LibraryError
+from space_envs.codegen.lanes import HEAD, lane_loop
 from space_envs.codegen.libraries import load_library, warn_uncompiled
 
 Array = NDArray[np.floating]
@@ -86,19 +87,26 @@ class Batched:
         ]
 
 
-def batched(functions: Mapping[str, ca.Function], *, optimise: bool = False) -> dict[str, Batched]:
+def batched(
+    functions: Mapping[str, ca.Function], *, optimise: bool = False, vectorise: bool = False
+) -> dict[str, Batched]:
     """The functions over batches, compiled in one library or interpreted if there is no compiler.
 
     Args:
         optimise: whether the compiler optimises fully; of use for short functions only.
+        vectorise: whether eight samples are computed at once; for functions of scalars with plain arithmetic
+            that are called with many samples.
 
     Warns:
         NoCompiledCodeWarning: if they are interpreted, with the reason.
     """
     pragma = "" if optimise else _LITTLE_OPTIMISATION
-    source = pragma + _STATIC + _code(functions) + "".join(map(_loop_source, functions.values()))
+    if vectorise:
+        source = pragma + HEAD + "".join(map(lane_loop, functions.values()))
+    else:
+        source = pragma + _STATIC + _code(functions) + "".join(map(_loop_source, functions.values()))
     try:
-        library = load_library(source)
+        library = load_library(source, native=vectorise)
     except LibraryError as error:
         warn_uncompiled(str(error))
         return {key: Batched(function) for key, function in functions.items()}

@@ -67,8 +67,11 @@ def warned_once() -> Iterator[None]:
             os.environ["PYTHONWARNINGS"] = before
 
 
-def load_library(source: str) -> ctypes.CDLL:
+def load_library(source: str, native: bool = False) -> ctypes.CDLL:
     """The shared library of a C source, from the cache or built into it.
+
+    Args:
+        native: whether it may use all instructions of this processor, such as those on wide vectors.
 
     Raises:
         LibraryError: if there is no compiler, it fails, or no cache can be written or loaded from.
@@ -77,7 +80,8 @@ def load_library(source: str) -> ctypes.CDLL:
         UnsafeCacheWarning: if other users can write to the cache; a temporary folder is used then.
     """
     command = _compiler()
-    key = _key(source, command)
+    flags, processor = _native(tuple(command)) if native else ((), "")
+    command, key = [*command, *flags], _key(source, command, processor)
     try:
         folder = usable_folder()
         for path in _intact(folder, key):
@@ -119,9 +123,27 @@ def _run(command: list[str], source: str = "") -> str:
     return done.stdout
 
 
-def _key(source: str, command: list[str]) -> str:
+@functools.cache
+def _native(command: tuple[str, ...]) -> tuple[tuple[str, ...], str]:
+    """Flags for all instructions of this processor, if the compiler has any, and what they stand for."""
+    flags = ("-march=native",)
+    try:
+        return flags, _run([*command, *flags, "-dM", "-E", "-x", "c", "-"])
+    except LibraryError:
+        return (), ""
+
+
+def _key(source: str, command: list[str], processor: str) -> str:
     digest = hashlib.sha256()
-    for part in (source, *command, *FLAGS, _run([*command, "--version"]), sys.platform, platform.machine()):
+    for part in (
+        source,
+        processor,
+        *command,
+        *FLAGS,
+        _run([*command, "--version"]),
+        sys.platform,
+        platform.machine(),
+    ):
         digest.update(part.encode() + b"\0")
     return digest.hexdigest()[:32]
 

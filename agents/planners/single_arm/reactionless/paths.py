@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.planners.single_arm.reactionless.functions import FINER, FlowFunctions
+from agents.planners.single_arm.reactionless.flow.functions import FINER, FlowFunctions
+from agents.planners.single_arm.reactionless.flow.series import Series
 from agents.planners.single_arm.reactionless.goals import GoalRows, PathEnd
-from agents.planners.single_arm.reactionless.series import Series
 from agents.planners.single_arm.weights.functions import ArmFunctions
 from agents.planners.single_arm.weights.shapes import INTERVALS
 from space_envs.dynamics import FloatingRobot
@@ -73,13 +73,12 @@ class PathSpace:
         self._start, self.n, self.size = start, robot.n_joints, robot.n_joints * FUNCTIONS
         self._goal = goal
         self._centre = self._functions.centre(start)[0]
-        self._shape = self.series.points.ravel()
         self._known: dict[bytes, tuple[Samples, Sensitivities]] = {}
 
     def samples(self, weights: Array) -> Samples:
         """The path of weights (n, K), rolled out finely."""
         series = self.fine_series
-        angle, slope = self._rolled(self._functions.fine(self._start, self._velocity(weights, series)))
+        angle, slope = self._rolled(self._functions.fine(self._start, self._velocity(weights, series))[:2])
         shift = self._centre - self._functions.centre(angle)[0]
         miss = self._goal(PathEnd(angle[-1], shift[-1])).miss
         return Samples(angle, slope, series.odd @ slope, shift, series.even @ shift, miss)
@@ -99,12 +98,14 @@ class PathSpace:
         return self._known[key]
 
     def _sensitive(self, weights: Array) -> tuple[Samples, Sensitivities]:
-        n, m, series = self.n, self.size, self.series
-        found = self._functions.sensitive(self._start, self._velocity(weights, series), self._shape)
-        angle, slope = self._rolled(found[:2])
-        by_angle, by_slope = np.zeros((2, STEPS + 1, n, m))
-        by_angle[1:] = found[2].reshape(STEPS, n, m)
-        by_slope[:-1] = found[3].reshape(STEPS, n, m)
+        n, m, series, functions = self.n, self.size, self.series, self._functions
+        velocity = self._velocity(weights, series)
+        *found, points = functions.path(self._start, velocity)
+        angle, slope = self._rolled(found)
+        at_points = velocity.reshape(STEPS, 3, n)[:, [0, 1, 1, 2]].reshape(-1, n)
+        slopes = functions.slopes(points.reshape(-1, n), at_points)
+        transfer = functions.transfer(*[x.reshape(STEPS, -1) for x in slopes])
+        by_angle, by_slope = functions.chain(transfer, series.points)
         by_curve = (series.odd @ by_slope.reshape(STEPS + 1, n * m)).reshape(by_slope.shape)
         centre, by_q = self._functions.centre(angle)
         shift, by_shift = self._centre - centre, -by_q @ by_angle

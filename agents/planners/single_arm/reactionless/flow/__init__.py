@@ -1,0 +1,1 @@
+"""Roll-outs of paths in the reaction null space, with their derivatives, as compiled code."""
