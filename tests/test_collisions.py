@@ -1,5 +1,6 @@
 """Links in the satellite, the target or the other arm: distances, ends of episodes, starts, goals."""
 
+import copy
 from typing import Any
 
 import gymnasium as gym
@@ -20,6 +21,7 @@ from space_envs.registration import ENTRIES
 from space_envs.robots.zoo import find_robot
 from space_envs.tasks.base import BLOCK
 from space_envs.tasks.common import DIFFICULTIES, SPLITS
+from space_envs.tasks.contact_checks import contacts_library
 from space_envs.tasks.goals.poses import goal_configurations
 
 IDS = sorted(ENTRIES)
@@ -166,22 +168,48 @@ def test_a_row_collides_alone_as_it_does_among_64(env_id):
     assert (together[4]["outcome"] == "collision").sum() > 5
 
 
+def random_periods(env: CaptureVectorEnv, size: float) -> tuple[Array, Array]:
+    """Sensors (N, s) before and after periods in which all points of the arms move at random."""
+    rng = np.random.default_rng(0)
+    middle = env.simulation.sensors.copy()
+    way = np.zeros_like(middle)
+    for frame, columns in env.task.contacts.columns.items():
+        if frame != "half_width":
+            shape = env.num_envs, columns.stop - columns.start
+            middle[:, columns] = rng.uniform(-size, size, shape)
+            way[:, columns] = rng.normal(0.0, 0.05, shape)
+    return middle - way, middle + way
+
+
+@pytest.mark.filterwarnings("ignore::space_envs.dynamics.NoCompiledCodeWarning")
+@pytest.mark.parametrize("env_id", IDS)
+def test_compiled_code_and_numpy_find_the_same_contacts(env_id, monkeypatch):
+    env = make(env_id, 200)
+    env.reset(seed=0)
+    task, found = env.task, []
+    for size in (1.0, 3.0):
+        before, after = random_periods(env, size)
+        found.append((before, after, task.collided(before, after)))
+    contacts_library.cache_clear()
+    monkeypatch.setenv("CC", "no-such-compiler")
+    uncompiled = copy.deepcopy(task)
+    assert contacts_library() is None
+    monkeypatch.undo()
+    contacts_library.cache_clear()
+    for before, after, codes in found:
+        assert len(set(codes.tolist())) >= 5
+        np.testing.assert_array_equal(uncompiled.collided(before, after), codes)
+
+
 @pytest.mark.parametrize("env_id", KINDS)
 def test_nothing_is_jumped_over_between_control_steps(env_id):
     """Points of links that pass through a body within a period, found as on 81 points of the way."""
     n = 60
     env = make(env_id, n)
     env.reset(seed=0)
-    contacts, rng = env.task.contacts, np.random.default_rng(0)
-    before = env.simulation.sensors.copy()
-    middle, way = before.copy(), np.zeros_like(before)
-    for frame, columns in contacts.columns.items():
-        if frame == "half_width":
-            continue
-        size = columns.stop - columns.start
-        middle[:, columns] = rng.uniform(-1.0, 1.0, (n, size))
-        way[:, columns] = rng.normal(0.0, 0.05, (n, size))
-    before, after = middle - way, middle + way
+    contacts = env.task.contacts
+    before, after = random_periods(env, 1.0)
+    way = 0.5 * (after - before)
     found = contacts.touched(before, after) > 0
     least = np.full(n, np.inf)
     for share in np.linspace(0.0, 1.0, 81):

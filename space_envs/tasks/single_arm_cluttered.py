@@ -25,7 +25,7 @@ from space_envs.scenery.single_arm import resize_keep_out
 from space_envs.simulation import Simulation
 from space_envs.tasks.base import BLOCK
 from space_envs.tasks.common import Field, GoalOption, ObservationLayout
-from space_envs.tasks.contacts import SHARES
+from space_envs.tasks.contact_checks import ContactChecks
 from space_envs.tasks.goals.clutter import COUNT, ClutteredGoals, bus_gaps, draw_scenes
 from space_envs.tasks.goals.detours import find_draws
 from space_envs.tasks.goals.stored import stored_draws
@@ -33,7 +33,6 @@ from space_envs.tasks.robots import length_factor
 from space_envs.tasks.single_arm import SingleArmTask
 
 CLUTTERED_SPLIT_SIZE = {"train": 1024, "validation": 128, "test": 512, "ood": 256}
-_ROOT_3 = 3.0**0.5  # largest length of a vector whose components are at most 1
 _FILE = "single_arm_cluttered_draws.npz"
 
 
@@ -166,8 +165,19 @@ class SingleArmClutteredTask(SingleArmTask):
         return [f"{link} and obstacle {sphere + 1}" for link in links for sphere in range(COUNT)]
 
     @cached_property
-    def _sphere_codes(self) -> NDArray[np.int64]:
-        return np.array([self.contact_names.index(pair) for pair in self._sphere_pairs])
+    def _sphere_checks(self) -> ContactChecks:
+        contacts, near = self.contacts, self.contacts.near_others
+        spheres = near.radius, COUNT, self._obstacle_columns
+        functions = [("sphere_contacts", (0, *contacts.placed(near, "world"), *spheres))]
+        codes = np.array([self.contact_names.index(pair) for pair in self._sphere_pairs])
+        return ContactChecks(functions, self._sensed_gaps, np.r_[contacts.columns["world"]], codes)
+
+    def _sensed_gaps(self, sensors: Array) -> Array:
+        """Gaps (N, S * COUNT) of capsules and spheres, m, in the order of the pairs, from sensors (N, s)."""
+        n, seen = len(sensors), sensors.take(self._obstacle_columns, axis=1)
+        centres, radii = seen[:, : 3 * COUNT].reshape(n, COUNT, 3), seen[:, 3 * COUNT :, None]
+        points = self.contacts.sensed_points(sensors, "world")
+        return self.contacts.sphere_gaps(points, np.concatenate([centres, radii], axis=-1)).reshape(n, -1)
 
     def collided(self, before: Array, sensors: Array) -> NDArray[np.int64]:
         """Codes (N,) of the first contact of a link with the satellite or a sphere in a control period.
@@ -176,29 +186,8 @@ class SingleArmClutteredTask(SingleArmTask):
         at the limits of rate and acceleration.
         """
         code = super().collided(before, sensors)
-        sphere = self._spheres_touched(before, sensors)
+        sphere = self._sphere_checks.first(before, sensors)
         return np.where(code > 0, code, sphere)
-
-    def _spheres_touched(self, before: Array, sensors: Array) -> NDArray[np.int64]:
-        # Runs at every step, also for N = 1: the number of numpy calls decides the time.
-        n, columns = len(sensors), self.contacts.columns["world"]
-        points = sensors[:, columns].reshape(n, -1, 3)
-        spheres, seen = np.empty((n, COUNT, 4)), sensors.take(self._obstacle_columns, axis=1)
-        spheres[..., :3] = seen[:, : 3 * COUNT].reshape(n, COUNT, 3)
-        spheres[..., 3] = seen[:, 3 * COUNT :]
-        gap = self.contacts.sphere_gaps(points, spheres).reshape(n, -1).min(axis=1)
-        # No gap shrinks by more than the points of the arm have moved.
-        step = points - before[:, columns].reshape(n, -1, 3)
-        near = gap <= _ROOT_3 * np.abs(step).max(axis=(1, 2))
-        code = np.zeros(n, dtype=np.int64)
-        if near.any():
-            rows = np.flatnonzero(near)
-            path = points[rows, None] - (1.0 - SHARES)[:, None, None] * step[rows, None]
-            between = self.contacts.sphere_gaps(path, spheres[rows, None]).reshape(len(rows), -1)
-            first = (between <= 0.0).argmax(axis=1) % len(self._sphere_codes)
-            touched = (between <= 0.0).any(axis=1)
-            code[rows[touched]] = self._sphere_codes[first[touched]]
-        return code
 
 
 _SURFACES = tuple(f"obstacle{number}_surface" for number in range(1, COUNT + 1))
