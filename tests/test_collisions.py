@@ -18,10 +18,10 @@ from space_envs.dynamics.rotations import Array, rotate
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError, GoalError
 from space_envs.registration import ENTRIES
+from space_envs.robots.contact_checks import contacts_library
 from space_envs.robots.zoo import find_robot
 from space_envs.tasks.base import BLOCK
 from space_envs.tasks.common import DIFFICULTIES, SPLITS
-from space_envs.tasks.contact_checks import contacts_library
 from space_envs.tasks.goals.poses import goal_configurations
 
 IDS = sorted(ENTRIES)

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array
+from space_envs.robots.contact_checks import ContactChecks
 from space_envs.robots.gaps import ArmGaps, Capsules
-from space_envs.tasks.contact_checks import ContactChecks
 
 
 @dataclass(frozen=True, eq=False)

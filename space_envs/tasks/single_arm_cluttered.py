@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import GoalError
+from space_envs.robots.contact_checks import ContactChecks
 from space_envs.robots.models import OBSTACLE, SceneOptions, robot_model
 from space_envs.robots.robot import Robot
 from space_envs.scenery.single_arm import resize_keep_out
 from space_envs.simulation import Simulation
 from space_envs.tasks.base import BLOCK
 from space_envs.tasks.common import Field, GoalOption, ObservationLayout
-from space_envs.tasks.contact_checks import ContactChecks
 from space_envs.tasks.goals.clutter import COUNT, ClutteredGoals, bus_gaps, draw_scenes
 from space_envs.tasks.goals.detours import find_draws
 from space_envs.tasks.goals.stored import stored_draws

@@ -1,5 +1,5 @@
 /* First contacts of capsules in a control period, one episode after the other. The mathematics is that of
-   contacts.py, capsules.py and spheres.py, but capsules whose bounding boxes are apart need no closer check. */
+   capsules.py and spheres.py, but capsules whose bounding boxes are apart need no closer check. */
 #include <math.h>
 
 typedef long long integer;

@@ -21,7 +21,7 @@ _ROOT_3 = 3.0**0.5  # largest length of a vector whose components are at most 1
 def contacts_library() -> CDLL | None:
     """The compiled code; None, with a warning, where there is no compiler."""
     try:
-        return load_library((files("space_envs") / "tasks" / "contacts.c").read_text())
+        return load_library((files("space_envs") / "robots" / "contacts.c").read_text())
     except LibraryError as error:
         warn_uncompiled(str(error))
         return None
