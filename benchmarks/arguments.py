@@ -9,6 +9,7 @@ from typing import Any
 from space_envs.errors import ConfigurationError, positive_integer, unknown_name
 from space_envs.registration import ENTRIES, make_task
 from space_envs.tasks.common import SPLITS
+from space_envs.tasks.goals.kinds import GOAL_KINDS
 
 MOST = 10_000
 
@@ -37,6 +38,11 @@ def split(text: str) -> str:
 def env_id(text: str) -> str:
     """Type of an argument that names an environment."""
     return _named("environment id", text, tuple(ENTRIES))
+
+
+def goal_kind(text: str) -> str:
+    """Type of an argument that names a kind of goal."""
+    return _named("kind of goal", text, GOAL_KINDS)
 
 
 def executable(text: str) -> Path:

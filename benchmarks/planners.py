@@ -1,6 +1,8 @@
 """Planning time against base disturbance (eq. 20) and final attitude error of the single arm's planners."""
 
+import argparse
 import json
+import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import redirect_stdout
@@ -14,16 +16,18 @@ from matplotlib.figure import Figure
 from agents.commands.evaluate import main as evaluate
 from agents.commands.robots import add_robot, robot_keywords, robot_words
 from agents.policies.registry import policies_for
-from benchmarks.arguments import env_id, split, whole
+from benchmarks.arguments import env_id, goal_kind, split, whole
 from benchmarks.machine import machine_class, markdown_table
+from space_envs.evaluation.leaderboard.row import BASELINES
 from space_envs.evaluation.report.drawing.labels import label_points
 from space_envs.evaluation.report.drawing.look import BLUE, VERMILION
 from space_envs.evaluation.report.drawing.ticks import log_ticks
 from space_envs.system.command_line import Parser, exit_status
 from space_envs.system.files import atomic_write
+from space_envs.tasks.goals.kinds import GOAL_KINDS
 
 ENV = "SpaceCapture/SingleArm-v0"
-NO_PLANNERS = ("random", "hold", "gjm", "bc", "ppo")
+NO_PLANNERS = (*BASELINES, "gjm", "bc", "ppo")
 ATTITUDE_METRIC = "capture@0.1deg"  # at least 0.5: the planner constrains the final attitude
 
 
@@ -77,14 +81,14 @@ PEAK_CAPTION = (
 
 
 def summary(
-    env: str, output: Path, episodes: int, split: str, robot: Mapping[str, Any]
+    env: str, output: Path, episodes: int, split: str, robot: Mapping[str, Any], omitted: Sequence[str]
 ) -> list[dict[str, Any]]:
-    """Leaderboard rows of all planners that fit an id with a robot, evaluated on medium goals.
+    """Leaderboard rows of all policies that fit an id with a robot, evaluated on medium goals.
 
     Args:
-        robot: keywords of the task that choose it.
+        robot: keywords of the task that choose it, and its kind of goals. omitted: names of policies.
     """
-    names = [name for name in policies_for(env, keywords=robot) if name not in NO_PLANNERS]
+    names = [name for name in policies_for(env, keywords=robot) if name not in omitted]
     arguments = ["--env", env, "--policy", *names, "--split", split, "--episodes", str(episodes)]
     arguments += [word for name, value in robot.items() for word in (f"--{name}", value)]
     with redirect_stdout(sys.stderr):  # the table below is the output of this command
@@ -92,6 +96,33 @@ def summary(
     if status != 0:
         raise SystemExit(status)
     return json.loads((output / "summary.json").read_text())["rows"]
+
+
+def goal_rows(options: argparse.Namespace, robot: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Rows of all policies but baselines, for each kind of goals, those of a policy next to each other."""
+    rows: list[dict[str, Any]] = []
+    for kind in options.goals:
+        keywords, output = {**robot, "goal": kind}, options.output / f"goals-{kind}"
+        rows += summary(options.env, output, options.episodes, options.split, keywords, BASELINES)
+    by_cost = sorted(rows, key=lambda row: DISTURBANCE[0](row) if row["captures"] else math.inf)
+    order = list(dict.fromkeys(row["policy"] for row in by_cost))
+    return sorted(rows, key=lambda row: order.index(row["policy"]))
+
+
+def print_goals(options: argparse.Namespace, robot: Mapping[str, Any]) -> None:
+    """Print the table of policies and kinds of goals."""
+    table = []
+    for row in goal_rows(options, robot):
+        planning, cells = row["timing"]["planning_ms"], ["-", "-"]
+        if row["captures"]:
+            cells = [f"{DISTURBANCE[0](row):.1f}", f"{PEAK[0](row):.3g}"]
+        captured = [100 * row["figures"][key]["value"] for key in ("success", ATTITUDE_METRIC)]
+        table.append([row["policy"], row["goal"], *(f"{share:.0f}" for share in captured), *cells])
+        table[-1].append("-" if planning is None else f"{planning:.1f}")
+    head = ["policy", "goal", "captured, %", "captured within 0.1 deg, %"]
+    head += ["base disturbance (eq. 20), cm^2/s", "peak attitude, deg", "planning, ms"]
+    print(markdown_table(head, table))
+    print(f"\n{options.episodes} medium {options.split} goals{robot_words(robot)}, {machine_class()}.")
 
 
 def draw(rows: list[dict[str, Any]], panels: Sequence[ScatterPlot], path: Path) -> None:
@@ -135,10 +166,15 @@ def main() -> None:
         type=Path,
         help="folder of the figures (default: the output folder); docs/images has its own",
     )
+    what = f"compare goals of these kinds, for every policy that acts: {', '.join(GOAL_KINDS)}"
+    parser.add_argument("--goals", nargs="+", type=goal_kind, metavar="KIND", help=what)
     add_robot(parser.add_argument)
     options = parser.parse_args()
     robot = robot_keywords(options)
-    evaluated = summary(options.env, options.output, options.episodes, options.split, robot)
+    if options.goals:
+        print_goals(options, robot)
+        return
+    evaluated = summary(options.env, options.output, options.episodes, options.split, robot, NO_PLANNERS)
     rows = [row for row in evaluated if row["captures"]]  # without a capture there is no cost
     if options.env == ENV:
         for name, panels in FIGURES.items():

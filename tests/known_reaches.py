@@ -16,6 +16,7 @@ from space_envs.tasks.single_arm import SingleArmTask
 # Goals and the least costs, m^2/s, with the attitude free and kept.
 ROBOT = find_robot("shyam2020")
 KNOWN = json.loads((Path(__file__).parent / "data" / "single_arm_goals.json").read_text())
+OUT_OF_REACH = Grapple.at_rest([0.0, 9.0, 0.0], [1.0, 0.0, 0.0, 0.0])
 
 
 def robot() -> FloatingRobot:

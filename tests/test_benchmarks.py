@@ -59,6 +59,7 @@ def test_numbers_are_checked_before_anything_runs(monkeypatch, capsys) -> None:
         ("planners", ["--env", "Foo"], "unknown environment id 'Foo'"),
         ("planners", ["--env", "SpaceCapture/SingleArm-v1"], "Did you mean 'SpaceCapture/SingleArm-v0'"),
         ("planners", ["--split", "tset"], "Did you mean 'test'"),
+        ("planners", ["--goals", "axes"], "Did you mean 'axis'"),
         ("mismatch", ["--split", "tset"], "Did you mean 'test'"),
         ("optimal", ["--split", "tset"], "Did you mean 'test'"),
         ("speed", ["--reference", "nothere"], "must be a program that can be run, got 'nothere'"),
@@ -130,7 +131,7 @@ def test_an_unknown_benchmark_gets_the_nearest(capsys: pytest.CaptureFixture[str
 
 
 def test_the_plots_go_to_the_output_folder_unless_they_are_sent_elsewhere(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     shipped = ROOT / "docs/images/planners.svg"
     before = shipped.read_bytes()
@@ -149,6 +150,19 @@ def test_the_plots_go_to_the_output_folder_unless_they_are_sent_elsewhere(
         names = sorted(file.name for file in (tmp_path / path).iterdir())
         assert names == ["peak_attitude.svg", "planners.svg"]
     assert shipped.read_bytes() == before
+    monkeypatch.setattr(
+        planners, "summary", lambda *given: [one | {"goal": given[4]["goal"]} for one in (never, row)]
+    )
+    monkeypatch.setattr(sys, "argv", ["planners.py", "--goals", "pose", "axis"])
+    capsys.readouterr()
+    planners.main()
+    lines = [line.split("|")[1:3] for line in capsys.readouterr().out.splitlines()[2:6]]
+    assert [" ".join(cell.strip() for cell in line) for line in lines] == [
+        "mpc pose",
+        "mpc axis",
+        "never pose",
+        "never axis",
+    ]
 
 
 def test_figure_of_planners_shows_what_its_caption_says(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-from known_reaches import KNOWN, ROBOT, drives, reach_of, robot
+from known_reaches import KNOWN, OUT_OF_REACH, ROBOT, drives, reach_of, robot
 
 from agents.planners.common.plans import Cause, Failure, Limits
 from agents.planners.common.solutions import Solution
@@ -138,7 +138,7 @@ def test_tracked_in_the_simulation_it_ends_where_it_was_planned() -> None:
 @pytest.mark.parametrize(
     ("changes", "limits", "cause"),
     [
-        ({"position": np.array([0.0, 9.0, 0.0])}, Limits(), Cause.OUT_OF_REACH),
+        ({"goal": OUT_OF_REACH}, Limits(), Cause.OUT_OF_REACH),
         ({"duration": 1.0}, Limits(rate=0.3, acceleration=0.25), Cause.INFEASIBLE),
         ({"rate": np.full(7, 0.5)}, Limits(rate=0.3), Cause.INFEASIBLE),
         ({"spheres": np.array([[0.0, 0.3, 1.6, 1.0]])}, Limits(), Cause.CLEARANCE),  # at the start

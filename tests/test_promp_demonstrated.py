@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from known_reaches import OUT_OF_REACH
 
 from agents.demonstrations.optimal.library import robot_limits
 from agents.planners.common.plans import Cause, Failure
@@ -142,7 +143,7 @@ def test_moving_to_another_start_is_conditioning_on_it() -> None:
 
 
 def test_goals_out_of_reach_are_refused() -> None:
-    failure = planner().plan(replace(reach_of(0), position=np.array([0.0, 9.0, 0.0])))
+    failure = planner().plan(replace(reach_of(0), goal=OUT_OF_REACH))
     assert isinstance(failure, Failure)
     assert failure.cause is Cause.SOLVER
     assert any(letter.isdigit() for letter in failure.reason)

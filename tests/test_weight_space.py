@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from known_reaches import KNOWN, ROBOT, drives, reach_of, robot
+from known_reaches import KNOWN, OUT_OF_REACH, ROBOT, drives, reach_of, robot
 
 from agents.planners.common.plans import Cause, Failure, Limits
 from agents.planners.single_arm.check import check
@@ -301,7 +301,7 @@ def test_from_a_moving_start() -> None:
 @pytest.mark.parametrize(
     ("changes", "limits", "cause"),
     [
-        ({"position": np.array([0.0, 9.0, 0.0])}, Limits(), Cause.OUT_OF_REACH),
+        ({"goal": OUT_OF_REACH}, Limits(), Cause.OUT_OF_REACH),
         ({"duration": 0.5}, Limits(rate=0.3, acceleration=0.25), Cause.INFEASIBLE),
     ],
 )
@@ -316,9 +316,10 @@ def test_failures_name_cause_and_figures(changes: dict, limits: Limits, cause: C
     ("changes", "message"),
     [
         ({"start": np.zeros(6)}, "start"),
-        ({"quaternion": np.zeros(4)}, "quaternion"),
+        ({"goal": Grapple.at_rest(np.zeros(3), np.zeros(4))}, "attitude of a grapple must not be zero"),
+        ({"kind": "axes"}, "Did you mean 'axis'"),
         ({"duration": -1.0}, "duration"),
-        ({"position": np.array([np.nan, 0.0, 0.0])}, "position"),
+        ({"goal": Grapple.at_rest([np.nan, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])}, "centre of a grapple"),
         ({"spheres": np.array([[0.0, 0.0, 0.0, -1.0]])}, "radii"),
     ],
 )

@@ -69,7 +69,8 @@ class PrompReactionless(FollowingPolicy):
             _limited(HOLD_GAIN * rotate(to_base, read(observation, name)))[:, None]
             for name in ("position_error", "rotation_error")
         )
-        return reactionless_rates(now, linear, angular, self._base_rate(observation)) * planned
+        asked = None if self.context.goal_kind == "position" else angular
+        return reactionless_rates(now, linear, asked, self._base_rate(observation)) * planned
 
     def _base_rate(self, observation: Array) -> Array:
         """Angular velocity (N, 3) of the base, rad/s in its axes, that nominal masses are asked for."""
