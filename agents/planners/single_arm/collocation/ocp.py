@@ -8,6 +8,7 @@ Without a bound on accelerations there is no optimum: joints would start at thei
 cost then depends on the splines, so that their mesh is part of the figure: `INTERVALS` of equal length.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import mujoco
@@ -28,6 +29,7 @@ from space_envs.dynamics.rotations import Array
 from space_envs.errors import positive_integer
 
 STARTS, MAX_STARTS = 8, 1000
+FURTHER = 3  # initial guesses with straight and random paths, where the first alone leads to no motion
 DETOURS = 6  # further initial guesses with random paths, where spheres leave no solution
 ATTEMPTS = 4  # with tighter limits each, where a motion violates them between the nodes
 COST_RESOLUTION = 1e-3  # relative difference of costs below which two solutions count as one
@@ -58,7 +60,8 @@ def plan_ocp(
         model: compiled model of the robot, with which torques are measured.
         limits: `control` does not apply.
         library: of stored motions that the weight-space planner starts from; None for none.
-        starts: number of initial guesses; the first is the motion of the weight-space planner.
+        starts: number of initial guesses; the first is the motion of the weight-space planner. Where 1 leads
+            to no motion, `FURTHER` others follow.
         seed: of the random part of the initial guesses.
 
     Raises:
@@ -92,23 +95,33 @@ class _ReachSearch:
         failure = infeasible_start(METHOD, self._robot, self._reach, self._limits)
         if failure is not None:
             return failure
+        near = self._near_optimum()
+        if near and starts == 1:
+            plan = self._planned(near)
+            if isinstance(plan, ReachPlan):
+                return plan
         ends = end_configurations(
             self._solver.model, self._robot, self._reach, self._limits, METHOD, self._seed
         )
         if isinstance(ends, Failure):
             return ends
-        near = self._near_optimum()
-        number = starts - len(near)
-        paths = self._paths(ends, max(number, 1), self._seed)
-        guesses = near + [self._solver.variables(path) for path in paths[:number]]
+        number = FURTHER if starts == 1 else starts - len(near)
+        return self._planned(near, self._paths(ends, number, self._seed), ends)
+
+    def _planned(
+        self, near: list[Array], paths: Sequence[Array] = (), ends: Array | None = None
+    ) -> ReachPlan | Failure:
+        """The best motion from variables near an optimum and from paths, to final configurations (E, n)."""
+        guesses = near + [self._solver.variables(path) for path in paths]
         solved = [self._solver.solve(guess) for guess in guesses]
-        if not _solutions(solved) and self._reach.spheres is not None:
+        if not _solutions(solved) and self._reach.spheres is not None and ends is not None:
             # A path through the centre of a sphere has no side to be moved to: random ones have.
             detours = self._paths(ends, 2 * DETOURS, self._seed + 1)[1::2]
             guesses += (more := [self._solver.variables(path) for path in detours])
             solved += [self._solver.solve(guess) for guess in more]
         if not _solutions(solved):
-            return self._unsolved(paths[0], [s for s in solved if isinstance(s, Failure)])
+            failures = [one for one in solved if isinstance(one, Failure)]
+            return self._unsolved(paths[0], failures) if paths else unsolved(METHOD, failures)
         plan = self._best(_solutions(solved), len(guesses))
         if isinstance(plan, Failure) and self._solver.torque_limited:
             # Limits on torques are added where they were violated; with them the guesses may lead elsewhere.
