@@ -81,6 +81,10 @@ POLICIES: dict[str, RegisteredPolicy] = {
         "agents.policies.single_arm.nmpc:NMPC",
         "receding horizon in weights, attitude constrained at its end, the observed state fed back",
     ),
+    "nmpc_reactionless": RegisteredPolicy(
+        "agents.policies.single_arm.nmpc_reactionless:NMPCReactionless",
+        "the same from paths in the reaction null space, attitude weighted at all times",
+    ),
     "reactionless": RegisteredPolicy(
         "agents.policies.dual_arm.reactionless:ReactionlessZetaZero",
         "polynomial end-effector paths with zeta = 0, as in shah2013",

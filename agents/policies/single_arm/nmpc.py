@@ -9,18 +9,23 @@ from numpy.typing import NDArray
 from agents.planners.common.plans import Failure
 from agents.planners.single_arm.library import find_library
 from agents.planners.single_arm.nmpc.controller import Controller
+from agents.planners.single_arm.nmpc.first import FirstPlans, attitude_if_possible
 from agents.planners.single_arm.nmpc.problem import ArmState, Horizon, Target, Weights, coasting
+from agents.planners.single_arm.promp.optimal import OptimalPlanner
+from agents.planners.single_arm.weights.legendre import LegendreBasis
 from agents.policies.base import BasePolicy
 from agents.policies.clearance import KeepOut
 from agents.policies.following import rows_to_plan
 from agents.policies.needs import POSE
-from agents.policies.single_arm.optimal import drive_limits, further_rows
+from agents.policies.single_arm.optimal import drive_limits, further_rows, satellite_rows
 from agents.policies.single_arm.reaching import held_rates
 from space_envs.dynamics.rotations import Array
 from space_envs.evaluation.play.causes import PlanState
 from space_envs.policy import PolicyContext
 
 SETTLING = 0.5  # s after the rendezvous, after which the arm holds a static goal
+CHECK_PERIOD = 0.3  # s, after which the motion that is followed is checked against the satellite again
+SPACING = 0.2  # s, of times at which a motion is checked
 LOOK_AHEAD = 4.0  # s; at the limits of rate and acceleration a joint stops in 1.2 s
 
 
@@ -49,15 +54,29 @@ class NMPC(BasePolicy):
 
     needs = replace(POSE, goals=None, obstacles=False)
     weights = Weights()
+    basis = LegendreBasis()
 
     def __init__(self, context: PolicyContext, seed: int = 0) -> None:
         super().__init__(context, seed)
-        limits = drive_limits(context)
-        library = find_library(context.robot, keep_attitude=True, limited=False)
         further = further_rows(context)
         # Arms without redundancy may go on exchanging errors of goal and attitude.
         self._settles = further is not None and context.goals == "static"
-        self.controller = Controller(context.arm, limits, context.c, library, self.weights, further=further)
+        self.controller = Controller(
+            context.arm,
+            drive_limits(context),
+            context.c,
+            self.weights,
+            self.basis,
+            further or satellite_rows(context),
+        )
+        self.first_plan = self.first_plans(guarded=further is not None)
+
+    def first_plans(self, guarded: bool) -> FirstPlans:
+        """First motions of the controller, from the robot's library or by `promp_optimal_kept`'s planner."""
+        context = self.context
+        library = find_library(context.robot, keep_attitude=True)
+        planner = OptimalPlanner(context.arm, drive_limits(context), library, further=further_rows(context))
+        return FirstPlans(self.controller, attitude_if_possible(planner), library, guarded)
 
     def target(self, observation: Array) -> Target:
         """Predicted goal from one observation (size,), which moves at the observed velocity, if any."""
@@ -108,21 +127,25 @@ class NMPC(BasePolicy):
         """The motion from one observation (size,), and the failure because of which it is not followed."""
         arm, target = self.arm_state(observation), self.target(observation)
         if before is None:
-            found = self.controller.first_plan(arm, target)
+            found = self.first_plan(arm, target)
         else:
             found = self.controller.advance(before, arm, target)
         if isinstance(found, Failure):
             return None, found
+        if arm.time < found.checked + CHECK_PERIOD - 1e-9:
+            return found, None
         failure = self._touching(found, arm, observation)
+        if failure and before is not None and not found.guarded:
+            found = self.controller.advance(replace(before, guarded=True), arm, target)
+            failure = self._touching(found, arm, observation)
         if failure and before is not None and self._touching(before, arm, observation) is None:
-            return before, None
-        return found, failure
+            found, failure = replace(before, guarded=True), None
+        return replace(found, checked=-np.inf if failure else arm.time), failure
 
     def _touching(self, horizon: Horizon, arm: ArmState, observation: Array) -> Failure | None:
         """Failure of a motion that must not be followed from an observation (size,); None if it may be."""
         keep_out = KeepOut.of(self.context, observation[None])
         if keep_out is None:
             return None
-        dt = self.context.control_period
-        times = arm.time - horizon.start + dt * np.arange(round(LOOK_AHEAD / dt) + 1)
-        return keep_out.refusal("nmpc", *horizon.motion(times), dt)
+        times = arm.time - horizon.start + SPACING * np.arange(round(LOOK_AHEAD / SPACING) + 1)
+        return keep_out.refusal("nmpc", *horizon.motion(times), SPACING)

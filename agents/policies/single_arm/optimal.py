@@ -52,18 +52,22 @@ def further_rows(
     """
     if context.robot.digest in shipped_robots():
         return None
-    contacts, arm, deceleration = context.contacts, context.arm, braking_deceleration(context.robot)
+    deceleration, clear = braking_deceleration(context.robot), satellite_rows(context)
 
     def rows(space: WeightSpace) -> tuple[Rows, ...]:
-        found: list[Rows] = []
-        if limited:
-            found.append(Braking(space, deceleration, context.joint_limits))
-        if contacts is not None:
-            gaps = partial(_satellite_gaps, contacts, arm)
-            found.append(SatelliteClearance(space, gaps))
-        return tuple(found)
+        braking = (Braking(space, deceleration, context.joint_limits),) if limited else ()
+        return braking if clear is None else (*braking, *clear(space))
 
     return rows
+
+
+def satellite_rows(context: PolicyContext) -> Callable[[WeightSpace], tuple[Rows, ...]] | None:
+    """Inequalities that keep plans clear of the satellite; None if contacts are not checked."""
+    contacts = context.contacts
+    if contacts is None:
+        return None
+    gaps = partial(_satellite_gaps, contacts, context.arm)
+    return lambda space: (SatelliteClearance(space, gaps),)
 
 
 def _satellite_gaps(contacts: Contacts, arm: FloatingRobot, q: Array) -> Array:

@@ -1,6 +1,6 @@
 """Sum of squares that the receding-horizon controller minimises over motions."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from agents.planners.single_arm.weights.elastic import SHARE_PENALTY, SLACK
 from agents.planners.single_arm.weights.quadratic import Bounds
 from agents.planners.single_arm.weights.shapes import INTERVALS
 from agents.planners.single_arm.weights.sqp import Rows
-from agents.planners.single_arm.weights.weight_space import Disturbance, WeightSpace
+from agents.planners.single_arm.weights.weight_space import Disturbance, Effect, WeightSpace
 from space_envs.dynamics.rotations import Array
 
 
@@ -20,15 +20,8 @@ class Objective:
         attitude: (3, 3) desired of the satellite, in the frame of the space.
     """
 
-    def __init__(
-        self,
-        space: WeightSpace,
-        bounds: Bounds,
-        inequalities: Sequence[Rows],
-        weights: Weights,
-        attitude: Array,
-    ) -> None:
-        self._space, self._bounds, self._inequalities = space, bounds, inequalities
+    def __init__(self, space: WeightSpace, bounds: Bounds, weights: Weights, attitude: Array) -> None:
+        self._space, self._bounds = space, bounds
         self._weights, self._back = weights, attitude.T
         length = space.duration / INTERVALS
         remaining = space.duration - length * np.arange(1, INTERVALS + 1)  # s until the end
@@ -38,10 +31,10 @@ class Objective:
         self._scale = np.sqrt(density)
         self._unit = np.eye(space.size) * 2.0 * weights.damping
 
-    def value(self, y: Array, at: Disturbance) -> float:
-        """Objective at coordinates (n, m), with a penalty on violated bounds."""
+    def value(self, y: Array, at: Disturbance | Effect, inequalities: Iterable[Rows] = ()) -> float:
+        """Objective at coordinates (n, m), with a penalty on violated bounds and inequalities."""
         error, rotation = at.goal_error[0, :6], self._scale[:, None] * self._rotations(at)
-        beyond = sum(row.violation(y) for row in self._inequalities)
+        beyond = sum(row.violation(y) for row in inequalities)
         if self._bounds.any:
             beyond += max(float(self._bounds.excess(y).max()) - SLACK, 0.0)
         terminal = self._weights.goal * (error @ error)
@@ -57,7 +50,7 @@ class Objective:
         values = np.concatenate([at.residual[0], root * at.goal_error[0, :6], rotation.ravel()])
         return 2.0 * rows.T @ rows + self._unit, 2.0 * values @ rows
 
-    def _rotations(self, at: Disturbance) -> Array:
+    def _rotations(self, at: Disturbance | Effect) -> Array:
         """Rotation vectors (K, 3), rad, of the satellite from the desired attitude, after each interval."""
         rotation = at.pose[0, 1:, 3:].reshape(-1, 3, 3).swapaxes(1, 2) @ self._back
         skew = 0.5 * (rotation - rotation.swapaxes(1, 2))

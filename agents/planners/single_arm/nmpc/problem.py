@@ -81,8 +81,11 @@ class Horizon:
         start: s, time at which it starts. rendezvous: s, time at which the goal is to be reached. latest: s,
             latest rendezvous, where limits delay it. attitude: (4,) desired of the satellite.
         basis: of the weights. duration: of the motion, s. weights: (n, nb) of the motion.
+        guarded: whether the further inequalities of its controller are imposed.
+        value: of the objective. goal_error: largest component of the terminal error, m or rad; both infinite
+            before the first iteration.
         accepted: whether the last iteration improved the motion; otherwise it is continued unchanged.
-        active: bounds close to the motion.
+        active: bounds close to the motion. checked: s, time at which it was last found to be clear.
     """
 
     start: float
@@ -92,8 +95,12 @@ class Horizon:
     basis: Basis
     duration: float
     weights: Array
+    guarded: bool = False
+    value: float = np.inf
+    goal_error: float = np.inf
     accepted: bool = True
     active: Active = frozenset()
+    checked: float = -np.inf
 
     def motion(self, times: Array) -> tuple[Array, Array]:
         """Joint angles and rates (T, n), rad and rad/s, at times (T,) s after the start."""

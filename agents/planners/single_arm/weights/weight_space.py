@@ -6,6 +6,7 @@ scaled so that the sum of their squares is the integral of qdot' qdot that they 
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -40,6 +41,14 @@ class Disturbance:
     goal_slope: Array
     pose: Array
     influence: Array
+
+
+class Effect(NamedTuple):
+    """Cost (S,), goal error (S, r + 3) and base poses (S, K + 1, 12) of motions, as in `Disturbance`."""
+
+    cost: Array
+    goal_error: Array
+    pose: Array
 
 
 class WeightSpace:
@@ -121,11 +130,15 @@ class WeightSpace:
 
     def values(self, y: Array) -> tuple[Array, Array]:
         """Cost (S,) and terminal goal error (S, r + 3) of coordinates (S, n, m)."""
+        cost, goal_error, _ = self.effect(y)
+        return cost, goal_error
+
+    def effect(self, y: Array) -> Effect:
+        """Costs, goal errors and base poses of coordinates (S, n, m), without derivatives."""
         (xi,) = self.functions.twist(*self._states(y))
         residual = xi * self._scale
-        cost = (residual * residual).sum(axis=(1, 2))
-        pose = self._chain(xi)[0][:, -1]
-        return cost, self._ending(y, pose)[0]
+        pose = self._chain(xi)[0]
+        return Effect((residual * residual).sum(axis=(1, 2)), self._ending(y, pose[:, -1])[0], pose)
 
     def disturbance(self, y: Array) -> Disturbance:
         """Costs and goal errors of coordinates (S, n, m) with their derivatives."""
@@ -160,9 +173,9 @@ class WeightSpace:
     def displacements(self, influence: Array) -> Array:
         """Displacements (S, K + 1, 6, n m) of the base at the ends of all intervals by the coordinates."""
         s, n = len(influence), self._n
-        by_interval = influence.reshape(s, INTERVALS, 2, 6, 2, n)
-        gauss = self._gauss.reshape(2, INTERVALS, 2, self.free)
-        moved = np.einsum("skpixj,xkpm->skijm", by_interval, gauss, optimize=True)
+        by_interval = influence.reshape(s, INTERVALS, 2, 6, 2, n).transpose(0, 1, 3, 5, 2, 4)
+        gauss = self._gauss.reshape(2, INTERVALS, 2, self.free).transpose(1, 2, 0, 3)
+        moved = by_interval.reshape(s, INTERVALS, 6 * n, 4) @ gauss.reshape(INTERVALS, 4, self.free)
         moved = moved.reshape(s, INTERVALS, 6, self.size).cumsum(axis=1)
         return np.concatenate([np.zeros((s, 1, 6, self.size)), moved], axis=1)
 

@@ -1,0 +1,37 @@
+"""Nonlinear model predictive control that hardly rotates the satellite at any time, as a policy."""
+
+from dataclasses import replace
+
+from agents.planners.single_arm.library import find_reactionless_library
+from agents.planners.single_arm.nmpc.first import FirstPlans
+from agents.planners.single_arm.nmpc.problem import Weights
+from agents.planners.single_arm.reactionless.planner import ReactionlessPlanner
+from agents.planners.single_arm.weights.legendre import LegendreBasis
+from agents.policies.single_arm.nmpc import NMPC
+from agents.policies.single_arm.reactionless.policy import PrompReactionless
+from agents.policies.single_arm.reactionless.problem import latest_arrival, path_limits
+from space_envs.policy import PolicyContext
+
+ATTITUDE = 1e3  # 1/(rad^2 s), on the squared attitude error at all times
+
+
+class NMPCReactionless(NMPC):
+    """The same, with the attitude weighted at all times, from a path in the reaction null space.
+
+    Such a path takes nearly the whole episode.
+    """
+
+    needs = PrompReactionless.needs
+    basis = LegendreBasis(12)
+
+    def __init__(self, context: PolicyContext, seed: int = 0) -> None:
+        arrival = latest_arrival(context)
+        self.weights = replace(Weights(), duration=arrival, latest=arrival, attitude=ATTITUDE)
+        super().__init__(context, seed)
+
+    def first_plans(self, guarded: bool) -> FirstPlans:
+        """First motions of the controller, by `promp_reactionless`'s planner."""
+        context = self.context
+        library = find_reactionless_library(context.robot)
+        planner = ReactionlessPlanner(context.arm, path_limits(context), library)
+        return FirstPlans(self.controller, planner.plan, guarded=guarded)
