@@ -9,6 +9,7 @@ import pytest
 from agents.planners.common.plans import Cause, Failure
 from agents.policies.dual_arm.reactionless import PlannerInput, ReactionlessZetaZero
 from agents.policies.registry import make_policy
+from agents.policies.single_arm.nmpc import CHECK_PERIOD
 from space_envs.envs import CaptureVectorEnv
 from space_envs.evaluation.play.playing import roll_out
 from space_envs.policy import PolicyContext
@@ -118,6 +119,9 @@ def test_nmpc_brakes_before_an_obstacle_and_continues_without_it() -> None:
     policy = make_policy("nmpc", context, 0)
     action, state = policy.predict(observation)
     observation, *_ = env.step(action)
+    for _ in range(round(CHECK_PERIOD / context.control_period) - 1):
+        action, state = policy.predict(observation, state)
+        observation, *_ = env.step(action)
     assert context.contacts is not None and action.any() and state.failures[0] is None
     satellite = replace(context.robot.satellite, box=(1.2, 1.2, 1.2))  # every motion is within
     large_context = replace(

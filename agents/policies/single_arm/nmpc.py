@@ -10,7 +10,7 @@ from agents.planners.common.plans import Failure
 from agents.planners.single_arm.library import find_library
 from agents.planners.single_arm.nmpc.controller import Controller
 from agents.planners.single_arm.nmpc.first import FirstPlans, attitude_if_possible
-from agents.planners.single_arm.nmpc.problem import ArmState, Horizon, Target, Weights, coasting
+from agents.planners.single_arm.nmpc.problem import ArmState, Horizon, Weights
 from agents.planners.single_arm.promp.optimal import OptimalPlanner
 from agents.planners.single_arm.weights.legendre import LegendreBasis
 from agents.policies.base import BasePolicy
@@ -19,6 +19,7 @@ from agents.policies.following import rows_to_plan
 from agents.policies.needs import POSE
 from agents.policies.single_arm.optimal import drive_limits, further_rows, satellite_rows
 from agents.policies.single_arm.reaching import held_rates
+from space_envs.dynamics.grapples import Grapple, PoseTwist
 from space_envs.dynamics.rotations import Array
 from space_envs.evaluation.play.causes import PlanState
 from space_envs.policy import PolicyContext
@@ -78,15 +79,15 @@ class NMPC(BasePolicy):
         planner = OptimalPlanner(context.arm, drive_limits(context), library, further=further_rows(context))
         return FirstPlans(self.controller, attitude_if_possible(planner), library, guarded)
 
-    def target(self, observation: Array) -> Target:
-        """Predicted goal from one observation (size,), which moves at the observed velocity, if any."""
-        layout, read = self.context.layout, self.context.layout.read
-        twist = np.zeros(6)
-        for part, name in ((twist[:3], "goal_linear_velocity"), (twist[3:], "goal_angular_velocity")):
-            if name in layout.slices:
-                part[:] = read(observation, name)
-        pose = read(observation, "goal_position"), read(observation, "goal_quaternion")
-        return coasting(*pose, twist, float(read(observation, "time")[0]))
+    def goal(self, observation: Array) -> Grapple:
+        """Goal in one observation (size,), of a body around the goal itself if it moves."""
+        slices, read = self.context.layout.slices, self.context.layout.read
+        velocity = [
+            read(observation, name) if name in slices else np.zeros(3)
+            for name in ("goal_linear_velocity", "goal_angular_velocity")
+        ]
+        pose = PoseTwist(read(observation, "goal_position"), read(observation, "goal_quaternion"), *velocity)
+        return Grapple.on_body(pose, np.ones(3), pose.position, pose.quaternion)
 
     def arm_state(self, observation: Array) -> ArmState:
         """The arm's state in one observation (size,)."""
@@ -125,18 +126,18 @@ class NMPC(BasePolicy):
 
     def _advanced(self, before: Horizon | None, observation: Array) -> tuple[Horizon | None, Failure | None]:
         """The motion from one observation (size,), and the failure because of which it is not followed."""
-        arm, target = self.arm_state(observation), self.target(observation)
+        arm, goal = self.arm_state(observation), self.goal(observation)
         if before is None:
-            found = self.first_plan(arm, target)
+            found = self.first_plan(arm, goal)
         else:
-            found = self.controller.advance(before, arm, target)
+            found = self.controller.advance(before, arm, goal)
         if isinstance(found, Failure):
             return None, found
         if arm.time < found.checked + CHECK_PERIOD - 1e-9:
             return found, None
         failure = self._touching(found, arm, observation)
         if failure and before is not None and not found.guarded:
-            found = self.controller.advance(replace(before, guarded=True), arm, target)
+            found = self.controller.advance(replace(before, guarded=True), arm, goal)
             failure = self._touching(found, arm, observation)
         if failure and before is not None and self._touching(before, arm, observation) is None:
             found, failure = replace(before, guarded=True), None

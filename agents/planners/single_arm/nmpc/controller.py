@@ -2,7 +2,7 @@
 
 In every control step the remaining motion is replanned from the observed state, on the momentum-level model,
 by one Gauss-Newton iteration from the previous motion (real-time iteration; Diehl, Bock and Schloeder 2005).
-The goal is a pose in the inertial frame at a given time and may move.
+The goal is a grapple in the inertial frame, whose time counts from the observation, and may move.
 """
 
 from collections.abc import Callable
@@ -13,7 +13,7 @@ import numpy as np
 from agents.planners.common.plans import Failure, Limits
 from agents.planners.single_arm.inequalities.torques import Torques
 from agents.planners.single_arm.nmpc.objective import Objective
-from agents.planners.single_arm.nmpc.problem import ArmState, Horizon, Target, Weights
+from agents.planners.single_arm.nmpc.problem import ArmState, Horizon, Weights
 from agents.planners.single_arm.weights.bounds import Bounds, lower_and_upper
 from agents.planners.single_arm.weights.elastic import ElasticProgram
 from agents.planners.single_arm.weights.legendre import LegendreBasis
@@ -21,11 +21,13 @@ from agents.planners.single_arm.weights.shapes import Basis, Shapes
 from agents.planners.single_arm.weights.sqp import Rows
 from agents.planners.single_arm.weights.weight_space import WeightSpace
 from space_envs.dynamics import FloatingRobot
-from space_envs.dynamics.rotations import Array, conjugate, multiply, rotate, to_matrix
+from space_envs.dynamics.grapples import Grapple
+from space_envs.dynamics.rotations import Array, conjugate, multiply, to_matrix
 from space_envs.errors import positive
 
 MAX_HALVINGS = 3  # of a step that increases the objective, before it is rejected
 GOAL_TOLERANCE = 5e-3  # m or rad; a motion with a larger terminal error gets more time
+EARLY = 1e-6  # s, by which a horizon may be shorter than the shortest
 DELAY = 0.1  # s, of the rendezvous in one control step
 GOAL_DAMPING = 1e-3  # of the joint rates that follow a moving goal, squared singular value
 
@@ -55,10 +57,16 @@ class Controller:
         self._fit = np.linalg.pinv(shapes.even[1] @ shapes.free)  # from rates by phase to coordinates
         self._even = np.linspace(0.0, 1.0, shapes.even.shape[1])
 
-    def advance(self, before: Horizon, state: ArmState, target: Target) -> Horizon:
-        """Motion from a state on: the previous one, improved by Gauss-Newton iterations."""
-        duration = max(before.rendezvous - state.time, self.weights.shortest)
-        space = self._space(before, state, target, duration)
+    def advance(self, before: Horizon, state: ArmState, goal: Grapple) -> Horizon:
+        """Motion from a state on: the previous one, improved by Gauss-Newton iterations.
+
+        The last second before the rendezvous with a moving goal is carried out as it was planned.
+        """
+        remaining = before.rendezvous - state.time
+        if goal.moves and 0.0 < remaining < self.weights.shortest - EARLY:
+            return before
+        duration = max(remaining, self.weights.shortest)
+        space = self._space(before, state, goal, duration)
         y = self._continued(before, state.time, space)
         # The first sample is the observed state, which cannot be bounded.
         bounds = Bounds(space.even[:, 1:], space.even_fixed[:, 1:], *self._sides)
@@ -95,11 +103,11 @@ class Controller:
             active=program.close(y),
         )
 
-    def violates(self, horizon: Horizon, state: ArmState, target: Target) -> bool:
+    def violates(self, horizon: Horizon, state: ArmState, goal: Grapple) -> bool:
         """Whether a motion that starts at a state violates the further inequalities."""
         if self._further is None:
             return False
-        space = self._space(horizon, state, target, horizon.duration)
+        space = self._space(horizon, state, goal, horizon.duration)
         y = space.coordinates(horizon.weights)
         return any(row.violation(y) > 0.0 for row in self._further(space))
 
@@ -117,33 +125,28 @@ class Controller:
         """Desired attitude (3, 3) in the present frame of the satellite."""
         return to_matrix(multiply(conjugate(state.quaternion), before.attitude))
 
-    def _space(self, before: Horizon, state: ArmState, target: Target, duration: float) -> WeightSpace:
+    def _space(self, before: Horizon, state: ArmState, goal: Grapple, duration: float) -> WeightSpace:
         """Motions from the state, in the present frame of the satellite."""
-        end = state.time + duration
-        position, quaternion, _ = target(end)
-        back = conjugate(state.quaternion)
+        end = goal.in_frame(state.position, state.quaternion).at(duration)
+        attitude = self._attitude(before, state)
         return WeightSpace(
             self.robot,
             self.basis,
             state.angles,
             state.rates,
             duration,
-            rotate(back, position - state.position),
-            to_matrix(multiply(back, quaternion)),
+            end.position,
+            to_matrix(end.quaternion),
             self.c,
-            self._attitude(before, state),
-            self._following(before, end, target),
+            attitude,
+            self._following(before, attitude, end.twist) if goal.moves else None,
         )
 
-    def _following(self, before: Horizon, end: float, target: Target) -> Array:
-        """Joint rates (n,) at the end that give the end-effector the twist of the goal."""
-        twist = target(end)[2]
-        if not twist.any():
-            return np.zeros(self.robot.n_joints)
+    def _following(self, before: Horizon, attitude: Array, twist: Array) -> Array:
+        """Joint rates (n,) at the end that give the end-effector a twist (6,)."""
         q = before.weights @ self.basis.value(1.0)
         # To first order the satellite has the desired attitude there.
-        back = conjugate(before.attitude)
-        local = np.concatenate([rotate(back, twist[:3]), rotate(back, twist[3:])])
+        local = np.concatenate([attitude.T @ twist[:3], attitude.T @ twist[3:]])
         jacobian = self.robot.generalized_jacobian(q)
         square = jacobian @ jacobian.T + GOAL_DAMPING * np.eye(6)
         return jacobian.T @ np.linalg.solve(square, local)

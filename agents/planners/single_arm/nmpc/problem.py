@@ -1,6 +1,5 @@
-"""Goals, objective weights, observed states and planned motions of the receding-horizon controller."""
+"""Objective weights, observed states and planned motions of the receding-horizon controller."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,22 +7,8 @@ import numpy as np
 from agents.planners.single_arm.weights.elastic import Active
 from agents.planners.single_arm.weights.shapes import Basis
 from space_envs.checks import non_negative
-from space_envs.dynamics.rotations import Array, exponential, multiply
+from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError, positive, positive_integer
-
-Target = Callable[[float], tuple[Array, Array, Array]]
-"""Goal at a time, s: position (3,) m, quaternion (4,) w x y z and twist (6,) [v m/s; w rad/s], all in the
-inertial frame."""
-
-
-def coasting(position: Array, quaternion: Array, twist: Array, time: float = 0.0) -> Target:
-    """Goal with a constant twist (6,) and its position (3,) m and quaternion (4,) at `time`, s."""
-
-    def target(at: float) -> tuple[Array, Array, Array]:
-        ahead = at - time
-        return position + twist[:3] * ahead, multiply(exponential(twist[3:] * ahead), quaternion), twist
-
-    return target
 
 
 @dataclass(frozen=True)
@@ -31,8 +16,9 @@ class Weights:
     """Weights of the objective in addition to eq. 20, and lengths of the horizon.
 
     Attributes:
-        duration: from the start to the rendezvous, s. latest: the same at most, where limits delay it.
-            shortest: of the horizon, s, where less time remains.
+        duration: from the start to the rendezvous, s. earliest: the same at least, s, with a moving goal, for
+            which it is chosen. latest: the same at most, where limits delay it. shortest: of the horizon, s,
+            where less time remains.
         goal: on the squared terminal error of the end-effector, 1/m^2 and 1/rad^2. attitude_end: on the
             squared terminal attitude error of the satellite, 1/rad^2. attitude_late: on the same over the
             last `late` s, increasing from 0, 1/(rad^2 s). attitude: at all times, 1/(rad^2 s).
@@ -41,6 +27,7 @@ class Weights:
     """
 
     duration: float = 16.0
+    earliest: float = 10.0
     latest: float = 18.0
     shortest: float = 1.0
     goal: float = 1e4
@@ -52,7 +39,7 @@ class Weights:
     iterations: int = 1
 
     def __post_init__(self) -> None:
-        for name in ("duration", "latest", "shortest", "late", "damping"):
+        for name in ("duration", "earliest", "latest", "shortest", "late", "damping"):
             positive(name, getattr(self, name))
         for name in ("goal", "attitude_end", "attitude_late", "attitude"):
             non_negative(f"weight of {name}", getattr(self, name))
