@@ -19,7 +19,7 @@ from agents.planners.single_arm.weights.bounds import Bounds
 from agents.planners.single_arm.weights.elastic import ElasticProgram
 from agents.planners.single_arm.weights.legendre import LegendreBasis
 from agents.planners.single_arm.weights.weight_space import WeightSpace
-from agents.policies.single_arm.nmpc import NMPC
+from agents.policies.single_arm.nmpc.policy import NMPC
 from space_envs.dynamics import roll_out_base
 from space_envs.dynamics.grapples import Grapple
 from space_envs.dynamics.rotations import (

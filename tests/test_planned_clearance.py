@@ -9,7 +9,7 @@ import pytest
 from agents.planners.common.plans import Cause, Failure
 from agents.policies.dual_arm.reactionless import PlannerInput, ReactionlessZetaZero
 from agents.policies.registry import make_policy
-from agents.policies.single_arm.nmpc import CHECK_PERIOD
+from agents.policies.single_arm.nmpc.policy import CHECK_PERIOD
 from space_envs.envs import CaptureVectorEnv
 from space_envs.evaluation.play.playing import roll_out
 from space_envs.policy import PolicyContext

@@ -78,11 +78,11 @@ POLICIES: dict[str, RegisteredPolicy] = {
         "samples of a ProMP that keep out of spheres, the best refined",
     ),
     "nmpc": RegisteredPolicy(
-        "agents.policies.single_arm.nmpc:NMPC",
+        "agents.policies.single_arm.nmpc.policy:NMPC",
         "receding horizon in weights, attitude constrained at its end, the observed state fed back",
     ),
     "nmpc_reactionless": RegisteredPolicy(
-        "agents.policies.single_arm.nmpc_reactionless:NMPCReactionless",
+        "agents.policies.single_arm.nmpc.reactionless:NMPCReactionless",
         "the same from paths in the reaction null space, attitude weighted at all times",
     ),
     "reactionless": RegisteredPolicy(

@@ -24,6 +24,7 @@ from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.grapples import Grapple
 from space_envs.dynamics.rotations import Array, conjugate, multiply, to_matrix
 from space_envs.errors import positive
+from space_envs.tasks.goals.kinds import GoalKind, checked_kind
 
 MAX_HALVINGS = 3  # of a step that increases the objective, before it is rejected
 GOAL_TOLERANCE = 5e-3  # m or rad; a motion with a larger terminal error gets more time
@@ -38,7 +39,7 @@ class Controller:
     Args:
         robot: of one arm. limits: on motions. c: m/rad, of eq. 20. weights: of the objective. basis: of the
             motions. further: soft inequalities of a space of motions, imposed where a horizon says so; None
-            for none.
+            for none. kind: of the goals.
     """
 
     def __init__(
@@ -49,7 +50,9 @@ class Controller:
         weights: Weights = Weights(),
         basis: Basis = LegendreBasis(),
         further: Callable[[WeightSpace], tuple[Rows, ...]] | None = None,
+        kind: GoalKind = "pose",
     ) -> None:
+        self.kind = checked_kind(kind)
         self.robot, self.limits, self.c = robot, limits.checked(robot), positive("c", c)
         self.weights, self.basis, self._further = weights, basis, further
         self._sides = lower_and_upper(robot, limits)
@@ -80,7 +83,7 @@ class Controller:
             linear = [row.linear(y, at, 1.0) for row in inequalities]
             # What has no rows is far from being violated.
             close = [row for row, rows in zip(inequalities, linear, strict=True) if len(rows[1])]
-            value, error = objective.value(y, at, close), _largest(at.goal_error)
+            value, error = objective.value(y, at, close), _largest(space, at.goal_error)
             step = program.solve(hessian, gradient, y, linear)
             if isinstance(step, Failure):
                 break
@@ -88,7 +91,7 @@ class Controller:
                 trial = y + 0.5**halving * step
                 there = space.effect(trial[None])
                 if (better := objective.value(trial, there, close)) < value:
-                    y, value, error, accepted = trial, better, _largest(there.goal_error), True
+                    y, value, error, accepted = trial, better, _largest(space, there.goal_error), True
                     break
         late = error > GOAL_TOLERANCE and before.rendezvous < before.latest
         return replace(
@@ -140,6 +143,7 @@ class Controller:
             self.c,
             attitude,
             self._following(before, attitude, end.twist) if goal.moves else None,
+            kind=self.kind,
         )
 
     def _following(self, before: Horizon, attitude: Array, twist: Array) -> Array:
@@ -152,6 +156,6 @@ class Controller:
         return jacobian.T @ np.linalg.solve(square, local)
 
 
-def _largest(goal_error: Array) -> float:
-    """Largest component of a terminal error (1, 9) of the end-effector, m or rad."""
-    return float(np.abs(goal_error[0, :6]).max())
+def _largest(space: WeightSpace, goal_error: Array) -> float:
+    """Largest component of a terminal error (1, r + 3) of the end-effector, m or rad."""
+    return float(np.abs(goal_error[0, : space.rows]).max())

@@ -139,4 +139,5 @@ class FirstPlans:
             rate=state.rates,
             keep_attitude=True,
             c=self._controller.c,
+            kind=self._controller.kind,
         )

@@ -33,7 +33,7 @@ class Objective:
 
     def value(self, y: Array, at: Disturbance | Effect, inequalities: Iterable[Rows] = ()) -> float:
         """Objective at coordinates (n, m), with a penalty on violated bounds and inequalities."""
-        error, rotation = at.goal_error[0, :6], self._scale[:, None] * self._rotations(at)
+        error, rotation = at.goal_error[0, : self._space.rows], self._scale[:, None] * self._rotations(at)
         beyond = sum(row.violation(y) for row in inequalities)
         if self._bounds.any:
             beyond += max(float(self._bounds.excess(y).max()) - SLACK, 0.0)
@@ -46,8 +46,12 @@ class Objective:
         rotation = self._scale[:, None] * self._rotations(at)
         slope = self._scale[:, None, None] * self._space.displacements(at.influence)[0, 1:, 3:]
         size = self._space.size
-        rows = np.concatenate([at.residual_slope[0], root * at.goal_slope[0, :6], slope.reshape(-1, size)])
-        values = np.concatenate([at.residual[0], root * at.goal_error[0, :6], rotation.ravel()])
+        rows = np.concatenate(
+            [at.residual_slope[0], root * at.goal_slope[0, : self._space.rows], slope.reshape(-1, size)]
+        )
+        values = np.concatenate(
+            [at.residual[0], root * at.goal_error[0, : self._space.rows], rotation.ravel()]
+        )
         return 2.0 * rows.T @ rows + self._unit, 2.0 * values @ rows
 
     def _rotations(self, at: Disturbance | Effect) -> Array:

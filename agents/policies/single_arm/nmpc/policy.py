@@ -69,6 +69,7 @@ class NMPC(BasePolicy):
             self.weights,
             self.basis,
             further or satellite_rows(context),
+            context.goal_kind,
         )
         self.first_plan = self.first_plans(guarded=further is not None)
 

@@ -7,7 +7,7 @@ from agents.planners.single_arm.nmpc.first import FirstPlans
 from agents.planners.single_arm.nmpc.problem import Weights
 from agents.planners.single_arm.reactionless.planner import ReactionlessPlanner
 from agents.planners.single_arm.weights.legendre import LegendreBasis
-from agents.policies.single_arm.nmpc import NMPC
+from agents.policies.single_arm.nmpc.policy import NMPC
 from agents.policies.single_arm.reactionless.policy import PrompReactionless
 from agents.policies.single_arm.reactionless.problem import latest_arrival, path_limits
 from space_envs.policy import PolicyContext
