@@ -41,12 +41,14 @@ class FollowedPlans(PlanState):
     Attributes:
         position, rate: (N, T, n) rad and rad/s, one sample a control period.
         start: (N,) s, time in the episode at which each plan starts.
+        last: (N,) index of the sample at which each plan ends.
         failures: (N,) None, or the `Failure` because of which there is no plan and the arm stays at rest.
     """
 
     position: Array
     rate: Array
     start: Array
+    last: NDArray[np.int64]
     failures: NDArray[np.object_]
 
     @property
@@ -57,7 +59,7 @@ class FollowedPlans(PlanState):
     def reference(self, time: Array, period: float) -> Reference:
         """Reference at times (N,) s into the episodes, with a control period in s."""
         step = np.rint((time - self.start) / period).astype(np.int64)
-        last, every = self.position.shape[1] - 1, np.arange(len(step))
+        last, every = self.last, np.arange(len(step))
         now, later = (every, np.minimum(step, last)), (every, np.minimum(step + 1, last))
         return Reference(
             step,
@@ -79,13 +81,15 @@ def sampled_plans(
     """
     position, rate = np.empty((2, len(rest), len(times), rest.shape[1]))
     failures = np.full(len(rest), None, dtype=object)
+    last = np.full(len(rest), len(times) - 1)
     for row, plan in enumerate(plans):
         if isinstance(plan, Failure):
             failures[row] = plan
             position[row], rate[row] = rest[row], 0.0
         else:
             position[row], rate[row], _ = plan.sample(times)
-    return FollowedPlans(position, rate, start, failures)
+            last[row] = np.abs(times - plan.time[-1]).argmin()
+    return FollowedPlans(position, rate, start, last, failures)
 
 
 class FollowingPolicy(BasePolicy):

@@ -3,20 +3,24 @@
 The base floats, so the pose of the end-effector depends on the path of the joints. A goal is the final pose
 of a minimum-jerk joint motion of the free-floating robot from home to a configuration drawn around it, so
 every goal is reachable. In a capture the end-effector is close, aligned and slow for the hold time.
+
+In a subclass with a `moving_target` the grapple is on a free body: it moves, is observed with its velocity
+and that of its body, and a capture is slow relative to it.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from space_envs.dynamics.reactionless import axis_rotation
-from space_envs.dynamics.rotations import Array, multiply, rotation_angle, z_axis
+from space_envs.dynamics.rotations import Array, conjugate, multiply, rotate, rotation_angle, z_axis
 from space_envs.errors import GoalError
+from space_envs.robots.models import MovingTarget, SceneOptions, robot_model
 from space_envs.simulation import Simulation
 from space_envs.tasks.base import CaptureTask
 from space_envs.tasks.common import (
@@ -30,10 +34,11 @@ from space_envs.tasks.common import (
     ObservationLayout,
 )
 from space_envs.tasks.goals.kinds import GoalKind, checked_kind
-from space_envs.tasks.goals.poses import SPLIT_SIZE, PoseGoals, goal_block
+from space_envs.tasks.goals.poses import SPLIT_SIZE, MovingPoseGoals, PoseGoals, goal_block
 from space_envs.tasks.robots import length_factor
 
 _TINY = 1e-300  # avoids 0 / 0
+FASTEST_GRAPPLE = 1.0  # m/s and rad/s along each axis, of a user's moving grapple
 _ROTATION_ERROR: dict[GoalKind, str] = {
     "pose": "rotation vector from end-effector to goal, inertial axes, rad",
     "axis": "smallest rotation from the approach axis to the goal's, inertial axes, rad",
@@ -41,13 +46,34 @@ _ROTATION_ERROR: dict[GoalKind, str] = {
 }
 
 
+def _moving_target_fields(factor: float) -> tuple[Field, ...]:
+    """Sensors of a moving grapple and of its body, with a factor on the bounds of positions."""
+    return (
+        Field("goal_linear_velocity", 3, 100.0, "of the grapple, inertial axes, m/s"),
+        Field("goal_angular_velocity", 3, 100.0, "of the grapple, inertial axes, rad/s"),
+        Field("target_position", 3, 10.0 * factor, "target's centre of mass, inertial frame, m"),
+        Field("target_quaternion", 4, UNIT, "w x y z, target's principal axes to inertial; either sign"),
+        Field("target_linear_velocity", 3, 100.0, "of the target's centre of mass, inertial axes, m/s"),
+        Field("target_angular_velocity", 3, 100.0, "of the target, inertial axes, rad/s"),
+    )
+
+
+_VELOCITY_ERRORS = (
+    Field("linear_velocity_error", 3, 200.0, "goal minus end-effector, inertial axes, m/s"),
+    Field("angular_velocity_error", 3, 200.0, "goal minus end-effector, inertial axes, rad/s"),
+)
+
+
 @lru_cache(maxsize=16)
-def pose_layout(joints: int, factor: float = 1.0, goal: GoalKind = "pose") -> ObservationLayout:
+def pose_layout(
+    joints: int, factor: float = 1.0, goal: GoalKind = "pose", moving: bool = False
+) -> ObservationLayout:
     """Observation of an arm with a number of joints; sensors, in order, before the errors and the time.
 
     Args:
-        factor: on the bounds of positions. goal: kind of the goals.
+        factor: on the bounds of positions. goal: kind of the goals. moving: whether the grapple moves.
     """
+    sign = "either sign" if moving else "w >= 0"
     return ObservationLayout(
         (
             Field("joint_position", joints, 20.0, "joint angles, rad"),
@@ -61,9 +87,11 @@ def pose_layout(joints: int, factor: float = 1.0, goal: GoalKind = "pose") -> Ob
             Field("end_effector_linear_velocity", 3, 100.0, "inertial axes, m/s"),
             Field("end_effector_angular_velocity", 3, 100.0, "inertial axes, rad/s"),
             Field("goal_position", 3, 10.0 * factor, "grapple, inertial frame, m"),
-            Field("goal_quaternion", 4, UNIT, "grapple, w x y z, grapple to inertial, w >= 0"),
+            Field("goal_quaternion", 4, UNIT, f"grapple, w x y z, grapple to inertial, {sign}"),
+            *(_moving_target_fields(factor) if moving else ()),
             Field("position_error", 3, 20.0 * factor, "goal minus end-effector, inertial axes, m"),
             Field("rotation_error", 3, 3.1416, _ROTATION_ERROR[goal]),
+            *(_VELOCITY_ERRORS if moving else ()),
             Field("time", 1, 1e4, "since the start of the episode, s"),
         )
     )
@@ -98,7 +126,7 @@ class PoseEnvelope(CaptureEnvelope):
 
 @dataclass(frozen=True)
 class SingleArmTask(CaptureTask):
-    """An arm on a free-floating satellite reaches a static grapple pose.
+    """An arm on a free-floating satellite reaches a static grapple pose, or a moving one in a subclass.
 
     Attributes:
         goal: pose, axis or position; what a capture asks of the end-effector: the grapple's whole pose, its
@@ -108,6 +136,7 @@ class SingleArmTask(CaptureTask):
     envelope: CaptureEnvelope = field(default_factory=PoseEnvelope)
     goal: GoalKind = "pose"  # type: ignore[misc]
 
+    moving_target: ClassVar[MovingTarget | None] = None  # free body with the grapple; None: it is at rest
     own_robot = "shyam2020"
     arms = 1
     split_sizes = SPLIT_SIZE
@@ -120,17 +149,34 @@ class SingleArmTask(CaptureTask):
     @cached_property
     def layout(self) -> ObservationLayout:
         """Layout of the observation vector."""
-        return pose_layout(self.robot.n_joints, length_factor(self.robot), self.goal)
+        moves = self.moving_target is not None
+        return pose_layout(self.robot.n_joints, length_factor(self.robot), self.goal, moves)
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The compiled model, shared and read-only."""
+        return robot_model(self.robot, SceneOptions(self.step_size, moving_target=self.moving_target))
+
+    @property
+    def render_model(self) -> mujoco.MjModel:
+        """The model with geometry for rendering."""
+        options = SceneOptions(self.step_size, visual=True, moving_target=self.moving_target)
+        return robot_model(self.robot, options)
 
     @property
     def goal_options(self) -> dict[str, GoalOption]:
         """Options of `reset` that together define a goal."""
         farthest = 10.0 * length_factor(self.robot)
         any_orientation = (1.0, 0.0, 0.0, 0.0) if self.goal == "position" else None
-        return {
+        pose = {
             "goal_position": GoalOption(3, largest=farthest),
             "goal_quaternion": GoalOption(4, any_orientation),
         }
+        if self.moving_target is None:
+            return pose
+        still = (0.0, 0.0, 0.0)
+        velocities = ("goal_linear_velocity", "goal_angular_velocity")
+        return pose | {name: GoalOption(3, still, FASTEST_GRAPPLE) for name in velocities}
 
     def check_start(self, goals: Goals) -> None:
         """Reject joint angles for which a link touches the satellite; errors as in the base class."""
@@ -142,26 +188,38 @@ class SingleArmTask(CaptureTask):
         return goal_block(self.robot, self.difficulty, split, block)
 
     def given_goals(self, values: Mapping[str, Array], joint_position: Array | None) -> PoseGoals:
-        """Goals from `goal_position` and `goal_quaternion`; errors as in `check_goals`."""
+        """Goals from the values of `goal_options`; errors as in `check_goals`."""
         position, quaternion = self.check_goals(
             values["goal_position"], values["goal_quaternion"], joint_position
         )
         start = self.mechanics.home if joint_position is None else joint_position
         k = len(position)
-        return PoseGoals(
-            np.ones(k), np.broadcast_to(start, (k, len(self.mechanics.home))), position, quaternion
-        )
+        pose = np.ones(k), np.broadcast_to(start, (k, len(self.mechanics.home))), position, quaternion
+        if self.moving_target is None:
+            return PoseGoals(*pose)
+        velocities = values["goal_linear_velocity"], values["goal_angular_velocity"]
+        if not np.isfinite(velocities).all():
+            raise GoalError("a goal must be finite, got a velocity with NaN or infinity")
+        return MovingPoseGoals(*pose, *velocities)
 
     def place(self, simulation: Simulation, rows: NDArray[np.int64], goals: PoseGoals) -> None:
-        """Set the pose of the grapple to the goals."""
+        """Set the pose of the grapple to the goals, and its velocity if it moves."""
+        if isinstance(goals, MovingPoseGoals):
+            n = simulation.n_joints
+            simulation.qpos[rows, 7 + n : 10 + n] = goals.position
+            simulation.qpos[rows, 10 + n : 14 + n] = goals.quaternion
+            simulation.qvel[rows, 6 + n : 9 + n] = goals.linear_velocity
+            spin = rotate(conjugate(goals.quaternion), goals.angular_velocity)
+            simulation.qvel[rows, 9 + n : 12 + n] = spin
+            return
         simulation.mocap_pos[rows, 0] = goals.position
         simulation.mocap_quat[rows, 0] = goals.quaternion
 
     def update_visuals(
         self, model: mujoco.MjModel, data: mujoco.MjData | None, goals: PoseGoals, row: int
     ) -> None:
-        """Set the pose of the rendered grapple."""
-        if data is not None:
+        """Set the pose of the rendered grapple, if it is at rest."""
+        if data is not None and self.moving_target is None:
             data.mocap_pos[0], data.mocap_quat[0] = goals.position[row], goals.quaternion[row]
 
     def check_goals(
@@ -203,12 +261,11 @@ class SingleArmTask(CaptureTask):
     @cached_property
     def _squares(self) -> Array:
         """(size, 5) from squared observations to the squares of the capture errors, in their order."""
+        velocities = "end_effector_linear_velocity", "end_effector_angular_velocity"
+        if self.moving_target is not None:
+            velocities = "linear_velocity_error", "angular_velocity_error"
         squares = self.layout.sum_of_squares(
-            "position_error",
-            "rotation_error",
-            "end_effector_linear_velocity",
-            "end_effector_angular_velocity",
-            "base_linear_velocity",
+            "position_error", "rotation_error", *velocities, "base_linear_velocity"
         )
         squares[self.layout.slices["base_angular_velocity"], -1] = self.c**2
         return squares
@@ -232,6 +289,9 @@ class SingleArmTask(CaptureTask):
         else:
             observation[:, at.rotation_error] = 0.0
         observation[:, at.time] = time[:, None]
+        if self.moving_target is not None:
+            goal, end_effector, error = self._twists
+            np.subtract(observation[:, goal], observation[:, end_effector], out=observation[:, error])
         return observation
 
     def _write_rotation_error(self, sensors: Array, observation: Array) -> None:
@@ -247,8 +307,17 @@ class SingleArmTask(CaptureTask):
         factor = np.copysign(half / np.maximum(0.5 * sine, _TINY), cosine)
         np.multiply(factor, vector, out=observation[:, at.rotation_error])
 
+    @cached_property
+    def _twists(self) -> tuple[slice, slice, slice]:
+        """Slices of the twists of a moving grapple and of the end-effector, and of their difference."""
+        at, twists = self.layout.slices, ("goal_{}_velocity", "end_effector_{}_velocity", "{}_velocity_error")
+        first, second, third = (
+            slice(at[name.format("linear")].start, at[name.format("angular")].stop) for name in twists
+        )
+        return first, second, third
+
     def errors(self, observation: Array) -> CaptureErrors:
-        """Capture errors (N,) from observations (N, size); the grapple is at rest."""
+        """Capture errors (N,) from observations (N, size); speeds are relative to the grapple."""
         return CaptureErrors(*np.sqrt(((observation * observation)[:, None, :] @ self._squares)[:, 0]).T)
 
     def attitude(self, observation: Array) -> Array:

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from agents.policies.base import BasePolicy
+from agents.policies.goals import goal_twist
 from space_envs.dynamics.rotations import Array, conjugate, rotate
 from space_envs.policy import Needs, PolicyContext
 from space_envs.tasks.goals.kinds import asked_jacobian
@@ -26,8 +27,9 @@ def resolved_rate(
 ) -> Array:
     """Joint rates (N, n), rad/s, that move the end-effector towards the goal in the inertial frame (eq. 8).
 
-    They are the least ones: rotations that the goal does not ask for are free. The twist gain * error is
-    slowed as a whole to the speed limits. Total momentum is assumed to be zero.
+    They are the least ones: rotations that the goal does not ask for are free. The twist gain * error,
+    relative to that of the goal, is slowed as a whole to the speed limits. Total momentum is assumed to be
+    zero.
 
     Args:
         observation: (N, size). gain: 1/s. linear_speed: m/s. angular_speed: rad/s.
@@ -39,7 +41,9 @@ def resolved_rate(
     slow = np.maximum(np.maximum(gain * length / linear_speed, gain * angle / angular_speed), 1.0)
     # The Jacobian is in base axes, the error in inertial ones.
     to_base = conjugate(read(observation, "base_quaternion"))
-    twist = gain * np.concatenate([rotate(to_base, linear), rotate(to_base, angular)], axis=1) / slow
+    twist = gain * _rotated(to_base, np.concatenate([linear, angular], axis=1)) / slow
+    if context.goals == "moving":
+        twist += _rotated(to_base, goal_twist(context, observation))
     q = read(observation, "joint_position")
     jacobian = arm.generalized_jacobian(q)
     if context.goal_kind != "pose":
@@ -49,8 +53,16 @@ def resolved_rate(
     return rate / np.maximum((np.abs(rate) / context.rate_limit).max(axis=1, keepdims=True), 1.0)
 
 
+def _rotated(quaternion: Array, twist: Array) -> Array:
+    """Twists (N, 6) [v; w] rotated by quaternions (N, 4)."""
+    return np.concatenate([rotate(quaternion, twist[:, :3]), rotate(quaternion, twist[:, 3:])], axis=1)
+
+
 class GeneralizedJacobian(BasePolicy):
-    """Moves the end-effector straight towards the goal; rotates the base and ignores bodies in its path."""
+    """Moves the end-effector straight towards the goal and then along with it.
+
+    It rotates the base and ignores bodies in its path.
+    """
 
     needs = Needs(
         fields=("joint_position", "joint_velocity", "base_quaternion", "position_error", "rotation_error"),

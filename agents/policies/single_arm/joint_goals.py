@@ -54,7 +54,8 @@ class JointGoalPolicy(ReachingPolicy):
         motion, goals = self.plan(observation)
         start = self.context.layout.read(observation, "time")[:, 0]
         failures = np.full(len(observation), None, dtype=object)
-        plans = JointGoalPlans(motion.position, motion.velocity, start, failures, goals)
+        last = np.full(len(observation), motion.position.shape[1] - 1)
+        plans = JointGoalPlans(motion.position, motion.velocity, start, last, failures, goals)
         keep_out = KeepOut.of(self.context, observation)
         return plans if keep_out is None else self._cleared(observation, plans, keep_out, motion.dt)
 
@@ -75,6 +76,7 @@ class JointGoalPolicy(ReachingPolicy):
                 other.position[clear],
                 other.velocity[clear],
                 plans.start[found],
+                plans.last[found],
                 plans.failures[found],
                 goals.take(clear),
             )

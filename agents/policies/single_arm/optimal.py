@@ -18,10 +18,10 @@ from agents.planners.single_arm.weights.sqp import Rows
 from agents.planners.single_arm.weights.weight_space import WeightSpace
 from agents.policies.clearance import SPHERE_MARGIN, KeepOut, link_radii, spheres_seen
 from agents.policies.following import FollowedPlans, sampled_plans
+from agents.policies.goals import observed_goals
 from agents.policies.single_arm.reaching import ReachingPolicy, motion_duration, motion_times
 from space_envs.drives import CORIOLIS_SHARE, braking_deceleration
 from space_envs.dynamics import FloatingRobot
-from space_envs.dynamics.grapples import Grapple
 from space_envs.dynamics.rotations import Array
 from space_envs.policy import PolicyContext
 from space_envs.tasks.contacts import Contacts
@@ -80,7 +80,7 @@ def reaches(context: PolicyContext, observation: Array, keep_attitude: bool) -> 
     def read(name: str) -> Array:
         return context.layout.read(observation, name)
 
-    goals = Grapple.at_rest(read("goal_position"), read("goal_quaternion"))
+    goals = observed_goals(context, observation)
     goals = goals.in_frame(read("base_position"), read("base_quaternion"))
     start, rate = read("joint_position"), read("joint_velocity")
     duration, spheres = motion_duration(context.robot), spheres_seen(context, observation)

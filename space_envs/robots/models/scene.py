@@ -1,4 +1,4 @@
-"""Compiled models of a robot with what it captures: a grapple at rest for one arm, a free body for two."""
+"""Compiled models of a robot with what it captures: a grapple at rest or on a free body, or two on one."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -21,6 +21,21 @@ OBSTACLE_RADIUS = 0.25  # m, default of the model; set per episode
 
 
 @dataclass(frozen=True)
+class MovingTarget:
+    """Free body that carries the grapple of one arm; the grapple's frame is the body's frame.
+
+    Attributes:
+        inertia: principal moments of inertia, kg m^2. centre: of mass, m. axes: w x y z, from the principal
+            axes to the body's frame. mass: kg.
+    """
+
+    inertia: tuple[float, float, float]
+    centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    axes: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    mass: float = 100.0
+
+
+@dataclass(frozen=True)
 class SceneOptions:
     """Options of the simulated model.
 
@@ -32,11 +47,13 @@ class SceneOptions:
         obstacles: number of keep-out spheres for one arm. Sphere i is the mocap body `obstacle{i}` with a
             site of that name in its centre and another, `obstacle{i}_surface`, as far from it as the
             radius; nothing collides with it.
+        moving_target: body that carries the grapple of one arm; None is a grapple at rest.
     """
 
     timestep: float | None = None
     visual: bool = False
     obstacles: int = 0
+    moving_target: MovingTarget | None = None
 
     def __post_init__(self) -> None:
         flag("visual", self.visual)
@@ -50,13 +67,12 @@ def robot_spec(robot: Robot, options: SceneOptions = SceneOptions()) -> mujoco.M
     spec = empty_spec(robot, robot.steps.default_timestep if options.timestep is None else options.timestep)
     add_robot(spec, robot)
     base = [0.0] * 3 if robot.planar else [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
-    at: list[float] = []
     if robot.target is None:
-        _add_grapple(spec)
+        at = _add_grapple(spec, options.moving_target)
     else:
         at = _add_target(spec, robot.target, robot.planar)
     _add_obstacles(spec, options.obstacles)
-    add_sensors(spec, robot)
+    add_sensors(spec, robot, options.moving_target is not None)
     add_obstacle_sensors(spec, robot, options.obstacles)
     add_target_sensors(spec, robot)
     spec.add_key(name="home", qpos=[*base, *robot.home.tolist(), *at])
@@ -71,10 +87,19 @@ def robot_model(robot: Robot, options: SceneOptions = SceneOptions()) -> mujoco.
     return robot_spec(robot, options).compile()
 
 
-def _add_grapple(spec: mujoco.MjSpec) -> None:
-    """Add a mocap body whose frame is the grapple pose of one arm."""
-    target = spec.worldbody.add_body(name=TARGET, mocap=True, pos=[0.0, 3.0, 2.0])
+def _add_grapple(spec: mujoco.MjSpec, moving: MovingTarget | None) -> list[float]:
+    """Add a body whose frame is the grapple of one arm, mocap or free; its coordinates in the keyframe."""
+    place = [0.0, 3.0, 2.0]
+    if moving is None:
+        add_hollow_site(spec.worldbody.add_body(name=TARGET, mocap=True, pos=place), GRAPPLE)
+        return []
+    target = spec.worldbody.add_body(name=TARGET, pos=place, explicitinertial=True)
+    centre, axes = list(moving.centre), list(moving.axes)
+    target.mass, target.inertia, target.ipos, target.iquat = moving.mass, list(moving.inertia), centre, axes
+    target.add_freejoint(name=TARGET)
     add_hollow_site(target, GRAPPLE)
+    add_hollow_site(target, TARGET, pos=centre, quat=axes)
+    return [*place, 1.0, 0.0, 0.0, 0.0]
 
 
 def _add_target(spec: mujoco.MjSpec, parameters: Target, planar: bool) -> list[float]:

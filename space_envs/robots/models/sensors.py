@@ -15,11 +15,12 @@ _KIND, _OBJECT = mujoco.mjtSensor, mujoco.mjtObj
 _TWIST = {"linear_velocity": _KIND.mjSENS_FRAMELINVEL, "angular_velocity": _KIND.mjSENS_FRAMEANGVEL}
 
 
-def add_sensors(spec: mujoco.MjSpec, robot: Robot) -> None:
+def add_sensors(spec: mujoco.MjSpec, robot: Robot, moving_target: bool = False) -> None:
     """Add `{joint}_position` and `{joint}_velocity`, then poses and velocities of the satellite, the
     end-effectors and what they capture.
 
-    For one arm they have the order of the task's observation, so that an observation is one copy of them.
+    For one arm they have the order of the task's observation, so that an observation is one copy of them;
+    the velocity of what it captures is measured where that moves.
     """
     for joint in joint_names(robot):
         _add(spec, f"{joint}_position", _KIND.mjSENS_JOINTPOS, _OBJECT.mjOBJ_JOINT, joint)
@@ -28,7 +29,9 @@ def add_sensors(spec: mujoco.MjSpec, robot: Robot) -> None:
     if robot.target is None:
         for site in (SATELLITE, *end_effectors(robot)):
             _add_frame(spec, site, "quaternion", *_TWIST)
-        _add_frame(spec, "grapple", "quaternion")
+        _add_frame(spec, "grapple", "quaternion", *(_TWIST if moving_target else ()))
+        if moving_target:
+            _add_frame(spec, "target", "quaternion", *_TWIST)
         return
     for site in (SATELLITE, "target"):
         _add_frame(

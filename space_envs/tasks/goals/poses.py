@@ -42,6 +42,18 @@ class PoseGoals(Goals):
     quaternion: Array
 
 
+@dataclass(frozen=True)
+class MovingPoseGoals(PoseGoals):
+    """Grapple poses at the start of an episode, with their twists.
+
+    Attributes:
+        linear_velocity, angular_velocity: (K, 3) of the grapple, inertial axes, m/s and rad/s.
+    """
+
+    linear_velocity: Array
+    angular_velocity: Array
+
+
 @lru_cache(maxsize=512)
 def goal_configurations(robot: Robot, difficulty: str, split: str, block: int) -> tuple[Array, Array]:
     """Joint angles (BLOCK, n), rad, that define the goals of a block, and factors (BLOCK,) on the satellite's
