@@ -3,9 +3,6 @@
 The base floats, so the pose of the end-effector depends on the path of the joints. A goal is the final pose
 of a minimum-jerk joint motion of the free-floating robot from home to a configuration drawn around it, so
 every goal is reachable. In a capture the end-effector is close, aligned and slow for the hold time.
-
-In a subclass with a `moving_target` the grapple is on a free body: it moves, is observed with its velocity
-and that of its body, and a capture is slow relative to it.
 """
 
 from collections.abc import Mapping
@@ -126,7 +123,7 @@ class PoseEnvelope(CaptureEnvelope):
 
 @dataclass(frozen=True)
 class SingleArmTask(CaptureTask):
-    """An arm on a free-floating satellite reaches a static grapple pose, or a moving one in a subclass.
+    """An arm on a free-floating satellite reaches a static grapple pose.
 
     Attributes:
         goal: pose, axis or position; what a capture asks of the end-effector: the grapple's whole pose, its
@@ -136,7 +133,9 @@ class SingleArmTask(CaptureTask):
     envelope: CaptureEnvelope = field(default_factory=PoseEnvelope)
     goal: GoalKind = "pose"  # type: ignore[misc]
 
-    moving_target: ClassVar[MovingTarget | None] = None  # free body with the grapple; None: it is at rest
+    # Free body that carries the grapple in a subclass; None is a grapple at rest. A moving one is observed
+    # with its velocity and that of its body, and a capture is slow relative to it.
+    moving_target: ClassVar[MovingTarget | None] = None
     own_robot = "shyam2020"
     arms = 1
     split_sizes = SPLIT_SIZE
