@@ -1,9 +1,7 @@
 """Quadratic program of one iteration: few equations, and many bounds of which few are active."""
 
-from typing import Any
-
+import daqp
 import numpy as np
-import piqp
 
 from agents.planners.common.plans import Cause, Failure
 from agents.planners.single_arm.weights.bounds import Bounds
@@ -11,8 +9,8 @@ from space_envs.dynamics.rotations import Array
 
 METHOD = "quadratic program"
 ROUNDS = 8  # of adding violated bounds
-_ACCURACY = 1e-7
-_LEAST_MULTIPLIER = 1e-7  # of an active bound
+_EQUATION = 5  # kind of a row for the solver
+_LEAST_MULTIPLIER = 1e-9  # of an active bound
 
 
 class QuadraticProgram:
@@ -65,23 +63,15 @@ class QuadraticProgram:
         y: Array,
         extra: tuple[Array, Array, Array] | None,
     ) -> tuple[Array, Array] | Failure:
-        size = len(gradient)
-        parts = [self._bounds.linear(y, self._candidates)] if self._candidates else []
+        parts = [(equations, right, right)]
+        parts += [self._bounds.linear(y, self._candidates)] if self._candidates else []
         parts += [] if extra is None or not len(extra[1]) else [extra]
-        if not parts:
-            matrix = np.zeros((size + len(right), size + len(right)))
-            matrix[:size, :size], matrix[size:, :size], matrix[:size, size:] = hessian, equations, equations.T
-            try:
-                solution = np.linalg.solve(matrix, np.concatenate([-gradient, right]))
-            except np.linalg.LinAlgError as error:
-                return Failure(METHOD, Cause.INFEASIBLE, f"the equations depend on each other: {error}")
-            return solution[:size], solution[size:]
         rows, low, high = (np.concatenate(column) for column in zip(*parts, strict=True))
-        solver: Any = piqp.DenseSolver()  # its stubs want float64 where numpy's say floating
-        solver.settings.eps_abs = solver.settings.eps_rel = _ACCURACY
-        solver.setup(hessian, gradient, equations, right, rows, low, high, None, None)
-        if (status := solver.solve()) != piqp.PIQP_SOLVED:
-            return Failure(METHOD, Cause.INFEASIBLE, f"the quadratic program ended with {status}")
-        multipliers = solver.result.z_l + solver.result.z_u
-        self._multipliers = multipliers[: len(self._candidates)]
-        return solver.result.x.copy(), solver.result.y.copy()
+        kinds, count = np.zeros(len(low), dtype=np.int32), len(right)
+        kinds[:count] = _EQUATION
+        step, _, status, information = daqp.solve(hessian, gradient, rows, high, low, kinds)
+        if status <= 0:
+            return Failure(METHOD, Cause.INFEASIBLE, f"the quadratic program ended with status {status}")
+        multipliers = information["lam"]
+        self._multipliers = np.abs(multipliers[count : count + len(self._candidates)])
+        return step, multipliers[:count]
