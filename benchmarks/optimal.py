@@ -16,8 +16,9 @@ from agents.planners.single_arm.check import check
 from agents.planners.single_arm.collocation.ocp import plan_ocp
 from agents.planners.single_arm.library import library_of
 from agents.planners.single_arm.problem import Reach, ReachPlan
-from agents.planners.single_arm.promp.optimal import OptimalPlanner, predicted_costs
+from agents.planners.single_arm.promp.optimal import OptimalPlanner
 from agents.planners.single_arm.weights.functions import ArmFunctions
+from agents.planners.single_arm.weights.ranking import predicted_costs
 from agents.planners.single_arm.weights.shapes import INTERVALS
 from agents.planners.single_arm.weights.sqp import GOAL_TOLERANCE, minimise
 from benchmarks.arguments import check_goals, split, whole

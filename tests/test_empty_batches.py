@@ -27,8 +27,8 @@ from agents.planners.dual_arm.check import held_dynamics
 from agents.planners.dual_arm.prescribed_paths.check import null_velocities
 from agents.planners.dual_arm.prescribed_paths.polynomial import PolynomialPath
 from agents.planners.single_arm.inequalities.spheres import Spheres
-from agents.planners.single_arm.promp.optimal import predicted_costs
 from agents.planners.single_arm.weights.functions import ArmFunctions
+from agents.planners.single_arm.weights.ranking import predicted_costs
 from agents.planners.single_arm.weights.task_space import PoseTarget
 from agents.planners.single_arm.weights.weight_space import WeightSpace
 from agents.policies.registry import control_mode, make_policy, policies_for

@@ -4,12 +4,14 @@ import numpy as np
 
 from agents.planners.single_arm.library import Library
 from agents.planners.single_arm.problem import Reach
-from agents.planners.single_arm.promp.optimal import VIOLATION_TOLERANCE, OptimalPlanner, predicted_costs
+from agents.planners.single_arm.promp.optimal import VIOLATION_TOLERANCE, OptimalPlanner
+from agents.planners.single_arm.weights.ranking import predicted_costs
 from agents.planners.single_arm.weights.sqp import GOAL_TOLERANCE, SqpResult, minimise
 from space_envs.dynamics.rotations import Array
 
 NEIGHBOURS = 16  # goals whose motions are compared in a round
 TRIED = 4  # number of them that are improved
+STEP_COST = 1e-5  # m^2/rad^2 per unit of the integral of a step's squared rate, in predicted costs
 COST_RATIO = 0.99  # predicted cost ratio below which a neighbour's motion is tried
 STARTS = 3  # around the motion that is easiest to find, in the first round
 SPREAD = 0.1  # of them, in coordinates
@@ -44,7 +46,7 @@ def improved_motion(
     neighbours = before.order(reach)
     neighbours = neighbours[(neighbours != number) & np.isfinite(before.cost[neighbours])][:NEIGHBOURS]
     starts = before.coordinates[neighbours]
-    predicted = predicted_costs(problem[0], starts, reach.keep_attitude)
+    predicted = predicted_costs(problem[0], starts, reach.keep_attitude, STEP_COST)
     order = np.argsort(predicted, kind="stable")[:TRIED]
     chosen = starts[order[predicted[order] < COST_RATIO * cost]]
     for guess in chosen:

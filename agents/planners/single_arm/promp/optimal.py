@@ -11,6 +11,7 @@ from agents.planners.single_arm.inequalities.torques import Torques
 from agents.planners.single_arm.library import Library
 from agents.planners.single_arm.problem import Reach, ReachPlan, require_rest
 from agents.planners.single_arm.weights.bounds import Bounds, lower_and_upper
+from agents.planners.single_arm.weights.ranking import ranked
 from agents.planners.single_arm.weights.sqp import GOAL_TOLERANCE, Ending, Rows, SqpResult, minimise
 from agents.planners.single_arm.weights.weight_space import WeightSpace
 from promp import GaussianBasis
@@ -19,11 +20,12 @@ from space_envs.dynamics.rotations import Array, to_matrix
 from space_envs.errors import positive_integer
 
 METHOD = "promp_optimal"
-CANDIDATES = 8  # stored motions whose predicted costs are compared
+CANDIDATES = 12  # stored motions whose predicted costs are compared
 IMPROVED = 1  # candidates that are improved; the others follow where none of them leads to the goal
 MOST_CANDIDATES = 10_000
+MOST_IMPROVED = 6  # candidates that are improved where none of them leads to the goal
 MAX_IMPROVED = 2  # candidates that are improved where costs are high
-RETRY_COST_RATIO = 1.5  # of a cost to the best predicted cost or the candidates' lower quartile, for a retry
+RETRY_COST_RATIO = 1.3  # of a cost to the least predicted cost, above which a second candidate is improved
 VIOLATION_TOLERANCE = 1e-2  # fraction of a torque, or m, of a solution in sum over the motion
 PERTURBED = (
     6  # initial guesses around the attitude-unconstrained motion, where no stored one leads to the goal
@@ -144,22 +146,20 @@ class OptimalPlanner:
         if self._library is None:
             return []
         keep = reach.keep_attitude
-        near = self._library.order(reach)[: self._candidates]
-        starts = self._library.coordinates[near]
-        predicted = predicted_costs(space, starts, keep)
-        expected = max(predicted.min(), float(np.quantile(self._library.cost[near], 0.25)))
+        guesses, predicted = ranked(space, bounds, self._library.nearest(reach, self._candidates), keep)
         found: list[SqpResult] = []
-        for number, k in enumerate(np.argsort(predicted, kind="stable")):
+        for number, guess in enumerate(guesses[: max(MOST_IMPROVED, self._improved)]):
             if number >= self._improved and (best := _best(found)) is not None:
-                if number >= MAX_IMPROVED or best.cost <= RETRY_COST_RATIO * expected:
+                if number >= MAX_IMPROVED or best.cost <= RETRY_COST_RATIO * predicted:
                     break
-            found.append(minimise(space, bounds, starts[k], keep, rows))
-        if rows and _best(found) is None:
+            found.append(minimise(space, bounds, guess, keep, rows))
+        for guess in guesses[:MOST_IMPROVED] if rows else ():
+            if _best(found) is not None:
+                break
             # Nonlinear inequalities are imposed after the goal has been reached without them.
-            for k in range(len(starts)):
-                bare = minimise(space, bounds, starts[k], keep)
-                if bare.goal_error < GOAL_TOLERANCE:
-                    found.append(minimise(space, bounds, bare.y, keep, rows))
+            bare = minimise(space, bounds, guess, keep)
+            if bare.goal_error < GOAL_TOLERANCE:
+                found.append(minimise(space, bounds, bare.y, keep, rows))
         return found
 
     def _from_rest(
@@ -194,22 +194,6 @@ class OptimalPlanner:
             return None
         reason = f"the goal is {distance:.2f} m from the centre of mass, the arm reaches {longest:.2f} m"
         return Failure(METHOD, Cause.OUT_OF_REACH, reason)
-
-
-def predicted_costs(space: WeightSpace, starts: Array, keep_attitude: bool) -> Array:
-    """Costs (S,) predicted by one Gauss-Newton step from each of the coordinates (S, n, m)."""
-    constrained = space.constrained(keep_attitude)
-    at = space.disturbance(starts)
-    jacobian, equations = at.residual_slope, at.goal_slope[:, :constrained]
-    size, count = space.size, len(starts)
-    matrix = np.zeros((count, size + constrained, size + constrained))
-    matrix[:, :size, :size] = jacobian.swapaxes(1, 2) @ jacobian + 1e-5 * np.eye(size)
-    matrix[:, size:, :size], matrix[:, :size, size:] = equations, equations.swapaxes(1, 2)
-    pull = (at.residual[:, None] @ jacobian)[:, 0]
-    right = np.concatenate([-pull, -at.goal_error[:, :constrained]], axis=1)
-    step = np.linalg.solve(matrix, right[..., None])[:, :size]
-    remaining = at.residual + (jacobian @ step)[..., 0]
-    return (remaining * remaining).sum(axis=1)
 
 
 def _improved(
