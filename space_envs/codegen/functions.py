@@ -1,6 +1,7 @@
 """CasADi functions as machine code, or in CasADi's interpreter if there is no compiler."""
 
 import ctypes
+import math
 from collections.abc import Callable, Mapping
 
 import casadi as ca
@@ -60,11 +61,11 @@ class Batched:
             ValueError: if an input has another shape.
         """
         batch = inputs[0].shape[:-1]
-        arrays = [np.require(x, np.float64, ["C", "A"]) for x in inputs]
+        arrays = [_contiguous(x) for x in inputs]
         for x, size in zip(arrays, self._inputs, strict=True):
             if x.shape != (*batch, size):
                 raise ValueError(f"expected an input of shape {(*batch, size)}, got {x.shape}")
-        count = int(np.prod(batch))
+        count = math.prod(batch)
         shapes = [(*batch, *shape) if shape[0] > 1 else (*batch, shape[1]) for shape in self._outputs]
         if count == 0:  # CasADi cannot map a function over no samples
             return [np.empty(shape) for shape in shapes]
@@ -85,6 +86,14 @@ class Batched:
         return [
             np.asarray(y).ravel(order="F").reshape(shape) for y, shape in zip(results, shapes, strict=True)
         ]
+
+
+def _contiguous(x: Array) -> Array:
+    """An array as the compiled code reads it; itself where it is so already."""
+    flags = x.flags
+    if x.dtype == np.float64 and flags.c_contiguous and flags.aligned:
+        return x
+    return np.require(x, np.float64, ["C", "A"])
 
 
 def batched(

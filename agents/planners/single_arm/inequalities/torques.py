@@ -25,10 +25,14 @@ class Torques:
             kinds * space.even[:, ::TORQUE_STRIDE],
             kinds * space.even_fixed[:, ::TORQUE_STRIDE],
         )
+        self._last: tuple[Array, Array, Array] | None = None  # coordinates, motion and shares
 
     def _shares(self, y: Array) -> tuple[Array, Array]:
-        motion = self._fixed + self._rows @ y.T  # (3, T, n)
-        return motion, self._space.functions.torque(*motion)[0] / self._limit
+        """Angles, rates and accelerations (3, T, n) and torques (T, n) as fractions of the limit."""
+        if self._last is None or self._last[0] is not y:
+            motion = self._fixed + self._rows @ y.T
+            self._last = y, motion, self._space.functions.torque(*motion)[0] / self._limit
+        return self._last[1:]
 
     def violation(self, y: Array) -> float:
         """Sum over the grid of torques beyond the limit, as fractions of it."""

@@ -36,6 +36,11 @@ class ArmFunctions:
         axis_ending, position_ending: the same for goals of these kinds: goal errors (8) and (6) without the
             rotation vector; the former has the approach axis's tilt from that of the goal instead, (2) rad,
             along the goal's x and y axes.
+        curvature: q, qdot (n each), weight (6) -> second derivatives (n, 2 n) of weight' xi by q and by
+            [q; qdot]; there are none by qdot alone, as twists are linear in the rates.
+        ending_curvature: q, pose, goal, weight (9) -> second derivatives (6 + n, 6 + n) of weight' error by
+            the displacement of the base and q. axis_ending_curvature, position_ending_curvature: the same
+            with weights (8) and (6).
         torque: q, qdot, qddot (n each) -> torque (n) N m.
         torque_slope: q, qdot, qddot, weight (n) -> derivative (3 n) of weight' torque.
     """
@@ -46,6 +51,10 @@ class ArmFunctions:
     ending: Batched
     axis_ending: Batched
     position_ending: Batched
+    curvature: Batched
+    ending_curvature: Batched
+    axis_ending_curvature: Batched
+    position_ending_curvature: Batched
     torque: Batched
     torque_slope: Batched
 
@@ -62,13 +71,20 @@ class ArmFunctions:
         """Goal error at the end for goals of a kind, as `ending`."""
         return {"pose": self.ending, "axis": self.axis_ending, "position": self.position_ending}[kind]
 
+    def ending_curvature_of(self, kind: GoalKind) -> Batched:
+        """Second derivatives of weighted goal errors for goals of a kind, as `ending_curvature`."""
+        found = self.ending_curvature, self.axis_ending_curvature, self.position_ending_curvature
+        return dict(zip(("pose", "axis", "position"), found, strict=True))[kind]
+
 
 @built_once
 def _build(robot: FloatingRobot, intervals: int) -> ArmFunctions:
     symbolic, n = SymbolicRobot(robot), robot.n_joints
     q, qdot, qddot, weight = (ca.SX.sym(name, n) for name in ("q", "qdot", "qddot", "weight"))
+    wrench = ca.SX.sym("wrench", 6)
     twist = symbolic.base_twist(q, qdot)
     slope = ca.densify(ca.jacobian(twist, ca.vertcat(q, qdot)))
+    bend = ca.densify(ca.jacobian(ca.gradient(ca.dot(wrench, twist), q), ca.vertcat(q, qdot)))
     torque = symbolic.inverse_dynamics(q, qdot, qddot)
     torque_gradient = ca.gradient(ca.dot(weight, torque), ca.vertcat(q, qdot, qddot))
     functions = {
@@ -78,6 +94,10 @@ def _build(robot: FloatingRobot, intervals: int) -> ArmFunctions:
         "ending": _ending(symbolic, "pose"),
         "axis_ending": _ending(symbolic, "axis"),
         "position_ending": _ending(symbolic, "position"),
+        "curvature": ca.Function("curvature", [q, qdot, wrench], ca.cse([bend.T])),
+        "ending_curvature": _ending_curvature(symbolic, "pose"),
+        "axis_ending_curvature": _ending_curvature(symbolic, "axis"),
+        "position_ending_curvature": _ending_curvature(symbolic, "position"),
         "torque": ca.Function("torque", [q, qdot, qddot], [torque]),
         "torque_slope": ca.Function(
             "torque_slope", [q, qdot, qddot, weight], ca.cse([ca.densify(torque_gradient)])
@@ -162,6 +182,30 @@ def _tilt(axis: ca.SX, goal_axes: ca.SX) -> tuple[ca.SX, ca.SX]:
     found = [tilt, ca.jacobian(tilt, unit)]
     value, slope = (ca.substitute(each, unit, axis) for each in found)
     return value, slope
+
+
+def _ending_curvature(symbolic: SymbolicRobot, kind: GoalKind) -> ca.Function:
+    """Second derivatives of a weighted goal error at the end for goals of a kind."""
+    n = symbolic.robot.n_joints
+    q, pose, goal = ca.SX.sym("q", n), ca.SX.sym("pose", 12), ca.SX.sym("goal", 21)
+    change, base, goal_axes = ca.SX.sym("change", 6), ca.reshape(pose[3:], 3, 3), ca.reshape(goal[3:12], 3, 3)
+    local, rotation = symbolic.end_effector_pose(0)(q)
+    # Exponential of the displacement, to second order.
+    around = ca.skew(change[3:])
+    turn = ca.SX.eye(3) + around + 0.5 * around @ around
+    position = turn @ (pose[:3] + base @ local) + change[:3] + 0.5 * around @ change[:3]
+    turned = {
+        "pose": lambda: _logarithm(turn @ base @ rotation @ goal_axes.T),
+        "axis": lambda: _tilt(turn @ base @ rotation[:, 2], goal_axes)[0],
+        "position": lambda: ca.SX(0, 1),
+    }[kind]()
+    attitude = _logarithm(turn @ base @ ca.reshape(goal[12:], 3, 3).T)
+    error = ca.vertcat(position - goal[:3], turned, attitude)
+    weight, variables = ca.SX.sym("weight", error.numel()), ca.vertcat(change, q)
+    second = ca.jacobian(ca.gradient(ca.dot(weight, error), variables), variables)
+    output = ca.substitute(ca.densify(second), change, ca.DM.zeros(6))
+    name = "ending_curvature" if kind == "pose" else f"{kind}_ending_curvature"
+    return ca.Function(name, [q, pose, goal, weight], ca.cse([output]))
 
 
 def _bracket(twist: ca.SX) -> ca.SX:

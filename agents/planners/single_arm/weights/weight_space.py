@@ -31,7 +31,8 @@ class Disturbance:
         goal_slope: (S, r + 3, n m).
         pose: (S, K + 1, 12) of the base at the ends of the intervals.
         influence: (S, 2 K, 6, 2 n) later displacement of the base, in inertial axes at the inertial origin,
-            by [q; qdot] at the Gauss points.
+            by [q; qdot] at the Gauss points. propagation: (S, 2 K, 6, 6) the same by the twists.
+        ending: (S, r + 3, 6 + n) goal error by the displacement of the base at the end, and the last angles.
     """
 
     cost: Array
@@ -41,6 +42,8 @@ class Disturbance:
     goal_slope: Array
     pose: Array
     influence: Array
+    propagation: Array
+    ending: Array
 
 
 class Effect(NamedTuple):
@@ -83,6 +86,7 @@ class WeightSpace:
         self.shapes = shapes = Shapes.of(basis)
         self.functions, self.rows = ArmFunctions.of(robot, INTERVALS), GOAL_ROWS[kind]
         self._ended = self.functions.ending_of(kind)
+        self._bent = self.functions.ending_curvature_of(kind)
         attitude = np.eye(3) if attitude is None else attitude
         self.duration = duration
         self._goal = np.concatenate([position, rotation.T.ravel(), attitude.T.ravel()])
@@ -149,7 +153,8 @@ class WeightSpace:
         by_angle, by_rate = self._gauss[:, :, None, None, :]  # (2 K, 1, 1, m)
         scaled = slope * self._scale[:, None]
         change = scaled[..., :n, None] * by_angle + scaled[..., n:, None] * by_rate  # (S, 2 K, 6, n, m)
-        influence = propagation.reshape(s, 2 * INTERVALS, 6, 6) @ slope
+        propagation = propagation.reshape(s, 2 * INTERVALS, 6, 6)
+        influence = propagation @ slope
         goal_error, ending = self._ending(y, pose[:, -1])
         goal_slope = ending[..., :6] @ self.displacement(influence)
         goal_slope += (ending[..., 6:, None] * self._end).reshape(s, self.rows + 3, n * m)
@@ -161,7 +166,47 @@ class WeightSpace:
             goal_slope=goal_slope,
             pose=pose,
             influence=influence,
+            propagation=propagation,
+            ending=ending,
         )
+
+    def curvature(self, y: Array, at: Disturbance, weight: Array) -> Array:
+        """Second derivatives (n m, n m) of cost + weight' goal_error at coordinates (n, m).
+
+        Those of the exponential of one interval are neglected, and the residuals' part by first derivatives
+        is left out: add 2 residual_slope' residual_slope.
+
+        Args:
+            at: what `disturbance` returns for y. weight: (r + 3,).
+        """
+        push = weight @ at.ending[0, :, :6]  # on displacements at the end
+        twist_weight = 2.0 * self._scale * at.residual[0].reshape(-1, 6) + push @ at.propagation[0]
+        states = self._states(y[None])[:, 0]
+        (bend,) = self.functions.curvature(*states, twist_weight)
+        half = self._through_twists(bend)
+        moved = self._moved(at.influence[0])  # (2 K, 6, n m)
+        before = moved.cumsum(axis=0) - moved
+        before[1::2] += (2.0 / np.sqrt(3.0) - 1.0) * moved[::2]  # within an interval, by Magnus' term
+        half += 0.5 * before.reshape(-1, self.size).T @ (_pairing(push) @ moved).reshape(-1, self.size)
+        last = np.concatenate([moved.sum(axis=0), np.kron(np.eye(self._n), self._end)])
+        end = self._end_fixed + y @ self._end
+        (second,) = self._bent(end, at.pose[0, -1], self._goal, weight)
+        return half + half.T + last.T @ second @ last
+
+    def _through_twists(self, bend: Array) -> Array:
+        """Half the second derivatives (n m, n m) by coordinates; bend (2 K, n, 2 n) by angles and rates."""
+        n, m = self._n, self.free
+        angle, rate = self._gauss[:, :, None, None]  # (2 K, 1, 1, m)
+        mixed = 0.5 * bend[:, :, :n, None] * angle + bend[:, :, n:, None] * rate
+        half = self._gauss[0].T @ mixed.reshape(-1, n * n * m)
+        return half.reshape(m, n, n * m).swapaxes(0, 1).reshape(n * m, n * m)
+
+    def _moved(self, influence: Array) -> Array:
+        """Later displacement (2 K, 6, n m) of the base through each Gauss point, by the coordinates."""
+        n = self._n
+        angle, rate = self._gauss[:, :, None, None]
+        moved = influence[..., :n, None] * angle + influence[..., n:, None] * rate
+        return moved.reshape(-1, 6, self.size)
 
     def displacement(self, influence: Array) -> Array:
         """Displacement (S, 6, n m) of the base at the end by the coordinates."""
@@ -186,3 +231,10 @@ class WeightSpace:
     def _ending(self, y: Array, pose: Array) -> list[Array]:
         goal = np.broadcast_to(self._goal, (len(y), len(self._goal)))
         return self._ended(self._end_fixed + y @ self._end, pose, goal)
+        return self.functions.ending(self._end_fixed + y @ self._end, pose, goal)
+
+
+def _pairing(push: Array) -> Array:
+    """Matrix (6, 6) M of x' M z = push' [x, z], the commutator of twists [v; w]."""
+    linear, angular = (np.cross(np.eye(3), part).T for part in (push[:3], push[3:]))
+    return np.block([[np.zeros((3, 3)), linear], [linear, angular]])
