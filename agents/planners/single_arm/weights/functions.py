@@ -87,23 +87,21 @@ def _build(robot: FloatingRobot, intervals: int) -> ArmFunctions:
     bend = ca.densify(ca.jacobian(ca.gradient(ca.dot(wrench, twist), q), ca.vertcat(q, qdot)))
     torque = symbolic.inverse_dynamics(q, qdot, qddot)
     torque_gradient = ca.gradient(ca.dot(weight, torque), ca.vertcat(q, qdot, qddot))
-    functions = {
+    many = {
         "twist": ca.Function("twist", [q, qdot], [twist]),
         "slopes": ca.Function("slopes", [q, qdot], ca.cse([twist, slope.T])),
-        "chain": _chain(intervals),
-        "ending": _ending(symbolic, "pose"),
-        "axis_ending": _ending(symbolic, "axis"),
-        "position_ending": _ending(symbolic, "position"),
         "curvature": ca.Function("curvature", [q, qdot, wrench], ca.cse([bend.T])),
-        "ending_curvature": _ending_curvature(symbolic, "pose"),
-        "axis_ending_curvature": _ending_curvature(symbolic, "axis"),
-        "position_ending_curvature": _ending_curvature(symbolic, "position"),
         "torque": ca.Function("torque", [q, qdot, qddot], [torque]),
         "torque_slope": ca.Function(
             "torque_slope", [q, qdot, qddot, weight], ca.cse([ca.densify(torque_gradient)])
         ),
     }
-    return ArmFunctions(**batched(functions))
+    kinds: tuple[tuple[GoalKind, str], ...] = (("pose", ""), ("axis", "axis_"), ("position", "position_"))
+    few = {"chain": _chain(intervals)}
+    for kind, prefix in kinds:
+        few[f"{prefix}ending"] = _ending(symbolic, kind)
+        few[f"{prefix}ending_curvature"] = _ending_curvature(symbolic, kind)
+    return ArmFunctions(**batched(many, vectorise=True), **batched(few))
 
 
 def _chain(intervals: int) -> ca.Function:
