@@ -105,6 +105,27 @@ def test_costs_and_goal_errors_are_differentiated_exactly(seed: int, kind: GoalK
     np.testing.assert_allclose(miss, at.goal_error, atol=1e-12)
 
 
+@pytest.mark.parametrize("kind", ["pose", "axis", "position"])
+def test_second_derivatives_agree_with_differences_of_first_ones(kind: GoalKind) -> None:
+    rng = np.random.default_rng(5)
+    turn = to_matrix(exponential(rng.normal(size=3)))
+    rest, position = np.zeros(7), rng.normal(size=3)
+    space = WeightSpace(robot(), GaussianBasis(), robot().home, rest, 10.0, position, turn, 0.7, kind=kind)
+    y, weight = 0.2 * rng.standard_normal((7, space.free)), rng.normal(size=space.rows + 3)
+
+    def gradient(y: Array) -> Array:
+        at = space.disturbance(y[None])
+        return 2.0 * at.residual[0] @ at.residual_slope[0] + weight @ at.goal_slope[0]
+
+    at, step = space.disturbance(y[None]), 1e-5
+    exact = space.curvature(y, at, weight) + 2.0 * at.residual_slope[0].T @ at.residual_slope[0]
+    for direction in rng.standard_normal((5, *y.shape)):
+        difference = (gradient(y + step * direction) - gradient(y - step * direction)) / (2.0 * step)
+        np.testing.assert_allclose(
+            exact @ direction.ravel(), difference, atol=2e-3 * np.abs(difference).max()
+        )
+
+
 def test_torque_and_sphere_rows_agree_with_differences() -> None:
     space, y = space_of(3, rate=0.0)
     ends = robot().end_effector_pose(space.even_fixed[0])[0]
