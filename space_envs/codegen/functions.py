@@ -72,9 +72,7 @@ class Batched:
         if self._loop is None:
             return self._interpreted(arrays, count, shapes)
         results: list[Array] = [np.empty(shape) for shape in shapes]
-        pointers = [
-            (ctypes.c_void_p * len(side))(*[x.ctypes.data for x in side]) for side in (arrays, results)
-        ]
+        pointers = [(ctypes.c_void_p * len(side))(*map(address, side)) for side in (arrays, results)]
         self._loop(*pointers, count)
         return results
 
@@ -86,6 +84,11 @@ class Batched:
         return [
             np.asarray(y).ravel(order="F").reshape(shape) for y, shape in zip(results, shapes, strict=True)
         ]
+
+
+def address(x: Array) -> int:
+    """Address of the first number of an array."""
+    return x.__array_interface__["data"][0]
 
 
 def _contiguous(x: Array) -> Array:

@@ -124,7 +124,7 @@ class PathImprover:
                 by = space.sensitive(weights)[1]
                 if not by.usable:
                     break
-                inverse = np.linalg.pinv(by.miss)
+                inverse = by.miss.T @ np.linalg.inv(by.miss @ by.miss.T)
             weights = weights - (inverse @ path.miss).reshape(FUNCTIONS, space.n).T
             path = space.samples(weights)
         shortest = SPARE * max(self._limits.duration(space, path).values())

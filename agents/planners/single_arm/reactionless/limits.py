@@ -3,11 +3,14 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agents.planners.common.plans import Limits
 from agents.planners.single_arm.reactionless.clearances import Clearance
 from agents.planners.single_arm.reactionless.paths import PathSpace, Samples, Sensitivities
 from space_envs.dynamics.rotations import Array
+
+Indices = NDArray[np.intp]
 
 ANGLE_MARGIN = 0.02  # rad, to the ends of joint ranges, of the search
 LEAST_ROOM = 1e-3  # rad, to the end of a range, that the braking law counts with
@@ -45,21 +48,31 @@ class PathLimits:
         """Largest angle beyond its range, rad, negative inside."""
         return float(self.limits.beyond_angles(path.angle).max())
 
-    def shares(self, path: Samples, by: Sensitivities, duration: float) -> tuple[Array, Array]:
-        """Rates and accelerations (N + 1, 2 n) at a duration in s as shares of their limits, with slopes."""
-        fastest, falls = self._fastest(path)
-        sign = np.sign(path.slope)
-        rate = np.abs(path.slope) / (duration * fastest)
-        by_rate = (sign / (duration * fastest))[..., None] * by.slope
-        by_rate -= (rate * falls / fastest)[..., None] * by.angle
+    def shares(self, path: Samples, duration: float) -> Array:
+        """Rates and accelerations (M + 1, 2 n) at a duration in s as shares of their limits."""
+        rate = np.abs(path.slope) / (duration * self._fastest(path)[0])
         if self.limits.acceleration is None:
-            return rate, by_rate
-        scale = duration**2 * self.limits.acceleration
-        by_acceleration = (np.sign(path.curve) / scale)[..., None] * by.curve
-        return (
-            np.concatenate([rate, np.abs(path.curve) / scale], axis=1),
-            np.concatenate([by_rate, by_acceleration], axis=1),
-        )
+            return rate
+        return np.concatenate([rate, np.abs(path.curve) / (duration**2 * self.limits.acceleration)], axis=1)
+
+    def share_slopes(
+        self, path: Samples, by: Sensitivities, duration: float, time: Indices, place: Indices
+    ) -> Array:
+        """Derivatives (k, m) of some of them, given by their places among the shares."""
+        n = path.angle.shape[1]
+        rates, joint = place < n, place % n
+        fastest, falls = self._fastest(path)
+        at, fast = (time[rates], joint[rates]), fastest[time[rates], joint[rates]]
+        rate = np.abs(path.slope[at]) / (duration * fast)
+        by_rate = (np.sign(path.slope[at]) / (duration * fast))[:, None] * by.slope[at]
+        by_rate -= (rate * falls[at] / fast)[:, None] * by.angle[at]
+        out = np.empty((len(time), by.slope.shape[2]))
+        out[rates] = by_rate
+        if not rates.all():
+            at = time[~rates], joint[~rates]
+            scale = np.broadcast_to(duration**2 * self.limits.acceleration, path.curve.shape)[at]
+            out[~rates] = (np.sign(path.curve[at]) / scale)[:, None] * by.curve[at]
+        return out
 
     def violations(self, path: Samples, by: Sensitivities) -> tuple[Array, Array]:
         """Angles beyond their ranges and clearances missing (k,), positive ones alone, with slopes (k, m)."""

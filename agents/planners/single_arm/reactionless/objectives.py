@@ -12,6 +12,7 @@ Objective = Callable[[Samples, Sensitivities], tuple[Array, Array]]
 """A path and its derivatives -> residuals (r,) and their slopes (r, m)."""
 
 COST_UNIT = 1e-4  # m^2/s, of eq. 20: violations weigh against costs in this unit
+NEGLIGIBLE = 0.2  # share of a limit, below which its power does not count
 PENALTY = 150.0  # of a share above the allowed one, or of a violation, throughout the path; its root in costs
 
 
@@ -22,10 +23,10 @@ def least_disturbance(space: PathSpace, limits: PathLimits, duration: float, sha
     def residuals(path: Samples, by: Sensitivities) -> tuple[Array, Array]:
         scale = weight / np.sqrt(duration * COST_UNIT)
         drift, by_drift = (scale * path.drift).ravel(), (scale[..., None] * by.drift).reshape(-1, space.size)
-        value, slope = limits.shares(path, by, duration)
+        value = limits.shares(path, duration)
         time, place = np.nonzero(value > share)
         beyond = PENALTY * weight[time, 0] * (value[time, place] - share)
-        by_beyond = PENALTY * weight[time] * slope[time, place]
+        by_beyond = PENALTY * weight[time] * limits.share_slopes(path, by, duration, time, place)
         return _with_violations(space, limits, path, by, [(drift, by_drift), (beyond, by_beyond)])
 
     return residuals
@@ -39,10 +40,12 @@ def shortest_duration(space: PathSpace, limits: PathLimits, duration: float, pow
     weight = np.sqrt(space.series.weight)[:, None]
 
     def residuals(path: Samples, by: Sensitivities) -> tuple[Array, Array]:
-        value, slope = limits.shares(path, by, duration)
-        raised = (weight * value**power).ravel()
-        by_raised = (power * weight * value ** (power - 1.0))[..., None] * slope
-        return _with_violations(space, limits, path, by, [(raised, by_raised.reshape(-1, space.size))])
+        value = limits.shares(path, duration)
+        time, place = np.nonzero(value > NEGLIGIBLE)
+        value, scale = value[time, place], weight[time, 0]
+        slope = limits.share_slopes(path, by, duration, time, place)
+        by_raised = (power * scale * value ** (power - 1.0))[:, None] * slope
+        return _with_violations(space, limits, path, by, [(scale * value**power, by_raised)])
 
     return residuals
 

@@ -1,6 +1,7 @@
 """Paths in the reaction null space from one start towards one goal, with derivatives by their weights."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -36,25 +37,36 @@ class Samples:
     miss: Array
 
 
-@dataclass(frozen=True, eq=False)
 class Sensitivities:
     """Derivatives of a path's samples by its weights, flattened (m,) function by function.
 
     Attributes:
-        angle, slope, curve: (N + 1, n, m). shift, drift: (N + 1, 3, m). miss: (r, m).
+        angle, slope: (N + 1, n, m). miss: (r, m).
     """
 
-    angle: Array
-    slope: Array
-    curve: Array
-    shift: Array
-    drift: Array
-    miss: Array
+    def __init__(self, series: Series, angle: Array, slope: Array, centre: Array, miss: Array) -> None:
+        self.angle, self.slope, self.miss = angle, slope, miss
+        self._series, self._centre = series, centre
 
     @property
     def usable(self) -> bool:
         """Whether they are finite and small enough to search by."""
         return bool(np.abs(self.angle).max() < STEEPEST)
+
+    @cached_property
+    def shift(self) -> Array:
+        """Of the displacement of the base, (N + 1, 3, m)."""
+        return -self._centre @ self.angle
+
+    @cached_property
+    def drift(self) -> Array:
+        """Of its derivative by s, (N + 1, 3, m)."""
+        return (self._series.even @ self.shift.reshape(len(self.shift), -1)).reshape(self.shift.shape)
+
+    @cached_property
+    def curve(self) -> Array:
+        """Of d2q/ds2, (N + 1, n, m)."""
+        return (self._series.odd @ self.slope.reshape(len(self.slope), -1)).reshape(self.slope.shape)
 
 
 class PathSpace:
@@ -98,7 +110,7 @@ class PathSpace:
         return self._known[key]
 
     def _sensitive(self, weights: Array) -> tuple[Samples, Sensitivities]:
-        n, m, series, functions = self.n, self.size, self.series, self._functions
+        n, series, functions = self.n, self.series, self._functions
         velocity = self._velocity(weights, series)
         *found, points = functions.path(self._start, velocity)
         angle, slope = self._rolled(found)
@@ -106,15 +118,13 @@ class PathSpace:
         slopes = functions.slopes(points.reshape(-1, n), at_points)
         transfer = functions.transfer(*[x.reshape(STEPS, -1) for x in slopes])
         by_angle, by_slope = functions.chain(transfer, series.points)
-        by_curve = (series.odd @ by_slope.reshape(STEPS + 1, n * m)).reshape(by_slope.shape)
         centre, by_q = self._functions.centre(angle)
-        shift, by_shift = self._centre - centre, -by_q @ by_angle
-        by_drift = (series.even @ by_shift.reshape(STEPS + 1, 3 * m)).reshape(by_shift.shape)
+        shift = self._centre - centre
         miss, slope_angle, slope_shift = self._goal(PathEnd(angle[-1], shift[-1]))
-        by_miss = slope_angle @ by_angle[-1] + slope_shift @ by_shift[-1]
+        by_miss = (slope_angle - slope_shift @ by_q[-1]) @ by_angle[-1]
         return (
             Samples(angle, slope, series.odd @ slope, shift, series.even @ shift, miss),
-            Sensitivities(by_angle, by_slope, by_curve, by_shift, by_drift, by_miss),
+            Sensitivities(series, by_angle, by_slope, by_q, by_miss),
         )
 
     def _velocity(self, weights: Array, series: Series) -> Array:

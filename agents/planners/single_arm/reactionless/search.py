@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg.lapack import dposv
 
 from agents.planners.single_arm.reactionless.objectives import Objective
 from agents.planners.single_arm.reactionless.paths import FUNCTIONS, PathSpace, Samples, Sensitivities
@@ -111,8 +112,9 @@ def _step(space: PathSpace, point: _Point, damping: float) -> tuple[Array, Array
     miss, equations = point.path.miss, point.by.miss
     rows = len(miss)
     hessian = point.slope.T @ point.slope
-    hessian[np.diag_indices(space.size)] += damping * np.trace(hessian) / space.size + 1e-9
-    solved = np.linalg.solve(hessian, np.column_stack([equations.T, point.slope.T @ point.residual]))
+    hessian.flat[:: space.size + 1] += damping * np.trace(hessian) / space.size + 1e-9
+    right = np.column_stack([equations.T, point.slope.T @ point.residual])
+    _, solved, _ = dposv(hessian, right)
     inner = np.linalg.inv(equations @ solved[:, :rows] + 1e-12 * np.eye(rows))
     part = min(1.0, LONGEST_MISS / max(float(np.linalg.norm(miss)), 1e-12))
     multiplier = inner @ (part * miss - equations @ solved[:, rows])

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from space_envs.codegen.cache import LibraryError
+from space_envs.codegen.functions import address
 from space_envs.codegen.libraries import load_library, warn_uncompiled
 from space_envs.dynamics.rotations import Array
 
@@ -73,7 +74,7 @@ class StepChain:
         if self._loop is None:
             return self._plain(transfer, shape)
         angle, slope = np.empty(self._shape), np.empty(self._shape)
-        self._loop(*[x.ctypes.data for x in (*transfer, shape, angle, slope)])
+        self._loop(*map(address, (*transfer, shape, angle, slope)))
         return angle, slope
 
     def _plain(self, transfer: Sequence[Array], shape: Array) -> tuple[Array, Array]:
