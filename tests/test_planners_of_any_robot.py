@@ -2,8 +2,10 @@
 
 import json
 import shlex
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -11,10 +13,12 @@ import pytest
 from agents.demonstrations import __main__ as demonstrations
 from agents.demonstrations.optimal import __main__ as libraries
 from agents.demonstrations.optimal import library as library_store
+from agents.demonstrations.reactionless import __main__ as reactionless_libraries
+from agents.demonstrations.reactionless import library as reactionless_store
 from agents.planners.common.robot_files import robot_folder, shipped_robots
 from agents.planners.single_arm.inequalities.braking import Braking
 from agents.planners.single_arm.inequalities.satellite import SatelliteClearance
-from agents.planners.single_arm.library import find_library
+from agents.planners.single_arm.library import REACTIONLESS, Library
 from agents.planners.single_arm.weights.weight_space import WeightSpace
 from agents.policies.registry import make_policy, needs
 from agents.policies.single_arm.optimal import drive_limits, reaches
@@ -160,24 +164,40 @@ def described(robot: Robot) -> dict[str, str]:
 
 @pytest.mark.usefixtures("made")
 def test_libraries_are_found_again_and_resumed(monkeypatch: pytest.MonkeyPatch) -> None:
-    robot = find_robot(SIX)
     (reason,) = needs("promp_demonstrated").missing(context(SIX))
-    words = [*command(reason)[3:], "--goals", "4"]
+    words = command(reason)[3:]
     assert words[:2] == ["--robot", SIX]
-    monkeypatch.setattr(library_store, "CHUNK", 2)
-    monkeypatch.setattr(library_store, "ROUNDS", 1)
-    assert libraries.main(words) == 0
-    first = find_library(robot, keep_attitude=False)
-    assert first is not None and len(first.cost) > 3
-    folder = robot_folder(robot) / "library_free_limited"
-    (folder / "1-00002.npz").unlink()
-    (robot_folder(robot) / "library_free_limited.npz").unlink()
-    assert libraries.main(words) == 0
-    again = find_library(robot, keep_attitude=False)
-    assert again is not None
-    np.testing.assert_array_equal(again.coordinates, first.coordinates)
+    made = libraries.main, library_store, robot_folder(find_robot(SIX)) / "library_free_limited.npz"
+    resumed_after_a_kill(monkeypatch, *made, words)
     assert not needs("promp_demonstrated").missing(context(SIX))
-    assert libraries.main([*words, "--seed", "1"]) == 2  # parts of another recipe
+
+
+def test_reactionless_libraries_are_resumed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    made = reactionless_libraries.main, reactionless_store, tmp_path / REACTIONLESS
+    resumed_after_a_kill(monkeypatch, *made, ["--output", str(tmp_path)])
+
+
+def resumed_after_a_kill(
+    monkeypatch: pytest.MonkeyPatch,
+    make: Callable[[list[str]], int],
+    store: ModuleType,
+    path: Path,
+    words: list[str],
+) -> None:
+    """Make a library, lose a part and the result as a kill would, and make it again."""
+    words, parts = [*words, "--goals", "4"], path.with_suffix("")
+    monkeypatch.setattr(store, "CHUNK", 2)
+    monkeypatch.setattr(store, "ROUNDS", 1)
+    assert make(words) == 0
+    first = Library.load(path)
+    assert len(first.cost) > 2
+    (parts / "1-00002.npz").unlink()
+    path.unlink()
+    kept = (parts / "1-00000.npz").stat().st_mtime_ns
+    assert make(words) == 0
+    assert (parts / "1-00000.npz").stat().st_mtime_ns == kept
+    np.testing.assert_array_equal(Library.load(path).coordinates, first.coordinates)
+    assert make([*words, "--seed", "1"]) == 2  # parts of another recipe
 
 
 def test_files_of_another_robot_are_refused(made: Path, capsys: pytest.CaptureFixture[str]) -> None:

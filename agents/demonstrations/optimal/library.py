@@ -1,18 +1,17 @@
 """A library of optimal motions, made in parallel and resumable: each goal is improved from its neighbours."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from joblib import Parallel, delayed
-from tqdm import tqdm
 
 from agents.demonstrations.optimal.search import first_motion, improved_motion
+from agents.demonstrations.rounds import Motion, RoundsRecipe, Solver, make_library
 from agents.planners.common.plans import Limits
-from agents.planners.common.robot_files import described_robot, refuse_other_robot
-from agents.planners.single_arm.library import NAMES, Library, library_command, library_name
+from agents.planners.single_arm.library import Library, library_command, library_name
 from agents.planners.single_arm.problem import Reach
 from agents.planners.single_arm.promp.optimal import OptimalPlanner
 from agents.policies.single_arm.optimal import further_rows
@@ -21,13 +20,9 @@ from space_envs.checks import count, flag
 from space_envs.dynamics.grapples import Grapple
 from space_envs.dynamics.rotations import Array
 from space_envs.envs import CaptureVectorEnv
-from space_envs.errors import ConfigurationError, positive_integer
+from space_envs.errors import positive_integer
 from space_envs.policy import PolicyContext
 from space_envs.robots.robot import Robot
-from space_envs.system.files import write_json
-from space_envs.system.provenance import commit, machine, versions
-from space_envs.system.reading import read_object
-from space_envs.system.threads import on_one_thread
 from space_envs.tasks.single_arm import SingleArmTask
 
 COUNTS = {"easy": 120, "medium": 900, "hard": 180}  # goals of the train split
@@ -60,10 +55,10 @@ class LibraryRecipe:
         """Name of the library's file."""
         return library_name(self.keep_attitude, self.limited)
 
-    def as_dict(self) -> dict[str, Any]:
-        """All settings as JSON values."""
-        settings = {name: getattr(self, name) for name in ("keep_attitude", "limited", "seed")}
-        return {"robot": described_robot(self.robot), **settings}
+    @property
+    def settings(self) -> dict[str, Any]:
+        """All settings but the robot, as JSON values."""
+        return {name: getattr(self, name) for name in ("keep_attitude", "limited", "seed")}
 
 
 def robot_limits(robot: Robot) -> Limits:
@@ -110,106 +105,33 @@ def generate(
         ConfigurationError: if jobs is not positive, or parts are of another robot, recipe or other goals.
         StorageError: if a part is damaged.
     """
-    if jobs < 1:
-        raise ConfigurationError(f"jobs must be at least 1, got {jobs}")
-    folder = Path(output) / Path(recipe.name).stem
-    _begin(folder, recipe)
-    position, quaternion = goals(recipe.robot, counts)
-    total = len(position) * (ROUNDS + 1)
-    with tqdm(total=total, unit="goal", desc=folder.name, disable=not progress) as bar:
-        library = _round(folder, recipe, position, quaternion, 0, None, jobs, bar)
-        for number in range(1, ROUNDS + 1):
-            library = _round(folder, recipe, position, quaternion, number, library, jobs, bar)
-    solved = library.rows(np.isfinite(library.cost))
-    solved = replace(solved, coordinates=solved.coordinates.astype(np.float32))
-    path = Path(output) / recipe.name
-    solved.save(path)
-    origin = recipe.as_dict() | {
-        "command": library_command(recipe.robot, recipe.keep_attitude, recipe.limited),
-        "train goals": dict(counts),
-        "motions": len(solved.cost),
-        "commit": commit(),
-        "versions": versions(),
-        "machine": machine(),
-    }
-    write_json(path.with_suffix(".json"), origin)
-    return solved
-
-
-def _begin(folder: Path, recipe: LibraryRecipe) -> None:
-    """Note the recipe in a folder of parts; ConfigurationError if the parts there are of another one."""
-    path, expected = folder / "recipe.json", recipe.as_dict()
-    if not path.exists():
-        write_json(path, expected)
-        return
-    found = read_object(path)
-    refuse_other_robot(str(folder), found.get("robot"), recipe.robot)
-    if found != expected:
-        raise ConfigurationError(f"{folder} holds parts of another recipe; take another folder")
-
-
-def _round(
-    folder: Path,
-    recipe: LibraryRecipe,
-    position: Array,
-    quaternion: Array,
-    number: int,
-    before: Library | None,
-    jobs: int,
-    bar: tqdm,
-) -> Library:
-    """The library after a round, from that of the previous round; existing parts are reused.
-
-    Raises:
-        ConfigurationError: if a part is of other goals.
-    """
-    size = len(position)
-    parts = {
-        folder / f"{number}-{first:05d}.npz": np.arange(first, min(first + CHUNK, size))
-        for first in range(0, size, CHUNK)
-    }
-    missing = [path for path in parts if not path.exists()]
-    bar.update(size - sum(len(parts[path]) for path in missing))
-    work = (
-        delayed(_part)(path, recipe, position[rows], quaternion[rows], rows, before, number == ROUNDS)
-        for path in missing
-        for rows in [parts[path]]
+    planned = RoundsRecipe(
+        recipe.robot,
+        recipe.name,
+        recipe.settings,
+        partial(_solver, recipe),
+        library_command(recipe.robot, recipe.keep_attitude, recipe.limited),
+        ROUNDS,
+        CHUNK,
     )
-    for finished in Parallel(n_jobs=jobs, return_as="generator_unordered")(work):
-        bar.update(finished)
-    made = _merged([Library.load(path) for path in parts])
-    if not np.array_equal(made.position, position):
-        raise ConfigurationError(f"{folder} holds other goals; take another folder")
-    return made
+    origin = {"train goals": dict(counts)}
+    return make_library(output, planned, goals(recipe.robot, counts), origin, jobs, progress)
 
 
-def _merged(parts: Sequence[Library]) -> Library:
-    return Library(*[np.concatenate([getattr(p, name) for p in parts]) for name in NAMES])
-
-
-def _part(
-    path: Path,
-    recipe: LibraryRecipe,
-    position: Array,
-    quaternion: Array,
-    numbers: Array,
-    before: Library | None,
-    last: bool,
-) -> int:
-    """Write one file of a round; returns the number of its goals."""
-    on_one_thread()  # several threads of BLAS give other bits
+def _solver(recipe: LibraryRecipe) -> Solver:
+    """Motions of goals by the planner, from random starts in the first round, then from their neighbours."""
     context = PolicyContext.from_env(CaptureVectorEnv(ENV_ID, robot=recipe.robot))
     robot, duration = context.arm, motion_duration(recipe.robot)
     limits = robot_limits(recipe.robot) if recipe.limited else Limits()
     planner = OptimalPlanner(robot, limits, further=further_rows(context, limited=recipe.limited))
-    rows = []
-    for number, goal_position, goal_quaternion in zip(numbers, position, quaternion, strict=True):
-        goal = Grapple.at_rest(goal_position, goal_quaternion)
+
+    def motion(
+        position: Array, quaternion: Array, number: int, before: Library | None, round_number: int
+    ) -> Motion:
+        goal = Grapple.at_rest(position, quaternion)
         reach = Reach(robot.home, goal, duration, keep_attitude=recipe.keep_attitude).checked(robot)
         if before is None:
-            rows.append(first_motion(planner, reach, np.random.default_rng([recipe.seed, number])))
-        else:
-            rows.append(improved_motion(planner, reach, before, int(number), last))
-    coordinates, cost, attempts = (np.array(column) for column in zip(*rows, strict=True))
-    Library(position, quaternion, coordinates, cost, attempts).save(path)
-    return len(numbers)
+            return first_motion(planner, reach, np.random.default_rng([recipe.seed, number]))
+        return improved_motion(planner, reach, before, number, round_number == ROUNDS)
+
+    return motion

@@ -32,7 +32,8 @@ def parser() -> Parser:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit status."""
-    return exit_status(NAME, lambda: run(parser().parse_args(arguments)))
+    goes_on = "stopped; the same command goes on from here"
+    return exit_status(NAME, lambda: run(parser().parse_args(arguments)), goes_on)
 
 
 def run(options: argparse.Namespace) -> None:

@@ -78,6 +78,11 @@ def library_command(robot: Robot, keep_attitude: bool, limited: bool = True) -> 
     return f"python -m agents.demonstrations.optimal {options}"
 
 
+def reactionless_command(robot: Robot) -> str:
+    """Command that makes the library of a robot's motions that never rotate the base."""
+    return f"python -m agents.demonstrations.reactionless {robot_options(robot)}"
+
+
 def find_library(robot: Robot, keep_attitude: bool, limited: bool = True) -> Library | None:
     """A robot's library of motions from home at rest, if it was made.
 
