@@ -74,7 +74,9 @@ class FollowedPlans(PlanState):
 def sampled_plans(
     rest: Array, plans: Sequence[JointPath | Failure], times: Array, start: Array
 ) -> FollowedPlans:
-    """Plans of N episodes sampled at times (T,) s; without a plan the arm stays at rest.
+    """Plans of N episodes sampled at times (T,) s; after its end a plan goes on at its last rates.
+
+    Without a plan the arm stays at rest.
 
     Args:
         rest: (N, n) rad, joint angles at the start. plans: of each episode. start: (N,) s.
@@ -88,6 +90,7 @@ def sampled_plans(
             position[row], rate[row] = rest[row], 0.0
         else:
             position[row], rate[row], _ = plan.sample(times)
+            position[row] += np.maximum(times - plan.time[-1], 0.0)[:, None] * plan.rate[-1]
             last[row] = np.abs(times - plan.time[-1]).argmin()
     return FollowedPlans(position, rate, start, last, failures)
 

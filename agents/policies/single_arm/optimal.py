@@ -19,7 +19,12 @@ from agents.planners.single_arm.weights.weight_space import WeightSpace
 from agents.policies.clearance import SPHERE_MARGIN, KeepOut, link_radii, spheres_seen
 from agents.policies.following import FollowedPlans, sampled_plans
 from agents.policies.goals import observed_goals
-from agents.policies.single_arm.reaching import ReachingPolicy, motion_duration, motion_times
+from agents.policies.single_arm.reaching import (
+    ReachingPolicy,
+    interception_window,
+    motion_duration,
+    motion_times,
+)
 from space_envs.drives import CORIOLIS_SHARE, braking_deceleration
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
@@ -80,7 +85,7 @@ def reaches(context: PolicyContext, observation: Array, keep_attitude: bool) -> 
     def read(name: str) -> Array:
         return context.layout.read(observation, name)
 
-    goals = observed_goals(context, observation)
+    goals, time = observed_goals(context, observation), read("time")[:, 0].tolist()
     goals = goals.in_frame(read("base_position"), read("base_quaternion"))
     start, rate = read("joint_position"), read("joint_velocity")
     duration, spheres = motion_duration(context.robot), spheres_seen(context, observation)
@@ -97,6 +102,7 @@ def reaches(context: PolicyContext, observation: Array, keep_attitude: bool) -> 
             None if spheres is None else spheres[row],
             link_radii(context.robot),
             kind=context.goal_kind,
+            window=interception_window(context, time[row]) if context.goals == "moving" else None,
         )
         for row in range(len(start))
     ]
@@ -141,6 +147,7 @@ def _checked(plan: ReachPlan | Failure, times: Array, keep_out: KeepOut) -> Reac
     """The plan, or the failure of a plan in which a link touches something."""
     if isinstance(plan, Failure):
         return plan
+    times = times[: np.abs(times - plan.time[-1]).argmin() + 1]
     path, rate, _ = plan.sample(times)
     return keep_out.refusal(plan.method, path, rate, float(times[1])) or plan
 

@@ -12,6 +12,8 @@ from space_envs.robots.robot import Robot
 
 DURATION = 10.0  # s, of every planned motion of a robot that is fast enough
 DISPLACEMENT = 1.0  # rad, of a joint, that a minimum-jerk motion of the duration can make within the limits
+EARLIEST = 0.5  # of the duration, of motions to moving goals
+RESERVE = 1.0  # s, of an episode that motions to moving goals leave in addition to the hold
 _JERK_RATE, _JERK_ACCELERATION = 15.0 / 8.0, 10.0 / 3.0**0.5  # its largest, for unit displacement and time
 # The pose error at the end of a motion is corrected slowly, once the plan is over.
 HOLD_GAIN, HOLD_LINEAR_SPEED, HOLD_ANGULAR_SPEED = 0.5, 0.02, 0.02  # 1/s, m/s, rad/s
@@ -25,9 +27,20 @@ def motion_duration(robot: Robot) -> float:
 
 
 def motion_times(context: PolicyContext) -> Array:
-    """Sampling times (T,) of a planned motion, s: whole control periods from 0 to (nearly) the duration."""
-    duration = motion_duration(context.robot)
-    return np.arange(max(1, round(duration / context.control_period)) + 1) * context.control_period
+    """Sampling times (T,) of planned motions, s: whole control periods from 0 to (nearly) the longest one."""
+    static = context.goals == "static"
+    longest = motion_duration(context.robot) if static else interception_window(context, 0.0)[1]
+    return np.arange(max(1, round(longest / context.control_period)) + 1) * context.control_period
+
+
+def interception_window(context: PolicyContext, time: float) -> tuple[float, float]:
+    """Earliest and latest duration, s, of motions to a moving goal that start at a time in the episode, s.
+
+    The goal is held before the episode ends.
+    """
+    earliest = EARLIEST * motion_duration(context.robot)
+    left = context.horizon * context.control_period - time - context.envelope.hold - RESERVE
+    return earliest, max(left, earliest + context.control_period)
 
 
 def held_rates(context: PolicyContext, observation: Array) -> Array:
