@@ -96,30 +96,31 @@ class Drive:
         self._stops = JointStops(robot)
         self.extrapolate = True
         self._b = simulation.n_base
-        n = simulation.n_joints + self._b
-        self._last_mass, self._last_bias = np.zeros((simulation.n, n, n)), np.zeros((simulation.n, n))
-        self._mass, self._bias = self._last_mass, self._last_bias
+        self._last_mass = np.zeros_like(simulation.mass_entries)
+        self._last_bias = np.zeros_like(simulation.bias())
 
+    _mass: Array  # (N, b + n, b + n) and (N, b + n) of the period
+    _bias: Array
     low: Array  # (N, n) least and largest rate, rad/s, from which each joint can still brake before its limit
     high: Array
 
     def reset(self, rows: NDArray[np.int64]) -> None:
         """Reset the extrapolation of rows (k,) whose state was set."""
-        self._last_mass[rows] = self.simulation.mass_matrix()[rows]
+        self._last_mass[rows] = self.simulation.mass_entries[rows]
         self._last_bias[rows] = self.simulation.bias()[rows]
 
     def begin(self) -> None:
         """Update to the state at the start of a control period; call once per period, before the torques."""
         self.low, self.high = self._stops.rates(self.simulation.joint_position)
-        mass, bias = self.simulation.mass_matrix(), self.simulation.bias().copy()
-        self._mass, self._bias = mass, bias
+        mass, bias = self.simulation.mass_entries, self.simulation.bias()
         if self.extrapolate:
             # To the middle of the period.
-            self._mass, self._bias = 1.5 * mass - 0.5 * self._last_mass, 1.5 * bias - 0.5 * self._last_bias
-        self._last_mass, self._last_bias = mass, bias
+            mass, bias = 1.5 * mass - 0.5 * self._last_mass, 1.5 * bias - 0.5 * self._last_bias
+            self._last_mass[:], self._last_bias[:] = self.simulation.mass_entries, self.simulation.bias()
+        self._mass, self._bias = self.simulation.dense(mass), bias
 
     def snapshot(self) -> tuple[Array, Array]:
-        """Mass matrix and bias forces of the last period, copies."""
+        """Entries of the mass matrix and bias forces of the last period, copies."""
         return self._last_mass.copy(), self._last_bias.copy()
 
     def restore(self, snapshot: tuple[Array, Array]) -> None:
@@ -143,40 +144,54 @@ class Drive:
         stop before their limit brake first, and the others change with the remaining torque.
         """
         now = self.simulation.joint_velocity
-        late = np.asarray((now < self.low) | (now > self.high))
-        need, held, braking, stopping = self._inverse_dynamics(acceleration, late)
+        late = (now < self.low) | (now > self.high)
+        # Products of two columns: those of one column have other last bits.
+        inertial = self._mass[:, :, self._b :] @ acceleration[..., None].repeat(2, axis=2)
+        inertial[..., 1] = self._bias
+        need, held = self._eliminated(self._mass, inertial)
         torque = held + need
-        load = (np.abs(held) / self.torque_limit).max(axis=1, keepdims=True)
-        overspeed = (np.abs(now) > self._fastest).any(axis=1, keepdims=True)
-        fast = (load > CORIOLIS_SHARE) | overspeed
-        if not (late.any() or fast.any()) and (np.abs(torque) <= self.torque_limit).all():
-            return torque
+        load = np.abs(held) / self.torque_limit
+        fast = (load > CORIOLIS_SHARE) | (np.abs(now) > self._fastest)
+        limited = late | fast | (np.abs(torque) > self.torque_limit)
+        if limited.any():
+            rows = np.flatnonzero(limited.any(axis=1))
+            braking, stopping = self._braking(rows, acceleration[rows] * late[rows])
+            torque[rows] = self._limited(
+                need[rows], held[rows], braking, stopping, load[rows].max(axis=1), fast[rows].any(axis=1)
+            )
+        return torque
+
+    def _braking(self, rows: NDArray[np.int64], acceleration: Array) -> tuple[Array, Array]:
+        """Torques of rows (k,): for accelerations (k, n), and for stopping all joints within the period."""
+        mass = self._mass[rows]
+        stop = self.simulation.joint_velocity[rows] * (-1.0 / self.control_period)
+        return self._eliminated(mass, mass[:, :, self._b :] @ np.stack([acceleration, stop], axis=2))
+
+    def _eliminated(self, mass: Array, force: Array) -> tuple[Array, Array]:
+        """Joint torques (k, n) for each of two generalised forces (k, b + n, 2): the base has none."""
+        b = self._b
+        torque = force[:, b:] - mass[:, b:, :b] @ np.linalg.solve(mass[:, :b, :b], force[:, :b])
+        return torque[..., 0], torque[..., 1]
+
+    def _limited(
+        self, need: Array, held: Array, braking: Array, stopping: Array, load: Array, fast: NDArray[np.bool_]
+    ) -> Array:
+        """Torques (k, n) within their limits.
+
+        Args:
+            need, held, braking, stopping: torques (k, n) for the accelerations, for Coriolis and centrifugal
+                forces, for the accelerations of joints that are late alone, and for stopping all joints.
+            load: (k,) largest share of a drive's torque in `held`. fast: (k,) whether the arm is slowed.
+        """
         after = held + braking * self._room(held, braking)
         rest = need - braking
         torque = after + rest * self._room(after, rest)
         # If Coriolis forces need much of a drive's torque, the whole arm is slowed along its direction of
         # motion. If they need nearly all of it, they are not compensated: they do no work, so torques opposed
         # to M* times the rates always brake.
-        retained = np.where(load > CORIOLIS_LOST, 0.0, held)
+        retained = np.where(load[:, None] > CORIOLIS_LOST, 0.0, held)
         slower = retained + stopping * self._room(retained, stopping)
-        return self._within(np.where(fast, slower, torque))
-
-    def _inverse_dynamics(
-        self, acceleration: Array, late: NDArray[np.bool_]
-    ) -> tuple[Array, Array, Array, Array]:
-        """Torques (N, n): for joint accelerations (N, n), for Coriolis and centrifugal forces, for the
-        accelerations of the late joints (N, n) alone, and for stopping all joints within the period."""
-        mass, bias, b = self._mass, self._bias, self._b
-        command = np.empty((*acceleration.shape, 3))
-        command[..., 0] = acceleration
-        command[..., 1] = acceleration * late
-        command[..., 2] = self.simulation.joint_velocity * (-1.0 / self.control_period)
-        force = np.empty((*bias.shape, 4))
-        force[..., :3] = mass[:, :, b:] @ command
-        force[..., 3] = bias
-        base = np.linalg.solve(mass[:, :b, :b], force[:, :b])
-        torque = force[:, b:] - mass[:, b:, :b] @ base
-        return torque[..., 0], torque[..., 3], torque[..., 1], torque[..., 2]
+        return self._within(np.where(fast[:, None], slower, torque))
 
     def _room(self, held: Array, need: Array) -> Array:
         """Largest factor (N, 1) up to 1 with which `need` can be added to `held` within the torque limits."""

@@ -21,7 +21,7 @@ STAGE_NONE = mujoco.mjtStage.mjSTAGE_NONE
 _VIEWS = {
     **{name: name for name in ("qpos", "qvel", "ctrl", "mocap_pos", "mocap_quat")},
     "sensors": "sensordata",
-    "_mass": "M",
+    "mass_entries": "M",
     "_bias": "qfrc_bias",
 }
 _ONE_THREAD_UP_TO = 8  # simulations; below this, handing work to threads costs more than it saves
@@ -41,6 +41,7 @@ class Simulation:
         qpos (N, nq), qvel (N, nv), ctrl (N, n): live and writable.
         mocap_pos (N, k, 3), mocap_quat (N, k, 4): likewise, of the k mocap bodies.
         sensors (N, ns): live, current after `step` and `refresh`.
+        mass_entries (N, k): likewise, stored entries of the mass matrix, of which `dense` makes matrices.
         watch: called after every step of the simulation.
     """
 
@@ -68,7 +69,7 @@ class Simulation:
     mocap_pos: Array
     mocap_quat: Array
     sensors: Array
-    _mass: Array
+    mass_entries: Array
     _bias: Array
 
     def _open(self, threads: int) -> None:
@@ -127,7 +128,11 @@ class Simulation:
 
     def mass_matrix(self) -> Array:
         """Mass matrix (N, b + n, b + n) of the robot in generalised velocities, a copy."""
-        mass = self._mass.take(self._mass_index, axis=1)
+        return self.dense(self.mass_entries)
+
+    def dense(self, entries: Array) -> Array:
+        """Symmetric matrices (K, b + n, b + n) of stored entries (K, k) of the mass matrix."""
+        mass = entries.take(self._mass_index, axis=1)
         if self._mass_present is not None:
             mass *= self._mass_present
         return mass
@@ -177,8 +182,7 @@ class Simulation:
     def set_base_velocity(self, rows: Rows) -> None:
         """Give the base of rows (k,) the velocity that makes total momentum zero with the joint rates set."""
         self.refresh(rows)
-        mass = self.mass_matrix()[rows]
-        b = self.n_base
+        mass, b = self.dense(self.mass_entries[rows]), self.n_base
         momentum = mass[:, :b, b:] @ self.joint_velocity[rows][..., None]
         self.qvel[rows, :b] = -np.linalg.solve(mass[:, :b, :b], momentum)[..., 0]
 

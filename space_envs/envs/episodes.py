@@ -66,9 +66,9 @@ class EpisodeTracker:
             counter[rows] = 0
 
     def observe_start(self, rows: NDArray[np.int64], observation: Array) -> None:
-        """Store rows (k,) of observations (N, size) as initial ones."""
-        self.observation[rows] = observation[rows]
-        self.held[rows] = self._task.errors(self.observation).within(self._task.limits)[rows]
+        """Store observations (k, size) of rows (k,) as initial ones."""
+        self.observation[rows] = observation
+        self.held[rows] = self._task.errors(observation).within(self._task.limits)
 
     def count(self, clipped: NDArray[np.bool_] | None, ended: NDArray[np.bool_] | None) -> None:
         """Count a control period of the running episodes, and their clipped actions (N,) bool."""

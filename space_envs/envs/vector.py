@@ -184,7 +184,8 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
             return
         self._controlled.begin(rows, start)
         self.episodes.begin(rows, start)
-        self.episodes.observe_start(rows, self.task.observe(self.simulation.sensors, self.episodes.time))
+        sensors, time = self.simulation.sensors[rows], self.episodes.time[rows]
+        self.episodes.observe_start(rows, self.task.observe(sensors, time))
 
     # Step ----------------------------------------------------------------------------------------------
 
