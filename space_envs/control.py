@@ -3,9 +3,11 @@
 Every mode computes joint torques, which are internal to the robot and do not change its total momentum.
 """
 
+import copy
 from collections.abc import Callable
-from typing import Protocol
+from typing import Any, Protocol
 
+import mujoco
 import numpy as np
 
 from space_envs.drives import Drive
@@ -65,22 +67,65 @@ class Lookahead:
     controller does not know the actual ones.
     """
 
-    def __init__(self, drive: Drive) -> None:
+    def __init__(self, drive: Drive, fields: tuple[str, ...] = ()) -> None:
         self.drive = drive
-        simulation = drive.simulation
-        self.simulation = Simulation(simulation.model, simulation.n, simulation.batch.nthread)
+        simulation, model = drive.simulation, copy.copy(drive.simulation.model)
+        model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_SENSOR)  # which take time
+        self.simulation = Simulation(model, simulation.n, simulation.batch.nthread, fields)
 
     def update(self) -> None:
         """Predict from the present state of the drive's simulation."""
         now, ahead = self.drive.simulation, self.simulation
         ahead.base_attitude[:] = now.base_attitude
-        ahead.joint_position[:] = now.joint_position + self.drive.control_period * now.joint_velocity
+        np.add(now.joint_position, self.drive.control_period * now.joint_velocity, out=ahead.joint_position)
         ahead.batch.forward(stage=STAGE_POS)
 
     def base_map(self) -> Array:
         """Base velocity (N, b, n) per joint rate, zero momentum; linear in inertial, angular in base axes."""
         mass, b = self.simulation.mass_matrix(), self.simulation.n_base
         return -np.linalg.solve(mass[:, :b, :b], mass[:, :b, b:])
+
+
+class EndEffectorJacobians:
+    """Jacobians of end-effectors, with the bits of `mujoco.mj_jac`, which would repeat the kinematics.
+
+    A unit rate of a degree of freedom moves the bodies that it carries as in `cdof`: [angular; linear]
+    velocity, about the robot's centre of mass.
+
+    Args:
+        simulation: with the `fields`.
+    """
+
+    fields = "cdof", "site_xpos", "subtree_com"
+    # The cross product of `cdof` and an arm: components of its two products' factors.
+    _rotation, _arm = np.array([1, 2, 0, 2, 0, 1]), np.array([2, 0, 1, 1, 2, 0])
+
+    def __init__(self, simulation: Any) -> None:
+        self._simulation, model = simulation, simulation.model
+        size = simulation.n_base + simulation.n_joints
+        names = [model.site(site).name for site in range(model.nsite)]
+        self._sites = np.array([i for i, name in enumerate(names) if name.startswith("end_effector")])
+        self.count = len(self._sites)
+        bodies = model.site_bodyid[self._sites].tolist()
+        self._root = int(model.body_rootid[bodies[0]])
+        self._carried = np.zeros((self.count, 1, size))
+        for carried, body in zip(self._carried, bodies, strict=True):
+            while body:
+                carried += model.dof_bodyid[:size] == body
+                body = int(model.body_parentid[body])
+
+    def current(self) -> Array:
+        """(N, k, 6, b + n) of k end-effectors, [linear; angular] in inertial axes."""
+        simulation = self._simulation
+        axes = np.ascontiguousarray(simulation.cdof[:, : self._carried.shape[-1]].swapaxes(1, 2))[:, None]
+        arms = simulation.site_xpos.take(self._sites, axis=1) - simulation.subtree_com[:, self._root, None]
+        products = axes.take(self._rotation, axis=2) * arms.take(self._arm, axis=2)[..., None]
+        jacobian = np.empty((*arms.shape[:2], 6, axes.shape[-1]))
+        np.subtract(products[:, :, :3], products[:, :, 3:], out=jacobian[:, :, :3])
+        jacobian[:, :, :3] += axes[:, :, 3:]
+        jacobian[:, :, 3:] = axes[:, :, :3]
+        jacobian *= self._carried
+        return jacobian
 
 
 class EndEffectorVelocity:
@@ -91,31 +136,19 @@ class EndEffectorVelocity:
 
     def __init__(self, drive: Drive) -> None:
         self.drive = drive
-        self._ahead = Lookahead(drive)
-        model, planar = drive.simulation.model, drive.simulation.planar
-        sites = [model.site(i) for i in range(model.nsite) if model.site(i).name.startswith("end_effector")]
-        starts = [int(model.sensor(f"{site.name}_position").adr[0]) for site in sites]
-        self._end_effectors = [
-            (int(site.bodyid[0]), slice(start, start + 3)) for site, start in zip(sites, starts, strict=True)
-        ]
-        self._rows = np.array([0, 1, 5]) if planar else np.arange(6)
-        twist = np.repeat(END_EFFECTOR_SPEED, 3)[self._rows]
-        self.scale = np.tile(twist, len(sites))
+        self._ahead = Lookahead(drive, EndEffectorJacobians.fields)
+        self._jacobians = EndEffectorJacobians(self._ahead.simulation)
+        self._rows = [0, 1, 5] if drive.simulation.planar else slice(None)
+        self.scale = np.tile(np.repeat(END_EFFECTOR_SPEED, 3)[self._rows], self._jacobians.count)
         self.size = len(self.scale)
+        self._damping = DAMPING**2 * np.eye(self.size)
 
     def torques(self, action: Array) -> Array:
-        ahead = self._ahead
+        ahead, b = self._ahead, self.drive.simulation.n_base
         ahead.update()
-        simulation = ahead.simulation
-        parts = []
-        for body, point in self._end_effectors:
-            parts += simulation.batch.jac(body, simulation.sensors[:, point])
-        rows = np.concatenate([self._rows + 6 * index for index in range(len(self._end_effectors))])
-        jacobian = np.concatenate(parts, axis=1)[:, rows]
-        b = simulation.n_base
-        joints = slice(b, b + simulation.n_joints)
-        generalized = jacobian[:, :, joints] + jacobian[:, :, :b] @ ahead.base_map()
-        square = generalized @ generalized.swapaxes(1, 2) + DAMPING**2 * np.eye(self.size)
+        jacobian = self._jacobians.current()[:, :, self._rows].reshape(len(action), self.size, -1)
+        generalized = jacobian[:, :, b:] + jacobian[:, :, :b] @ ahead.base_map()
+        square = generalized @ generalized.swapaxes(1, 2) + self._damping
         command = np.linalg.solve(square, (action * self.scale)[..., None])
         rate = (generalized.swapaxes(1, 2) @ command)[..., 0]
         excess = (np.abs(rate) / self.drive.rate_limit).max(axis=1, keepdims=True)
@@ -148,12 +181,12 @@ class Reactionless:
             attitude = 2.0 * attitude[:, 1:] * np.copysign(1.0, attitude[:, :1])
         base_rate = -ATTITUDE_GAIN * attitude
 
-        def projected(rate: Array, adjustable: Array) -> Array:
+        def projected(rate: Array, adjustable: Array | None = None) -> Array:
             return reactionless_projection(rotation_map, rate, base_rate, adjustable, _REGULARISATION)
 
         command = np.minimum(np.maximum(action * self.scale, low), high)
-        rate = projected(command, np.ones_like(command))
-        adjustable = ((rate >= low) & (rate <= high)).astype(np.float64)
+        rate = projected(command)
+        adjustable = (rate >= low) & (rate <= high)
         rate = projected(np.minimum(np.maximum(rate, low), high), adjustable)
         # Rates that still exceed a limit are all scaled together, which stays in the null space.
         bound = np.where(rate > 0.0, high, -low)
@@ -161,18 +194,19 @@ class Reactionless:
         rate = rate / np.maximum(excess, 1.0)
         # A joint too fast to stop in time: the whole arm brakes, since its motion is reactionless too.
         now = simulation.joint_velocity
-        late = ((now > high) | (now < low)).any(axis=1, keepdims=True)
-        rate = np.where(late, 0.0, rate)
+        if self.drive.late.any():
+            rate = np.where(self.drive.late.any(axis=1, keepdims=True), 0.0, rate)
         # The acceleration limit slows the change from the present motion, made reactionless, to the new one.
-        present = projected(now, np.ones_like(now))
+        present = projected(now)
         change = (rate - present) / self.drive.control_period
         largest = (np.abs(change) / self.drive.acceleration_limit).max(axis=1, keepdims=True)
         correction = (present - now) / self.drive.control_period
         torque = self.drive.accelerate(correction + change / np.maximum(largest, 1.0))
         excess = np.maximum(present - high, low - present)
-        away = (excess > AWAY * self.drive.rate_limit).any(axis=1, keepdims=True)
+        away = excess > AWAY * self.drive.rate_limit
         if away.any():
-            torque = np.where(away, self.drive.track(np.zeros_like(now)), torque)
+            braked = self.drive.track(np.zeros_like(now))
+            torque = np.where(away.any(axis=1, keepdims=True), braked, torque)
         return torque
 
 

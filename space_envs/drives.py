@@ -103,6 +103,7 @@ class Drive:
     _bias: Array
     low: Array  # (N, n) least and largest rate, rad/s, from which each joint can still brake before its limit
     high: Array
+    late: NDArray[np.bool_]  # (N, n) whether its rate is not between them
 
     def reset(self, rows: NDArray[np.int64]) -> None:
         """Reset the extrapolation of rows (k,) whose state was set."""
@@ -112,6 +113,8 @@ class Drive:
     def begin(self) -> None:
         """Update to the state at the start of a control period; call once per period, before the torques."""
         self.low, self.high = self._stops.rates(self.simulation.joint_position)
+        now = self.simulation.joint_velocity
+        self.late = (now < self.low) | (now > self.high)
         mass, bias = self.simulation.mass_entries, self.simulation.bias()
         if self.extrapolate:
             # To the middle of the period.
@@ -144,7 +147,6 @@ class Drive:
         stop before their limit brake first, and the others change with the remaining torque.
         """
         now = self.simulation.joint_velocity
-        late = (now < self.low) | (now > self.high)
         # Products of two columns: those of one column have other last bits.
         inertial = self._mass[:, :, self._b :] @ acceleration[..., None].repeat(2, axis=2)
         inertial[..., 1] = self._bias
@@ -152,10 +154,10 @@ class Drive:
         torque = held + need
         load = np.abs(held) / self.torque_limit
         fast = (load > CORIOLIS_SHARE) | (np.abs(now) > self._fastest)
-        limited = late | fast | (np.abs(torque) > self.torque_limit)
+        limited = self.late | fast | (np.abs(torque) > self.torque_limit)
         if limited.any():
             rows = np.flatnonzero(limited.any(axis=1))
-            braking, stopping = self._braking(rows, acceleration[rows] * late[rows])
+            braking, stopping = self._braking(rows, acceleration[rows] * self.late[rows])
             torque[rows] = self._limited(
                 need[rows], held[rows], braking, stopping, load[rows].max(axis=1), fast[rows].any(axis=1)
             )

@@ -43,15 +43,22 @@ class Simulation:
         sensors (N, ns): live, current after `step` and `refresh`.
         mass_entries (N, k): likewise, stored entries of the mass matrix, of which `dense` makes matrices.
         watch: called after every step of the simulation.
+
+    Args:
+        threads: None is a default that depends on N.
+        fields: of `mujoco.MjData` that become attributes (N, ...), live like the sensors.
     """
 
-    def __init__(self, model: mujoco.MjModel, n: int, threads: int | None = None) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, n: int, threads: int | None = None, fields: tuple[str, ...] = ()
+    ) -> None:
         if threads is None:
             threads = 1 if n <= _ONE_THREAD_UP_TO else min(len(os.sched_getaffinity(0)), 16)
         self.model = model
         self.n = n
         self.n_joints = model.nu
         self._base = int(model.jnt_bodyid[0])
+        self._views = _VIEWS | {name: name for name in fields}
         self.planar = base_kind(model, self._base) == "planar"
         self.n_base = 3 if self.planar else 6
         self.angular = slice(2, 3) if self.planar else slice(3, 6)
@@ -77,14 +84,14 @@ class Simulation:
         self.batch = Pool(self.model, self.n, threads)
         if self.batch.nthread > 1:
             notify_after_fork(self)
-        for attribute, name in _VIEWS.items():
+        for attribute, name in self._views.items():
             setattr(self, attribute, self.batch.bind(name))
 
     def after_fork(self) -> None:
         """Set the batch aside in a forked child, since its threads exist in the parent only."""
         if "batch" in self.__dict__:
             self._inherited = self.batch
-            for name in ("batch", *_VIEWS):
+            for name in ("batch", *self._views):
                 del self.__dict__[name]
 
     if not TYPE_CHECKING:  # type checkers must find missing attributes

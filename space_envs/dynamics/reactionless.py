@@ -4,6 +4,7 @@ All quantities are in base axes. At zero momentum a joint motion rotates the bas
 the angular half of the base map; W thetadot = 0 is the reactionless constraint, eq. 4 of shah2013.
 """
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -103,12 +104,16 @@ def reactionless_projection(
         adjustable: (..., n), 1 for joints whose rates may change and 0 for the others; None is all.
         regularisation: added to W W'.
     """
-    error = -(base_angular @ rate[..., None])[..., 0]
-    if base_rate is not None:
-        error = base_rate + error
+    error = (0.0 if base_rate is None else base_rate) - (base_angular @ rate[..., None])[..., 0]
     used = base_angular if adjustable is None else base_angular * adjustable[..., None, :]
-    square = used @ base_angular.swapaxes(-1, -2) + regularisation * np.eye(base_angular.shape[-2])
+    square = used @ base_angular.swapaxes(-1, -2)
+    square += regularisation * _identity(base_angular.shape[-2])
     return rate + (used.swapaxes(-1, -2) @ np.linalg.solve(square, error[..., None]))[..., 0]
+
+
+@cache
+def _identity(size: int) -> Array:
+    return np.eye(size)
 
 
 def axis_rotation(axis: Array, goal: Array) -> Array:
