@@ -169,6 +169,7 @@ class Reactionless:
         self.size = drive.simulation.n_joints
         self.scale = drive.rate_limit.copy()
         self._ahead = Lookahead(drive)
+        self._away = AWAY * drive.rate_limit
 
     def torques(self, action: Array) -> Array:
         simulation = self.drive.simulation
@@ -176,10 +177,11 @@ class Reactionless:
         self._ahead.update()
         rotation_map = self._ahead.base_map()[:, simulation.angular]  # (N, 3 or 1, n), base axes
         attitude = simulation.base_attitude
-        if not simulation.planar:
+        if simulation.planar:
+            base_rate = -ATTITUDE_GAIN * attitude
+        else:
             # For small angles twice the vector part is the rotation vector, in base axes too.
-            attitude = 2.0 * attitude[:, 1:] * np.copysign(1.0, attitude[:, :1])
-        base_rate = -ATTITUDE_GAIN * attitude
+            base_rate = np.copysign(2.0 * ATTITUDE_GAIN, -attitude[:, :1]) * attitude[:, 1:]
 
         def projected(rate: Array, adjustable: Array | None = None) -> Array:
             return reactionless_projection(rotation_map, rate, base_rate, adjustable, _REGULARISATION)
@@ -203,7 +205,7 @@ class Reactionless:
         correction = (present - now) / self.drive.control_period
         torque = self.drive.accelerate(correction + change / np.maximum(largest, 1.0))
         excess = np.maximum(present - high, low - present)
-        away = excess > AWAY * self.drive.rate_limit
+        away = excess > self._away
         if away.any():
             braked = self.drive.track(np.zeros_like(now))
             torque = np.where(away.any(axis=1, keepdims=True), braked, torque)

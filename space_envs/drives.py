@@ -155,19 +155,11 @@ class Drive:
         load = np.abs(held) / self.torque_limit
         fast = (load > CORIOLIS_SHARE) | (np.abs(now) > self._fastest)
         limited = self.late | fast | (np.abs(torque) > self.torque_limit)
-        if limited.any():
-            rows = np.flatnonzero(limited.any(axis=1))
-            braking, stopping = self._braking(rows, acceleration[rows] * self.late[rows])
-            torque[rows] = self._limited(
-                need[rows], held[rows], braking, stopping, load[rows].max(axis=1), fast[rows].any(axis=1)
-            )
+        if not limited.any():
+            return torque
+        rows = np.flatnonzero(limited.any(axis=1)) if len(torque) > 1 else slice(None)
+        torque[rows] = self._limited(rows, acceleration[rows], need[rows], held[rows], load[rows], fast[rows])
         return torque
-
-    def _braking(self, rows: NDArray[np.int64], acceleration: Array) -> tuple[Array, Array]:
-        """Torques of rows (k,): for accelerations (k, n), and for stopping all joints within the period."""
-        mass = self._mass[rows]
-        stop = self.simulation.joint_velocity[rows] * (-1.0 / self.control_period)
-        return self._eliminated(mass, mass[:, :, self._b :] @ np.stack([acceleration, stop], axis=2))
 
     def _eliminated(self, mass: Array, force: Array) -> tuple[Array, Array]:
         """Joint torques (k, n) for each of two generalised forces (k, b + n, 2): the base has none."""
@@ -176,24 +168,35 @@ class Drive:
         return torque[..., 0], torque[..., 1]
 
     def _limited(
-        self, need: Array, held: Array, braking: Array, stopping: Array, load: Array, fast: NDArray[np.bool_]
+        self,
+        rows: NDArray[np.int64] | slice,
+        acceleration: Array,
+        need: Array,
+        held: Array,
+        load: Array,
+        fast: NDArray[np.bool_],
     ) -> Array:
-        """Torques (k, n) within their limits.
+        """Torques (k, n) of rows (k,) within their limits.
 
         Args:
-            need, held, braking, stopping: torques (k, n) for the accelerations, for Coriolis and centrifugal
-                forces, for the accelerations of joints that are late alone, and for stopping all joints.
-            load: (k,) largest share of a drive's torque in `held`. fast: (k,) whether the arm is slowed.
+            need, held: torques (k, n) for accelerations (k, n), and for Coriolis and centrifugal forces.
+            load: (k, n) share of a drive's torque in `held`. fast: (k, n) whether it slows the arm.
         """
+        late = self.late[rows]
+        if not (late.any() or fast.any()):
+            return self._within(held + need * self._room(held, need))
+        stop = self.simulation.joint_velocity[rows] * (-1.0 / self.control_period)
+        mass, command = self._mass[rows], np.stack([acceleration * late, stop], axis=2)
+        braking, stopping = self._eliminated(mass, mass[:, :, self._b :] @ command)
         after = held + braking * self._room(held, braking)
         rest = need - braking
         torque = after + rest * self._room(after, rest)
         # If Coriolis forces need much of a drive's torque, the whole arm is slowed along its direction of
         # motion. If they need nearly all of it, they are not compensated: they do no work, so torques opposed
         # to M* times the rates always brake.
-        retained = np.where(load[:, None] > CORIOLIS_LOST, 0.0, held)
+        retained = np.where(load.max(axis=1, keepdims=True) > CORIOLIS_LOST, 0.0, held)
         slower = retained + stopping * self._room(retained, stopping)
-        return self._within(np.where(fast[:, None], slower, torque))
+        return self._within(np.where(fast.any(axis=1, keepdims=True), slower, torque))
 
     def _room(self, held: Array, need: Array) -> Array:
         """Largest factor (N, 1) up to 1 with which `need` can be added to `held` within the torque limits."""

@@ -66,7 +66,7 @@ class Simulation:
         self._open(threads)
         self._mass_index, self._mass_present = _dense_index(model, self.n_base + self.n_joints)
         self._nominal = (model.body_mass.copy(), model.body_inertia.copy())
-        self._warned = np.zeros(n, dtype=np.int64)
+        self._warned, self._all_warned = np.zeros(n, dtype=np.int64), 0
         self.watch: Callable[[], None] | None = None
 
     batch: Pool
@@ -167,6 +167,7 @@ class Simulation:
         """Put rows (k,) into the keyframe `home`, at rest; derived quantities follow at `refresh`."""
         self.batch.reset(ids=rows, keyframe=0, stage=STAGE_NONE)
         self._warned[rows] = self.batch.warning[rows, :, 1].sum(axis=1)
+        self._all_warned = self._warned.sum()
 
     def scale_base(self, rows: Rows, scale: Array) -> None:
         """Multiply the satellite's mass and inertia of rows (k,) by scale (k,), from the model's values."""
@@ -180,7 +181,7 @@ class Simulation:
 
     def warned(self) -> bool:
         """Whether any simulation has warned since it was reset; cheaper than `diverged`."""
-        return self.batch.warning[:, :, 1].sum() > self._warned.sum()
+        return self.batch.warning[:, :, 1].sum() > self._all_warned
 
     def diverged(self) -> NDArray[np.bool_]:
         """(N,) bool: MuJoCo found a bad state since the last reset and silently started over."""
@@ -222,6 +223,7 @@ class Simulation:
                 self.batch.bind(name)[row] = getattr(data, name)
         self.refresh()
         self._warned = self.batch.warning[:, :, 1].sum(axis=1)
+        self._all_warned = self._warned.sum()
 
     def state(self, row: int) -> Array:
         """Integration state of one simulation, for `mujoco.mj_setState`."""
