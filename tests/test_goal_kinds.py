@@ -9,13 +9,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from offenders import assert_none
 
 import space_envs  # noqa: F401  (registers the ids)
+from agents.commands.choice import experts_for
 from agents.commands.evaluate import main as evaluate
 from agents.planners.single_arm.check import check
 from agents.planners.single_arm.library import library_of
 from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.promp.optimal import OptimalPlanner
+from agents.policies.registry import make_policy
 from agents.policies.single_arm.optimal import drive_limits
 from space_envs.dynamics.grapples import Grapple
 from space_envs.dynamics.rotations import exponential, from_matrix, multiply, rotate, to_matrix, z_axis
@@ -168,9 +171,9 @@ def test_goals_for_hindsight_hold_what_is_asked():
 
 @pytest.mark.parametrize("keep", [False, True])
 def test_plans_for_less_than_a_pose_cost_less_and_ignore_what_is_not_asked(keep):
-    """Ends, limits and costs as the independent check measures them."""
+    """Ends, limits and costs as the independent check measures them; optima are local: costs are summed."""
     context = PolicyContext.from_env(CaptureVectorEnv(ID))
-    goals, limits = SingleArmTask().goals("validation", np.arange(2)), drive_limits(context)
+    goals, limits = SingleArmTask().goals("validation", np.arange(6)), drive_limits(context)
     planner = OptimalPlanner(ARM, limits, library_of(context.robot, keep))
     rng, costs = np.random.default_rng(3), []
     for kind in GOAL_KINDS:
@@ -183,8 +186,8 @@ def test_plans_for_less_than_a_pose_cost_less_and_ignore_what_is_not_asked(keep)
             other = Grapple.at_rest(position, multiply(quaternion, unasked(kind, rng)))
             same = measured(planner, limits, replace(reach, goal=other).checked(ARM))
             assert same.cost == pytest.approx(plan.cost, rel=1e-3)
-    pose, axis, place = np.reshape(costs, (3, 2))
-    assert (place < axis).all() and (axis < pose).all()
+    pose, axis, place = np.reshape(costs, (3, 6)).sum(axis=1)
+    assert place < axis < pose
 
 
 def measured(planner: Any, limits: Any, reach: Reach) -> ReachPlan:
@@ -199,6 +202,30 @@ def measured(planner: Any, limits: Any, reach: Reach) -> ReachPlan:
     for name in ("position", "rate", "acceleration", "torque"):
         assert plan.violation[name] < 1e-2
     return plan
+
+
+@pytest.mark.parametrize("kind", FREE)
+def test_every_planner_captures_and_ignores_what_is_not_asked(kind):
+    """Two episodes of one goal, which is rotated in one of them as the kind allows."""
+    goals, rng = SingleArmTask().goals("validation", np.arange(1)), np.random.default_rng(2)
+    quaternion = np.concatenate([goals.quaternion, multiply(goals.quaternion, unasked(kind, rng, 1))])
+    options = {"goal_position": goals.position[0], "goal_quaternion": quaternion}
+    failed = []
+    for name in experts_for(ID, keywords={"goal": kind}):
+        env = CaptureVectorEnv(ID, 2, goal=kind, autoreset_mode="disabled")
+        policy, state = make_policy(name, PolicyContext.from_env(env), 0), None
+        observation, _ = env.reset(seed=0, options=options)
+        captured = np.zeros(2, dtype=bool)
+        for _ in range(env.task.horizon):
+            action, state = policy.predict(observation, state)
+            observation, _, terminated, truncated, info = env.step(action)
+            captured |= info["outcome"] == "captured"
+            if (terminated | truncated).all():
+                break
+        angles = env.task.layout.read(observation, "joint_position")
+        if not captured.all() or np.abs(angles[1] - angles[0]).max() > 0.01:
+            failed.append(f"{name}: {captured}, {angles}")
+    assert_none(failed)
 
 
 def test_records_and_tables_name_the_kind(tmp_path, capsys):

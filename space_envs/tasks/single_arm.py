@@ -127,7 +127,8 @@ class SingleArmTask(CaptureTask):
 
     Attributes:
         goal: pose, axis or position; what a capture asks of the end-effector: the grapple's whole pose, its
-            position and approach axis z with any rotation about it, or its position with any orientation.
+            position and approach axis z with any rotation about it, or its position with any orientation;
+            its velocities have to match in any case.
     """
 
     envelope: CaptureEnvelope = field(default_factory=PoseEnvelope)

@@ -21,6 +21,7 @@ from space_envs.errors import positive_integer
 
 METHOD = "promp_optimal"
 CANDIDATES = 12  # stored motions whose predicted costs are compared
+FREER = 2  # times as many, where a goal asks for less than a pose: more of them lie near it
 IMPROVED = 1  # candidates that are improved; the others follow where none of them leads to the goal
 MOST_CANDIDATES = 10_000
 MOST_IMPROVED = 6  # candidates that are improved where none of them leads to the goal
@@ -146,7 +147,8 @@ class OptimalPlanner:
         if self._library is None:
             return []
         keep = reach.keep_attitude
-        guesses, predicted = ranked(space, bounds, self._library.nearest(reach, self._candidates), keep)
+        candidates = self._candidates if reach.kind == "pose" else FREER * self._candidates
+        guesses, predicted = ranked(space, bounds, self._library.nearest(reach, candidates), keep)
         found: list[SqpResult] = []
         for number, guess in enumerate(guesses[: max(MOST_IMPROVED, self._improved)]):
             if number >= self._improved and (best := _best(found)) is not None:
