@@ -7,12 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.planners.common.plans import Limits
+from agents.demonstrations.optimal.library import robot_limits
+from agents.planners.common.plans import Failure, Limits
 from agents.planners.single_arm.check import check
 from agents.planners.single_arm.library import library_of
 from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.promp.avoiding import AvoidingPlanner
 from agents.planners.single_arm.promp.demonstrated import DemonstratedPlanner
+from agents.planners.single_arm.promp.optimal import OptimalPlanner
 from agents.policies.goals import observed_goals
 from agents.policies.registry import POLICIES, control_mode, make_policy, policies_for
 from space_envs.dynamics import roll_out_base
@@ -23,7 +25,7 @@ from space_envs.errors import ConfigurationError
 from space_envs.policy import PolicyContext
 from space_envs.registration import register, unregister
 from space_envs.tasks.single_arm import SingleArmTask
-from tests.moving_goals import ENDS, circling, windowed
+from tests.moving_goals import ENDS, assert_intercepted, circling, tumbling, windowed
 from tests.moving_tasks import CirclingTask, TumblingTask
 
 TASK = SingleArmTask()
@@ -147,3 +149,42 @@ def successes(env: CaptureVectorEnv, name: str) -> np.ndarray:
         observation, _, _, _, info = env.step(action.astype(np.float32))
         success |= info["is_success"]
     return success
+
+
+@pytest.mark.parametrize("keep_attitude", [False, True])
+def test_optimal_motions_end_at_moving_grapples(keep_attitude: bool) -> None:
+    task_limits = robot_limits(TASK.robot)
+    planner = OptimalPlanner(ROBOT, task_limits, library_of(TASK.robot, keep_attitude))
+    for number in range(3):
+        for motion in (circling, tumbling):
+            reach = replace(motion(number), keep_attitude=keep_attitude)
+            plan = planner.plan(reach)
+            assert isinstance(plan, ReachPlan)
+            checked = check(TASK.model, ROBOT, reach, task_limits, plan)
+            assert_intercepted(reach, plan, checked)
+            for name in ("rate", "acceleration", "torque", "position"):
+                assert checked.violation[name] < 1e-6
+            if keep_attitude:
+                assert checked.violation["end_attitude"] < np.deg2rad(0.05)
+            # The least of the costs in a window is below that at its end.
+            later = planner.plan(windowed(reach, 10.0, 14.0))
+            assert isinstance(later, ReachPlan)
+            last = planner.plan(replace(reach, duration=14.0))
+            assert_intercepted(reach, later, check(TASK.model, ROBOT, reach, task_limits, later))
+            assert isinstance(last, Failure) or later.cost <= 1.001 * last.cost
+
+
+def test_only_velocities_that_the_goal_asks_for_are_matched() -> None:
+    for kind, asked in (("axis", 5), ("position", 3)):
+        reach = replace(tumbling(0), kind=kind)
+        plan = OptimalPlanner(ROBOT, Limits(), library_of(TASK.robot, False)).plan(reach)
+        assert isinstance(plan, ReachPlan)
+        found = check(TASK.model, ROBOT, reach, Limits(), plan).violation
+        assert found["linear_velocity_error"] < 1e-3
+        q, attitude = plan.position[-1], end_by_differences(plan, 0.01)[1]
+        approach = rotate(attitude, np.array([0.0, 0.0, 1.0]))
+        twist = ROBOT.generalized_jacobian(q) @ plan.rate[-1]
+        spin = rotate(multiply(attitude, conjugate(from_matrix(ROBOT.end_effector_pose(q)[1]))), twist[3:])
+        missing = spin - reach.end.angular_velocity
+        if asked == 5:
+            assert np.linalg.norm(np.cross(missing, approach)) < 1e-3

@@ -11,6 +11,7 @@ from space_envs.dynamics import FloatingRobot, attitude_cost, roll_out_base
 from space_envs.dynamics.grapples import PoseTwist
 from space_envs.dynamics.rotations import Array, angle_between, from_matrix, multiply, rotate, to_matrix
 from space_envs.dynamics.spheres import link_ends, sphere_gaps
+from space_envs.tasks.goals.kinds import GoalKind
 
 SAMPLES = 1001  # of the roll-out
 TORQUE_STRIDE = 5  # samples for one at which torques are evaluated
@@ -38,7 +39,7 @@ def check(
     twist, dt = robot.base_twist(*state[:2]), float(time[1])
     base = roll_out_base(robot, *state[:2], dt, twist=twist)
     violation = _boundary_errors(robot, reach, state, base) | _goal_errors(robot, goal, state, base)
-    violation |= _rotation_errors(robot, reach, state, base) | _excess(model, limits, state, twist)
+    violation |= _rotation_errors(robot, reach.kind, goal, state, base) | _excess(model, limits, state, twist)
     if reach.spheres is not None and len(reach.spheres):
         ends = link_ends(robot, state[0], *base)
         violation["clearance"] = -float(sphere_gaps(ends, reach.spheres, reach.link_radius).min())
@@ -80,17 +81,20 @@ def _goal_errors(
 
 
 def _rotation_errors(
-    robot: FloatingRobot, reach: Reach, state: tuple[Array, Array, Array], base: tuple[Array, Array]
+    robot: FloatingRobot,
+    kind: GoalKind,
+    goal: PoseTwist,
+    state: tuple[Array, Array, Array],
+    base: tuple[Array, Array],
 ) -> dict[str, float]:
     """Error of the end-effector's rotation at T, as far as the goal asks for one."""
     _, axes = robot.end_effector_pose(state[0][-1])
-    goal = reach.goal.at(reach.duration).quaternion
-    if reach.kind == "pose":
+    if kind == "pose":
         rotation = multiply(base[1][-1], from_matrix(axes))
-        return {"rotation_error": float(angle_between(rotation, goal))}
-    if reach.kind == "position":
+        return {"rotation_error": float(angle_between(rotation, goal.quaternion))}
+    if kind == "position":
         return {}
-    approach, wanted = rotate(base[1][-1], axes[:, 2]), to_matrix(goal)[:, 2]
+    approach, wanted = rotate(base[1][-1], axes[:, 2]), to_matrix(goal.quaternion)[:, 2]
     sine, cosine = np.linalg.norm(np.cross(approach, wanted)), approach @ wanted
     return {"rotation_error": float(np.arctan2(sine, cosine))}
 

@@ -23,8 +23,11 @@ def missing_library(context: PolicyContext) -> str | None:
 class PrompOptimal(OptimalPolicy):
     """Minimum base disturbance (eq. 20) in the weights of a ProMP; the final attitude is unconstrained.
 
-    Starts from the robot's library of optimal motions, or from rest where none was made.
+    Starts from the robot's library of optimal motions, or from rest where none was made. Moving grapples are
+    met at their own velocity, at the time of least cost.
     """
+
+    needs = replace(POSE, goals=None)
 
     def __init__(self, context: PolicyContext, seed: int = 0) -> None:
         super().__init__(context, seed)

@@ -1,16 +1,19 @@
 """Optimal motions in the weights of a ProMP, within milliseconds, started from stored optimal motions."""
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from agents.planners.common.plans import Cause, Failure, Limits
 from agents.planners.single_arm.inequalities.spheres import Spheres
 from agents.planners.single_arm.inequalities.torques import Torques
+from agents.planners.single_arm.interception import at_best_time
 from agents.planners.single_arm.library import Library
-from agents.planners.single_arm.problem import Reach, ReachPlan, require_rest
+from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.weights.bounds import Bounds, lower_and_upper
+from agents.planners.single_arm.weights.end_rates import matching_rates
 from agents.planners.single_arm.weights.ranking import ranked
 from agents.planners.single_arm.weights.sqp import GOAL_TOLERANCE, Ending, Rows, SqpResult, minimise
 from agents.planners.single_arm.weights.weight_space import WeightSpace
@@ -35,6 +38,15 @@ FURTHER = 6  # initial guesses around a motion that violates further inequalitie
 MORE_PERTURBED = 24  # others without a library, farther and farther, until one leads to the goal
 PERTURBATION = 0.1  # in coordinates (root of the integral of a joint's squared rate, per function)
 NODES = 101  # of a plan
+MATCHING_ROUNDS = 8  # of joint rates at the end, to a moving goal
+RATE_TOLERANCE = 1e-4  # rad/s, of these rates
+
+
+class Solved(NamedTuple):
+    """A solution and the motions that it is one of."""
+
+    space: WeightSpace
+    solution: SqpResult
 
 
 class OptimalPlanner:
@@ -65,31 +77,67 @@ class OptimalPlanner:
         self._further = further
 
     def plan(self, reach: Reach) -> ReachPlan | Failure:
-        """Plan the motion of least cost among all optima found."""
+        """Plan the motion of least cost among all optima found; with a window, as `at_best_time` chooses."""
         reach = reach.checked(self._robot)
+        if reach.window is None:
+            return self._planned(reach, thorough=True)
+        plan = partial(self._planned, thorough=False)
+        return at_best_time(plan, self._robot, self._limits, reach)
+
+    def _planned(self, reach: Reach, thorough: bool) -> ReachPlan | Failure:
+        """Plan of a checked problem with a given duration.
+
+        Args:
+            thorough: whether more is tried where the stored motions of least predicted cost lead nowhere.
+        """
         if (failure := self._out_of_reach(reach)) is not None:
             return failure
         space, bounds, rows = self.setting(reach)
-        found = self._from_library(space, bounds, rows, reach)
+        found = self._from_library(space, bounds, rows, reach, thorough)
         best = _best(found)
-        if best is None:
+        if best is None and (thorough or not found):
             found += self._from_rest(space, bounds, rows, reach.keep_attitude)
             best = _best(found)
         if best is None:
             return _failure(found, reach.duration)
+        if reach.goal.moves:
+            matched = self._matched(reach, space, best.y)
+            if isinstance(matched, Failure):
+                return matched
+            space, best = matched
+            bounds, rows = self._inequalities(space, reach)
         further = () if self._further is None else self._further(space)
         if any(row.violation(best.y) > 0.0 for row in further):
             best = _improved(space, bounds, (*rows, *further), reach.keep_attitude, best)
         return self.motion(space, best)
 
-    def setting(self, reach: Reach) -> tuple[WeightSpace, Bounds, tuple[Rows, ...]]:
-        """Return the motions, bounds and nonlinear inequalities of a checked problem.
+    def _matched(self, reach: Reach, space: WeightSpace, y: Array) -> Solved | Failure:
+        """The motion that ends as fast as the goal, from one to the same pose that ends at another rate.
 
-        Raises:
-            ConfigurationError: for a moving goal.
+        The rates at the end depend on the last configuration, which hardly depends on them: few rounds do.
         """
-        require_rest(METHOD, reach)
-        space = WeightSpace(
+        rate = np.zeros(self._robot.n_joints)
+        for _ in range(MATCHING_ROUNDS):
+            before, rate = rate, matching_rates(self._robot, reach, space, y)
+            space = self._space(reach, rate)
+            bounds, rows = self._inequalities(space, reach)
+            found = minimise(space, bounds, y, reach.keep_attitude, rows)
+            if _best([found]) is None:
+                return _failure([found], reach.duration)
+            y = found.y
+            if np.abs(rate - before).max() < RATE_TOLERANCE:
+                return Solved(space, found)
+        reason = f"joint rates at the end change by {np.abs(rate - before).max():.3g} rad/s in the last round"
+        return Failure(METHOD, Cause.SOLVER, reason)
+
+    def setting(self, reach: Reach) -> tuple[WeightSpace, Bounds, tuple[Rows, ...]]:
+        """Return the motions that end at rest, bounds and nonlinear inequalities of a checked problem."""
+        space = self._space(reach, np.zeros(self._robot.n_joints))
+        return space, *self._inequalities(space, reach)
+
+    def _space(self, reach: Reach, end_rate: Array) -> WeightSpace:
+        """Motions that end with given joint rates (n,), rad/s."""
+        return WeightSpace(
             self._robot,
             self._basis,
             reach.start,
@@ -98,8 +146,12 @@ class OptimalPlanner:
             reach.end.position,
             to_matrix(reach.end.quaternion),
             reach.c,
+            end_rate=end_rate,
             kind=reach.kind,
         )
+
+    def _inequalities(self, space: WeightSpace, reach: Reach) -> tuple[Bounds, tuple[Rows, ...]]:
+        """Bounds and nonlinear inequalities of motions."""
         limits = self._limits
         rows: list[Rows] = []
         if limits.torque is not None:
@@ -109,7 +161,7 @@ class OptimalPlanner:
         if reach.spheres is not None and len(reach.spheres):
             rows.append(Spheres(space, self._robot, reach.spheres, reach.link_radius))
         bounds = Bounds(space.even, space.even_fixed, *lower_and_upper(self._robot, limits))
-        return space, bounds, tuple(rows)
+        return bounds, tuple(rows)
 
     def solve(
         self,
@@ -141,7 +193,12 @@ class OptimalPlanner:
         )
 
     def _from_library(
-        self, space: WeightSpace, bounds: Bounds, rows: tuple[Rows, ...], reach: Reach
+        self,
+        space: WeightSpace,
+        bounds: Bounds,
+        rows: tuple[Rows, ...],
+        reach: Reach,
+        thorough: bool,
     ) -> list[SqpResult]:
         """Solutions from the stored motions with the least predicted costs."""
         if self._library is None:
@@ -150,12 +207,13 @@ class OptimalPlanner:
         candidates = self._candidates if reach.kind == "pose" else FREER * self._candidates
         guesses, predicted = ranked(space, bounds, self._library.nearest(reach, candidates), keep)
         found: list[SqpResult] = []
-        for number, guess in enumerate(guesses[: max(MOST_IMPROVED, self._improved)]):
+        most = max(MOST_IMPROVED if thorough else MAX_IMPROVED, self._improved)
+        for number, guess in enumerate(guesses[:most]):
             if number >= self._improved and (best := _best(found)) is not None:
                 if number >= MAX_IMPROVED or best.cost <= RETRY_COST_RATIO * predicted:
                     break
             found.append(minimise(space, bounds, guess, keep, rows))
-        for guess in guesses[:MOST_IMPROVED] if rows else ():
+        for guess in guesses[:MOST_IMPROVED] if rows and thorough else ():
             if _best(found) is not None:
                 break
             # Nonlinear inequalities are imposed after the goal has been reached without them.

@@ -125,6 +125,11 @@ class WeightSpace:
         """Base poses (S, K + 1, 12) at the ends of the intervals."""
         return self._chain(self.functions.twist(*self._states(y))[0])[0]
 
+    def last(self, y: Array) -> tuple[Array, Array]:
+        """Angles (n,), rad, and attitude (3, 3) of the base at the end of a motion, coordinates (n, m)."""
+        rotation = self.poses(y[None])[0, -1, 3:].reshape(3, 3).T
+        return self._end_fixed + y @ self._end, rotation
+
     def dense_cost(self, y: Array) -> Array:
         """Eq. 20 times dt (S,), m^2/s, of coordinates (S, n, m), by a finer quadrature than `values`."""
         value, slope, _ = Shapes.of(self.shapes.basis, DENSE).gauss
