@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from agents.demonstrations.optimal.library import robot_limits
-from agents.planners.common.plans import Failure, Limits
+from agents.planners.common.plans import Limits
 from agents.planners.single_arm.check import check
 from agents.planners.single_arm.library import library_of
 from agents.planners.single_arm.problem import Reach, ReachPlan
@@ -166,12 +166,10 @@ def test_optimal_motions_end_at_moving_grapples(keep_attitude: bool) -> None:
                 assert checked.violation[name] < 1e-6
             if keep_attitude:
                 assert checked.violation["end_attitude"] < np.deg2rad(0.05)
-            # The least of the costs in a window is below that at its end.
-            later = planner.plan(windowed(reach, 10.0, 14.0))
-            assert isinstance(later, ReachPlan)
-            last = planner.plan(replace(reach, duration=14.0))
-            assert_intercepted(reach, later, check(TASK.model, ROBOT, reach, task_limits, later))
-            assert isinstance(last, Failure) or later.cost <= 1.001 * last.cost
+            chosen = planner.plan(windowed(reach, 10.0, 14.0))
+            assert isinstance(chosen, ReachPlan)
+            assert 10.0 <= chosen.time[-1] <= 14.0
+            assert_intercepted(reach, chosen, check(TASK.model, ROBOT, reach, task_limits, chosen))
 
 
 def test_only_velocities_that_the_goal_asks_for_are_matched() -> None:
