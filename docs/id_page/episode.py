@@ -1,5 +1,7 @@
 """Sections of an id's page about observations, reward and the end of an episode."""
 
+from dataclasses import fields
+
 from docs.reading import (
     field_comments,
     number,
@@ -13,6 +15,12 @@ from space_envs.tasks.common import REWARDS, CaptureEnvelope
 from space_envs.tasks.dual_arm import DualArmTask
 from space_envs.tasks.outcome import ENV_OUTCOMES, Outcome
 
+_GOAL_KINDS = (
+    "With the keyword `goal`, a capture asks for less than the pose. The orientation error is then the angle "
+    "between the approach axes (`axis`) or zero (`position`), in the reward, the observation's "
+    "`rotation_error` and the records too; `goal_quaternion` is that of the pose that the goal was drawn as. "
+    "The observation keeps its size, so that trained agents can be loaded."
+)
 COUNTED_TEXT = {"second": "per s", "once": "once"}
 
 
@@ -86,6 +94,7 @@ def capture_section(env: CaptureVectorEnv) -> str:
             *([f"{both}the worse of the two."] if len(env.task.mechanics.end_effector_link) > 1 else []),
             table(("error of the end-effector", "tolerance", "unit", "keyword"), limits[:-1]),
             f"Hold time: {limits[-1][1]} {limits[-1][2]} (keyword {limits[-1][3]}), in consecutive steps.",
+            *([_GOAL_KINDS] if "goal" in {field.name for field in fields(env.task)} else []),
             table(('`info["outcome"]`', "flag", "when"), ends),
             *([_contacts(env)] if env.task.collides else []),
         ]
