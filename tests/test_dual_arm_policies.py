@@ -17,7 +17,7 @@ from agents.policies.dual_arm.observed import Reader
 from agents.policies.dual_arm.reactionless_rate import ReactionlessRate, track_rates
 from agents.policies.registry import POLICIES, make_policy, missing, policies_for
 from agents.policies.resolve import resolve_policy
-from space_envs.dynamics.rotations import Array
+from space_envs.dynamics.rotations import Array, z_axis
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import PolicyError
 from space_envs.evaluation.play.playing import roll_out
@@ -124,19 +124,19 @@ def test_predicted_grapples_are_where_the_simulation_has_them_later(env_id: str)
     for _ in range(30):
         observation, *_ = env.step(np.zeros(env.action_space.shape))
     times = np.array([0.0, 0.1, 5.0, 15.0])
-    predicted = reader.grapples(observation, times)
+    predicted = reader.goals(observation).at(times)
     for step in range(151):
         if step in (0, 1, 50, 150):
             place = (0, 1, 50, 150).index(step)
-            for name, found in (("position", predicted.position), ("linear_velocity", predicted.velocity)):
+            for name in ("position", "linear_velocity"):
                 seen = reader.vectors(observation, f"goal_{name}")
-                np.testing.assert_allclose(found[:, place], seen, atol=1e-7)
-            if predicted.axis is not None:
+                np.testing.assert_allclose(getattr(predicted, name)[:, :, place], seen, atol=1e-7)
+            if reader.aligned:
                 seen = reader.vectors(observation, "goal_axis")
-                np.testing.assert_allclose(predicted.axis[:, place], seen, atol=1e-7)
+                np.testing.assert_allclose(z_axis(predicted.quaternion)[:, :, place], seen, atol=1e-7)
         observation, *_ = env.step(np.zeros(env.action_space.shape))
-    assert (predicted.axis is None) == ("Planar" in env_id)
-    assert np.linalg.norm(predicted.position[:, 3] - predicted.position[:, 0], axis=-1).max() > 0.02
+    assert reader.aligned == ("Spatial" in env_id)
+    assert np.linalg.norm(predicted.position[:, :, 3] - predicted.position[:, :, 0], axis=-1).max() > 0.02
 
 
 @every_id

@@ -32,12 +32,13 @@ from space_envs.tasks.goals.tumbling import RENDEZVOUS_TIME
 
 # The canonical planar case: configuration, target and half distance of the grapple points are our reading of
 # shah2013, velocities are the paper's; the energy is that of a motion known to exist.
-CANONICAL = Capture(
+CANONICAL = Capture.at_end(
     start=np.array([0.0, 1.8, -1.5, 0.9, -0.6, 1.0]),
     duration=20.0,
     position=np.array([[2.0, 0.7, 0.0], [2.0, 1.3, 0.0]]),
     velocity=np.array([[-0.01, 0.0, 0.0], [0.01, 0.0, 0.0]]),
 )
+FAR = Capture.at_end(CANONICAL.start, 20.0, 3.0 * CANONICAL.position, CANONICAL.velocity)
 KNOWN_ENERGY = 0.455773  # J s
 every_kind = pytest.mark.parametrize("kind", ["planar", "spatial"])
 
@@ -61,7 +62,7 @@ def cases(kind: str, difficulty: str, count: int) -> list[tuple[Capture, Surroun
     found = []
     for k in range(count):
         axis = None if axes is None else axes[k]
-        capture = Capture(goals.joint_position[k], RENDEZVOUS_TIME, points[k], velocity[k], axis)
+        capture = Capture.at_end(goals.joint_position[k], RENDEZVOUS_TIME, points[k], velocity[k], axis)
         motion = tumbling_target(
             goals.position[k],
             goals.quaternion[k],
@@ -228,7 +229,7 @@ def test_limits_of_any_size_are_satisfied() -> None:
 
 def test_other_durations_scale_the_motion() -> None:
     # Without limits the motion is the same at every speed, but for the velocities at its end.
-    rest = replace(CANONICAL, velocity=np.zeros((2, 3)))
+    rest = Capture.at_end(CANONICAL.start, CANONICAL.duration, CANONICAL.position, np.zeros((2, 3)))
     slow = planned("planar", replace(rest, duration=40.0), Limits())
     fast = planned("planar", replace(rest, duration=10.0), Limits())
     assert fast.energy == pytest.approx(4.0 * slow.energy, rel=1e-6)
@@ -275,7 +276,7 @@ def still_at(centre: list[float]) -> Surroundings:
 @pytest.mark.parametrize(
     ("capture", "limits", "around", "cause", "message"),
     [
-        (replace(CANONICAL, position=3.0 * CANONICAL.position), {}, None, Cause.OUT_OF_REACH, "reach"),
+        (FAR, {}, None, Cause.OUT_OF_REACH, "reach"),
         (
             CANONICAL,
             {"position": CANONICAL.start[:, None] + np.array([-0.05, 0.05])},
@@ -466,7 +467,7 @@ def test_where_no_search_ends_the_best_given_motion_is_the_plan(
     kind: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     capture, _ = cases(kind, "medium", 1)[0]
-    capture = replace(capture, axis=None)
+    capture = replace(capture, aligned=False)
     monkeypatch.setattr(
         FreePathSolver,
         "solve",

@@ -19,7 +19,7 @@ from space_envs.errors import ConfigurationError
 from space_envs.robots.models import robot_mechanics
 
 # The canonical case of the lost Fig. 1 of shah2013 and its energies, J s, found by two implementations.
-CANONICAL = Capture(
+CANONICAL = Capture.at_end(
     start=np.array([0.0, 1.8, -1.5, 0.9, -0.6, 1.0]),
     duration=20.0,
     position=np.array([[2.0, 0.7, 0.0], [2.0, 1.3, 0.0]]),
@@ -57,7 +57,7 @@ def random_capture(robot: FloatingRobot, seed: int) -> Capture:
     base = robot.centre_of_mass(robot.kinematics(start)) - robot.centre_of_mass(robot.kinematics(there))
     velocity = np.zeros((2, 3))
     velocity[:, :2] = rng.uniform(-0.02, 0.02, (2, 2))
-    return Capture(
+    return Capture.at_end(
         start, float(rng.uniform(10.0, 30.0)), end_effectors(robot, there).position + base, velocity
     )
 
@@ -196,13 +196,14 @@ def test_control_bound_is_satisfied():
 
 def test_time_and_size_scale_as_they_must():
     """Twice the time, half the end velocities: the same curve at half the speed, half the energy."""
-    slow = Capture(CANONICAL.start, 40.0, CANONICAL.position, 0.5 * CANONICAL.velocity)
+    slow = Capture.at_end(CANONICAL.start, 40.0, CANONICAL.position, 0.5 * CANONICAL.velocity)
     assert planned(robot_of(), slow).energy == pytest.approx(0.5 * FREE_START, rel=1e-6)
 
 
 def test_refusals_are_typed():
     robot = robot_of()
-    far = Capture(CANONICAL.start, 20.0, CANONICAL.position + np.array([3.0, 0.0, 0.0]), CANONICAL.velocity)
+    there = CANONICAL.position + np.array([3.0, 0.0, 0.0])
+    far = Capture.at_end(CANONICAL.start, 20.0, there, CANONICAL.velocity)
     found = plan_ocp(robot, far)
     assert isinstance(found, Failure)
     assert (found.method, found.cause) == ("reactionless_ocp", Cause.OUT_OF_REACH)
@@ -227,6 +228,6 @@ def test_singular_captures_are_failures_of_every_method(seed):
 
 def test_space_is_refused_by_name():
     robot = robot_mechanics(DUAL_ARMS["spatial"])
-    capture = Capture(robot.home, 20.0, np.zeros((2, 3)), np.zeros((2, 3)))
+    capture = Capture.at_end(robot.home, 20.0, np.zeros((2, 3)), np.zeros((2, 3)))
     with pytest.raises(ConfigurationError, match="planar"):
         plan_ocp(robot, capture)

@@ -41,7 +41,8 @@ def robot_of(kind: str = "planar", mounts: tuple[tuple[float, float], ...] | Non
 
 
 def canonical(**changes: object) -> Capture:
-    return Capture(**{"start": START, "duration": 20.0, "position": GOALS, "velocity": VELOCITIES} | changes)  # type: ignore[arg-type]
+    ends = {"start": START, "duration": 20.0, "position": GOALS, "velocity": VELOCITIES}
+    return Capture.at_end(**ends | changes)  # type: ignore[arg-type]
 
 
 @cache
@@ -58,7 +59,7 @@ def near(robot: FloatingRobot, start: Array, away: float, duration: float = 12.0
     moved = end_effectors(robot, there).position + centre - robot.centre_of_mass(robot.kinematics(there))
     found = reach(robot, start[None], moved[None])
     assert found.distance[0] < 1e-3
-    return Capture(start, duration, moved, np.zeros((2, 3)))
+    return Capture.at_end(start, duration, moved, np.zeros((2, 3)))
 
 
 def scalar_path(start: float, end: float, first: float, last: float, duration: float) -> PolynomialPath:

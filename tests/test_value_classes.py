@@ -45,7 +45,7 @@ ARM = make_task("SpaceCapture/SingleArm-v0", {}).mechanics
 ARMS = make_task("SpaceCapture/DualArmPlanar-v0", {}).mechanics
 GRAPPLE = Grapple.at_rest(np.ones(3), np.array([1.0, 0.0, 0.0, 0.0]))
 REACH = Reach(ARM.home, GRAPPLE, 10.0, np.zeros(7))
-REST = Capture(ARMS.home, 20.0, np.ones((2, 3)), np.zeros((2, 3)), np.ones((2, 3)))
+REST = Capture(ARMS.home, 20.0, Grapple.at_rest(np.ones((2, 3)), np.array([1.0, 0.0, 0.0, 0.0])))
 PROMP = ProMP(np.zeros((2, 10)), 0.01 * np.eye(20))
 MODEL = robot_model(find_robot("shyam2020"))
 
@@ -160,7 +160,8 @@ CASES = [
     *each(reach, "spheres", NO_TABLE | st.sampled_from([np.zeros((2, 4)), np.ones((2, 3))])),
     *each(reach, "keep_attitude", NO_FLAG),
     *each(capture, "duration", NOT_POSITIVE),
-    *each(capture, "start position velocity axis", NO_ARRAY),
+    *each(capture, "start goals", NO_ARRAY),
+    *each(capture, "aligned", NO_FLAG),
     *each(Surroundings, "radius", NOT_POSITIVE),
     *each(Surroundings, "margin gripper contact", NEGATIVE),
     *each(Surroundings, "standing", NO_SIZE),

@@ -49,7 +49,7 @@ class CaptureCase:
         points, velocity = np.zeros((2, 3)), np.zeros((2, 3))
         points[:, :2] = np.array(self.centre) + arms
         velocity[:, :2] = self.spin * np.column_stack([-arms[:, 1], arms[:, 0]])
-        return Capture(start=np.array(self.start), duration=self.duration, position=points, velocity=velocity)
+        return Capture.at_end(np.array(self.start), self.duration, points, velocity)
 
 
 # shah2013 gives the target's centre, the end velocities (-+0.01, 0) m/s and the arms' rest at the start. The

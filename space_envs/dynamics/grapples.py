@@ -2,12 +2,12 @@
 
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from space_envs.checks import finite_array
+from space_envs.checks import finite_array, numbers
 from space_envs.dynamics.rigid_body import point_motion, tumble
 from space_envs.dynamics.rotations import Array, conjugate, multiply, rotate
 from space_envs.errors import ConfigurationError
@@ -136,8 +136,8 @@ class Grapple:
         }
         return replace(self, **rows)
 
-    def checked(self) -> Self:
-        """Return a copy with float64 arrays and unit quaternions, of a single grapple.
+    def checked(self, *batch: int) -> Self:
+        """Return a copy with float64 arrays and unit quaternions, of a batch of a size; of one by default.
 
         Raises:
             ConfigurationError: if a shape is wrong, a number is not finite, a quaternion is zero or a moment
@@ -147,19 +147,28 @@ class Grapple:
         if not (inertia > 0.0).all():
             raise ConfigurationError(f"moments of inertia must be positive, got {inertia.tolist()}")
         vectors = {
-            name: finite_array(f"{name} of a grapple", getattr(self, name), (3,))
+            name: _rows(name, getattr(self, name), (*batch, 3))
             for name in ("centre", "linear_velocity", "angular_velocity", "offset")
         }
-        turns = {name: _unit(name, getattr(self, name)) for name in ("attitude", "orientation")}
+        turns = {name: _unit(name, getattr(self, name), (*batch, 4)) for name in ("attitude", "orientation")}
         return replace(self, inertia=inertia, **vectors, **turns)
 
 
 _BATCHED = tuple(field.name for field in fields(Grapple) if field.name != "inertia")
 
 
-def _unit(name: str, value: NDArray) -> Array:
-    """The unit quaternion (4,) of a value; ConfigurationError for another shape, NaN or zero."""
-    quaternion = finite_array(f"{name} of a grapple", value, (4,))
-    if not (length := float(np.linalg.norm(quaternion))) > 0.0:
+def _rows(name: str, value: Any, shape: tuple[int, ...]) -> Array:
+    """Finite numbers of a shape, where one row may stand for all; ConfigurationError for anything else."""
+    found = numbers(value)
+    if found is not None and found.shape == shape[-1:]:
+        value = np.broadcast_to(found, shape)
+    return finite_array(f"{name} of a grapple", value, shape)
+
+
+def _unit(name: str, value: Any, shape: tuple[int, ...]) -> Array:
+    """Unit quaternions of a shape; ConfigurationError for another shape, NaN or zero."""
+    quaternion = _rows(name, value, shape)
+    length = np.array([np.linalg.norm(row) for row in quaternion.reshape(-1, 4)])
+    if not (length > 0.0).all():
         raise ConfigurationError(f"{name} of a grapple must not be zero, got {value!r}")
-    return quaternion / length
+    return quaternion / length.reshape(*shape[:-1], 1)

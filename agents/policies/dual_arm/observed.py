@@ -1,28 +1,14 @@
 """Observations of the dual-arm tasks for policies, in the same form for the plane and for space."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
-from space_envs.dynamics.rigid_body import point_motion, tumble
-from space_envs.dynamics.rotations import Array, conjugate, exponential, rotate
+from agents.planners.dual_arm.problem import axis_attitude
+from space_envs.dynamics.grapples import Grapple, PoseTwist
+from space_envs.dynamics.rotations import Array, exponential
 from space_envs.policy import PolicyContext
 
-
-@dataclass(frozen=True)
-class GrappleMotion:
-    """Motion of the grapple points at T times, in the inertial frame.
-
-    Attributes:
-        position, velocity: (N, T, 2, 3) m and m/s. axis: (N, T, 2, 3), approach directions, or None where any
-            will do. attitude: (N, T, 4) of the target.
-    """
-
-    position: Array
-    velocity: Array
-    axis: Array | None
-    attitude: Array
+_Z = np.array([0.0, 0.0, 1.0])
 
 
 class Reader:
@@ -65,19 +51,17 @@ class Reader:
         rotation[:, 2] = self.field(observation, f"{body}_angle")[:, 0]
         return exponential(rotation)
 
-    def grapples(self, observation: NDArray, times: Array) -> GrappleMotion:
-        """The grapple points, predicted for times (T,) s from now: the target rotates freely."""
-        centre = self.vector(observation, "target_position")
-        attitude = self.quaternion(observation, "target")
-        to_target = conjugate(attitude)[:, None]
-        points = rotate(to_target, self.vectors(observation, "goal_position") - centre[:, None])
-        spin = self.vector(observation, "target_angular_velocity")
-        attitudes, spins = tumble(attitude, spin, self.inertia, times)
-        position, velocity = point_motion(
-            centre[:, None, None], attitudes[:, :, None], spins[:, :, None], points[:, None]
-        )
-        axis = None
-        if "goal_axis" in self.context.layout.slices:
-            local = rotate(to_target, self.vectors(observation, "goal_axis"))
-            axis = rotate(attitudes[:, :, None], local[:, None])
-        return GrappleMotion(position, velocity, axis, attitudes)
+    @property
+    def aligned(self) -> bool:
+        """Whether the approach axes have to be those of the grapples."""
+        return "goal_axis" in self.context.layout.slices
+
+    def goals(self, observation: NDArray) -> Grapple:
+        """Grapples (N, 2) on the observed targets, in the inertial frame; their t = 0 is now."""
+        centre = self.vector(observation, "target_position")[:, None]
+        attitude = self.quaternion(observation, "target")[:, None]
+        spin = self.vector(observation, "target_angular_velocity")[:, None]
+        axes = self.vectors(observation, "goal_axis") if self.aligned else _Z
+        body = PoseTwist(centre, attitude, np.zeros(3), spin)
+        position = self.vectors(observation, "goal_position")
+        return Grapple.on_body(body, self.inertia, position, axis_attitude(axes))

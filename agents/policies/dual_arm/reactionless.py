@@ -138,20 +138,14 @@ class ReactionlessPolicy(FollowingPolicy):
 
     def _captures(self, observation: Array, origin: Array, to_base: Array) -> list[Capture]:
         """Boundary conditions (N) at the rendezvous, in the frames of the satellites at (N, 3), (N, 4)."""
-        reader, found = self.reader, []
+        reader = self.reader
         ahead = RENDEZVOUS_TIME - reader.field(observation, "time")[:, 0]
         start = reader.field(observation, "joint_position")
-        for row, rotation in enumerate(to_base):
-            motion = reader.grapples(observation[row : row + 1], ahead[row : row + 1])
-            capture = Capture(
-                start=start[row],
-                duration=float(ahead[row]),
-                position=rotate(rotation, motion.position[0, -1] - origin[row]),
-                velocity=rotate(rotation, motion.velocity[0, -1]),
-                axis=None if motion.axis is None else rotate(rotation, motion.axis[0, -1]),
-            )
-            found.append(capture)
-        return found
+        goals = reader.goals(observation).in_frame(origin[:, None], conjugate(to_base)[:, None])
+        return [
+            Capture(start[row], float(ahead[row]), goals.row(row), reader.aligned)
+            for row in range(len(start))
+        ]
 
     def plans(self, observation: Array) -> FollowedPlans:
         """Plans with sufficient clearance for the episodes that start with observations (N, size)."""

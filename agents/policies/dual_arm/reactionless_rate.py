@@ -15,7 +15,7 @@ from space_envs.dynamics.reactionless import (
     reactionless_projection,
     reactionless_rates,
 )
-from space_envs.dynamics.rotations import Array, conjugate, logarithm, rotate
+from space_envs.dynamics.rotations import Array, conjugate, logarithm, rotate, z_axis
 from space_envs.policy import PolicyContext
 
 GAIN = 0.5  # 1/s, of the end-effectors' error
@@ -42,15 +42,14 @@ def track_rates(reader: Reader, observation: Array) -> Array:
     # The command is reached at the end of the period, so it is computed for the configuration at that time.
     then = q + period * reader.field(observation, "joint_velocity")
     now = end_effectors(context.arm, then)
-    ahead = reader.grapples(observation, np.array([period]))
+    ahead = reader.goals(observation).at(period)
     hand = reader.vectors(observation, "end_effector_position")
     hand = hand + period * reader.vectors(observation, "end_effector_linear_velocity")
-    velocity = _slowed(GAIN * (ahead.position[:, 0] - hand), SPEED) + ahead.velocity[:, 0]
+    velocity = _slowed(GAIN * (ahead.position - hand), SPEED) + ahead.linear_velocity
     rotation = None
-    if ahead.axis is not None:
-        rotation = _slowed(
-            GAIN * axis_rotation(now.axis, rotate(to_base[:, None], ahead.axis[:, 0])), ANGULAR_SPEED
-        )
+    if reader.aligned:
+        axis = rotate(to_base[:, None], z_axis(ahead.quaternion))
+        rotation = _slowed(GAIN * axis_rotation(now.axis, axis), ANGULAR_SPEED)
     middle = 0.5 * (context.joint_limits[:, 0] + context.joint_limits[:, 1])
     rate = reactionless_rates(
         now,
