@@ -44,9 +44,14 @@ class Capture:
         """A capture of grapples that move straight.
 
         Args:
-            position, velocity: (2, 3) at T, m and m/s. axis: (2, 3) of approach, unit; None for any.
+            position, velocity: (2, 3) at T, m and m/s. axis: (2, 3) of approach, of any length; None for any.
+
+        Raises:
+            ConfigurationError: if a shape is wrong, a number is not finite, or an axis is zero.
         """
-        attitude = axis_attitude(_Z if axis is None else axis)
+        position = finite_array("position", position, (None, 3))
+        velocity = finite_array("velocity", velocity, position.shape)
+        attitude = axis_attitude(_Z if axis is None else _directions(axis, position.shape))
         body = PoseTwist(position, attitude, velocity, np.zeros(3))
         goals = Grapple.on_body(body, np.ones(3), position, attitude).after(-duration)
         return cls(start, duration, goals, axis is not None)
@@ -86,6 +91,15 @@ class Capture:
             goals=self.goals.checked(len(robot.end_effector_link)),
             aligned=flag("aligned", self.aligned),
         )
+
+
+def _directions(axis: Array, shape: tuple[int, ...]) -> Array:
+    """Unit vectors of a shape along axes of any length; ConfigurationError for NaN or zero."""
+    axis = finite_array("axis", axis, shape)
+    length = np.sqrt((axis * axis).sum(axis=-1, keepdims=True))
+    if not (length > 0.0).all():
+        raise ConfigurationError(f"axis must not be zero, got {axis.tolist()}")
+    return axis / length
 
 
 def axis_attitude(axis: Array) -> Array:
