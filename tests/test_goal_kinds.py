@@ -250,3 +250,6 @@ def test_records_and_tables_name_the_kind(tmp_path, capsys):
     assert "goal axis" in capsys.readouterr().out
     assert evaluate([*arguments, "--goal", "axes", "--output", str(tmp_path / "other")]) == 2
     assert "Did you mean 'axis'" in capsys.readouterr().err
+    dual = ["--env", "SpaceCapture/DualArmPlanar-v0", "--goal", "axis", "--output", str(tmp_path / "other")]
+    assert evaluate(dual) == 2
+    assert "DualArmPlanar-v0 has one kind of goals" in capsys.readouterr().err

@@ -4,6 +4,7 @@ import argparse
 import os
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from typing import Any
 
 from agents.commands.robots import add_robot, robot_keywords
@@ -30,10 +31,18 @@ def add_task_options(parser: argparse.ArgumentParser) -> None:
     add("--jobs", type=int, default=cores, metavar="N", help=f"processes (default {cores}, the cores)")
 
 
-def task_keywords(options: argparse.Namespace) -> dict[str, Any]:
-    """Keywords of a task that its options set: robot, variant and goal."""
-    goal = {} if options.goal is None else {"goal": options.goal}
-    return {**robot_keywords(options), **goal}
+def task_keywords(options: argparse.Namespace, env_id: str) -> dict[str, Any]:
+    """Keywords of an id's task that the options set: robot, variant and goal.
+
+    Raises:
+        ConfigurationError: for a goal on an id that has one kind of goals.
+    """
+    keywords = robot_keywords(options)
+    if options.goal is None:
+        return keywords
+    if "goal" not in {field.name for field in fields(find(env_id).task)}:
+        raise ConfigurationError(f"{env_id} has one kind of goals; --goal is for ids of one arm")
+    return {**keywords, "goal": options.goal}
 
 
 def experts_for(env_id: str, mode: str | None = None, keywords: Mapping[str, Any] | None = None) -> list[str]:

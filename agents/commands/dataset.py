@@ -144,9 +144,9 @@ def _requests(options: argparse.Namespace) -> list[DatasetRequest]:
         raise ConfigurationError("--minari-root goes with --format minari")
     check_backend(options.jobs)
     formats = tuple(name for name in FORMATS if name in options.format)
-    keywords = task_keywords(options)
-    chosen = {**keywords, **({"difficulty": options.difficulty} if options.difficulty else {})}
-    tasks = {env_id: make_task(env_id, {**chosen, "split": options.split}) for env_id in env_ids}
+    keywords = {env_id: task_keywords(options, env_id) for env_id in env_ids}
+    chosen = {"split": options.split, **({"difficulty": options.difficulty} if options.difficulty else {})}
+    tasks = {env_id: make_task(env_id, {**keywords[env_id], **chosen}) for env_id in env_ids}
     requests = [
         DatasetRequest(
             EvaluatedTask.of(env_id, tasks[env_id]),
@@ -160,7 +160,7 @@ def _requests(options: argparse.Namespace) -> list[DatasetRequest]:
             robot,
         )
         for env_id in env_ids
-        for policy in choose_policies(options.policy, env_id, env_ids, options.control_mode, keywords)
+        for policy in choose_policies(options.policy, env_id, env_ids, options.control_mode, keywords[env_id])
     ]
     distinct("name of a dataset", [request.id for request in requests])
     for request in requests:

@@ -155,7 +155,7 @@ def _checked(options: argparse.Namespace, arguments: list[str]) -> tuple[Evaluat
         tasks = _tasks(env_id, options)
         robots |= tasks
         usual = next(iter(tasks))
-        keywords = task_keywords(options)
+        keywords = task_keywords(options, env_id)
         policies = choose_policies(options.policy, env_id, env_ids, options.control_mode, keywords)
         for policy in policies:
             check_fit(policy, env_id, usual.keywords(tasks[usual]))
@@ -184,7 +184,7 @@ def _checked(options: argparse.Namespace, arguments: list[str]) -> tuple[Evaluat
 
 def _tasks(env_id: str, options: argparse.Namespace) -> dict[EvaluatedTask, Robot]:
     """An id's tasks with their robots, by difficulty and then by split; errors as in `make_task`."""
-    keywords = task_keywords(options)
+    keywords = task_keywords(options, env_id)
     difficulties = options.difficulty or [make_task(env_id, keywords).difficulty]
     made = [
         make_task(env_id, {**keywords, "difficulty": difficulty, "split": split})
