@@ -8,14 +8,13 @@ import pytest
 from known_reaches import KNOWN, OUT_OF_REACH, ROBOT, drives, reach_of, robot
 
 from agents.planners.common.plans import Cause, Failure, Limits
-from agents.planners.common.solutions import Solution
 from agents.planners.single_arm.check import check
 from agents.planners.single_arm.collocation.assembly import OptionalConstraints
 from agents.planners.single_arm.collocation.mesh import INTERVALS
 from agents.planners.single_arm.collocation.model import SingleArm
 from agents.planners.single_arm.collocation.ocp import plan_ocp
 from agents.planners.single_arm.collocation.program import ReachProgram
-from agents.planners.single_arm.collocation.solver import ReachSolver
+from agents.planners.single_arm.collocation.solver import ReachSolution, ReachSolver
 from agents.planners.single_arm.library import library_of
 from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.promp.optimal import OptimalPlanner
@@ -95,9 +94,9 @@ def test_a_limit_violated_by_more_than_itself_stays_positive() -> None:
     path = planned(reach, drives()).sample(solver.abscissae * reach.duration)[0]
     solution = solver.solve(solver.variables(path))
     for _ in range(3):
-        assert isinstance(solution, Solution)
+        assert isinstance(solution, ReachSolution)
         solution = solver.tightened(solution, {"torque": 1000.0})
-    assert isinstance(solution, Solution | Failure)
+    assert isinstance(solution, ReachSolution | Failure)
 
 
 def test_coriolis_forces_are_limited_on_their_own() -> None:
@@ -199,7 +198,7 @@ def test_no_motion_in_weights_costs_less(number: int) -> None:
     assert isinstance(weights, ReachPlan)
     solver = ReachSolver(robot(), reach, drives())
     begin = solver.fitted(weights)
-    motion = solver.motion(Solution(0.0, begin))
+    motion = solver.motion(ReachSolution(0.0, begin, np.zeros(7)))
     time = np.linspace(0.0, 10.0, 201)
     np.testing.assert_allclose(motion.sample(time)[0], weights.sample(time)[0], atol=2e-3)
     gibbs = begin[-3 * INTERVALS :].reshape(-1, 3)

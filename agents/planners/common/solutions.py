@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import TypeVar
 
 import casadi as ca
 import numpy as np
@@ -16,6 +17,9 @@ class Solution:
 
     cost: float
     variables: Array
+
+
+S = TypeVar("S", bound=Solution)
 
 
 def solved(
@@ -45,14 +49,14 @@ def solved(
     return Solution(float(result["f"]), result["x"].full()[:, 0])
 
 
-def distinct(solved: Iterable[Solution | Failure], resolution: float) -> list[Solution]:
+def distinct(solved: Iterable[S | Failure], resolution: float) -> list[S]:
     """Solutions in the order of their costs, without failures and those that cost almost the same.
 
     Args:
         resolution: relative difference of costs below which two solutions count as one.
     """
-    found: list[Solution] = []
-    for solution in sorted((s for s in solved if isinstance(s, Solution)), key=lambda s: s.cost):
+    found: list[S] = []
+    for solution in sorted((s for s in solved if not isinstance(s, Failure)), key=lambda s: s.cost):
         if not found or solution.cost > (1.0 + resolution) * found[-1].cost:
             found.append(solution)
     return found

@@ -59,13 +59,13 @@ class Assembly:
         self._layout = layout = Layout(MESH, n)
         spheres = constraints.spheres
         self._x = ca.MX.sym("x", layout.size)
-        self._p = p = ca.MX.sym("p", 2 * n + 16 + 4 * spheres)
-        fixed = ca.reshape(p[: 2 * n], n, 2)
-        self._com, self._place = p[2 * n : 2 * n + 3], p[2 * n + 3 : 2 * n + 6]
-        self._goal, self._c2 = ca.reshape(p[2 * n + 6 : 2 * n + 15], 3, 3), p[2 * n + 15]
-        self._spheres = ca.reshape(p[2 * n + 16 :], 4, spheres)
+        self._p = p = ca.MX.sym("p", 3 * n + 16 + 4 * spheres)
+        fixed, last = ca.reshape(p[: 2 * n], n, 2), p[2 * n : 3 * n]
+        self._com, self._place = p[3 * n : 3 * n + 3], p[3 * n + 3 : 3 * n + 6]
+        self._goal, self._c2 = ca.reshape(p[3 * n + 6 : 3 * n + 15], 3, 3), p[3 * n + 15]
+        self._spheres = ca.reshape(p[3 * n + 16 :], 4, spheres)
         free = ca.reshape(self._x[: layout.attitudes], n, layout.free)
-        self._coefficients = ca.horzcat(fixed, free, free[:, -1])
+        self._coefficients = ca.horzcat(fixed, free, free[:, -1] + last)
         attitudes = ca.reshape(self._x[layout.attitudes :], 3, INTERVALS)
         self._r = ca.horzcat(ca.MX(3, 1), attitudes)
         self._constraint_values: list[ca.MX] = []

@@ -17,7 +17,8 @@ class Layout:
     """Positions of spline coefficients and attitudes among the variables.
 
     The variables are the free coefficients (F, n), a coefficient's joints next to each other, then the
-    attitudes (3 N) at the breaks except the first. The last two coefficients are equal, for rest at the end.
+    attitudes (3 N) at the breaks except the first. The last two coefficients differ by a
+    parameter, which follows from the end rates.
     """
 
     def __init__(self, mesh: Mesh, n: int) -> None:

@@ -15,13 +15,14 @@ import mujoco
 import numpy as np
 
 from agents.planners.common.plans import Cause, Failure, Limits, in_words
-from agents.planners.common.solutions import Solution, distinct, unsolved
+from agents.planners.common.solutions import distinct, unsolved
 from agents.planners.single_arm.check import check
 from agents.planners.single_arm.collocation.feasibility import infeasible_start
-from agents.planners.single_arm.collocation.solver import METHOD, ReachSolver
+from agents.planners.single_arm.collocation.solver import METHOD, ReachSolution, ReachSolver
 from agents.planners.single_arm.collocation.starts import end_configurations, initial_paths
+from agents.planners.single_arm.interception import at_best_time
 from agents.planners.single_arm.library import Library
-from agents.planners.single_arm.problem import Reach, ReachPlan, require_rest
+from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.promp.optimal import OptimalPlanner
 from space_envs.checks import count
 from space_envs.dynamics import FloatingRobot
@@ -39,6 +40,8 @@ TOLERANCES = {
     "end_rate": 1e-9,
     "position_error": 1e-5,
     "rotation_error": 1e-5,
+    "linear_velocity_error": 1e-4,
+    "angular_velocity_error": 1e-4,
     "end_attitude": 1e-5,
     **dict.fromkeys(("position", "rate", "acceleration", "torque", "coriolis", "clearance"), 1e-6),
 }
@@ -65,14 +68,16 @@ def plan_ocp(
         seed: of the random part of the initial guesses.
 
     Raises:
-        ConfigurationError: for a malformed reach, a moving goal, limits of another robot or an invalid number
-            of starts.
+        ConfigurationError: for a malformed reach, limits of another robot or an invalid number of starts.
     """
     positive_integer("starts", starts, MAX_STARTS)
     count("seed", seed, 2**63)
-    reach = reach.checked(robot)
-    require_rest(METHOD, reach)
-    return _ReachSearch(model, robot, reach, limits.checked(robot), library, seed).plan(starts)
+    limits.checked(robot)
+
+    def plan(at: Reach) -> ReachPlan | Failure:
+        return _ReachSearch(model, robot, at, limits, library, seed).plan(starts)
+
+    return at_best_time(plan, robot, limits, reach.checked(robot))
 
 
 class _ReachSearch:
@@ -132,7 +137,7 @@ class _ReachSearch:
     def _paths(self, ends: Array, number: int, seed: int) -> list[Array]:
         return initial_paths(self._robot, self._reach, ends, number, seed, self._solver.abscissae)
 
-    def _best(self, converged: list[Solution], starts: int) -> ReachPlan | Failure:
+    def _best(self, converged: list[ReachSolution], starts: int) -> ReachPlan | Failure:
         """Plan of the solution of least cost that is accurate, else the failure of the first."""
         found = distinct(converged, COST_RESOLUTION)
         failures = []
@@ -149,7 +154,7 @@ class _ReachSearch:
         plan = OptimalPlanner(self._robot, self._limits, self._library).plan(self._reach)
         return [self._solver.fitted(plan)] if isinstance(plan, ReachPlan) else []
 
-    def _accurate(self, solution: Solution) -> ReachPlan | Failure:
+    def _accurate(self, solution: ReachSolution) -> ReachPlan | Failure:
         """The motion as measured; solved again with tighter limits where it violates them between nodes."""
         excess: dict[str, float] = {}
         for _ in range(ATTEMPTS):
@@ -183,12 +188,12 @@ class _ReachSearch:
         bare = replace(reach, spheres=None)
         if reach.spheres is not None:
             free = ReachSolver(self._robot, bare, limits)
-            if isinstance(free.solve(free.variables(path)), Solution):
+            if isinstance(free.solve(free.variables(path)), ReachSolution):
                 reason = f"no motion was found that is clear of the {len(reach.spheres)} spheres"
                 return Failure(METHOD, Cause.CLEARANCE, f"{reason}, from {len(failures)} starts")
         free = ReachSolver(self._robot, bare, Limits())
         unlimited = free.solve(free.variables(path))
-        if isinstance(unlimited, Solution):
+        if isinstance(unlimited, ReachSolution):
             motion = free.motion(unlimited)
             reason = (
                 f"no motion was found within {in_words(limits.rate, 'rad/s')}, "
@@ -200,8 +205,8 @@ class _ReachSearch:
         return unsolved(METHOD, failures)
 
 
-def _solutions(solved: list[Solution | Failure]) -> list[Solution]:
-    return [each for each in solved if isinstance(each, Solution)]
+def _solutions(solved: list[ReachSolution | Failure]) -> list[ReachSolution]:
+    return [each for each in solved if isinstance(each, ReachSolution)]
 
 
 def _worst(excess: dict[str, float]) -> str:

@@ -24,9 +24,10 @@ _IPOPT = {"print_level": 0, "sb": "yes", "tol": 1e-6, "max_iter": 150, "mu_init"
 class ReachProgram:
     """Nonlinear program of one robot.
 
-    Its variables are those of `Layout`; its parameters [first two coefficients (2 n), com (3), position (3)
-    of the goal m, its axes (9) column by column, c^2, spheres (4 K)]; its constraints, in this order: defects
-    (3 N), end (6, 5 or 3, by the kind of the goal), rates and accelerations (rows of `linear`, n each),
+    Its variables are those of `Layout`; its parameters [first two coefficients (2 n), difference of the last
+    two (n), com (3), position (3) of the goal m, its axes (9) column by column, c^2, spheres (4 K)]; its
+    constraints, in this order: defects (3 N), end (6, 5 or 3, by the kind of the goal), rates and
+    accelerations (rows of `linear`, n each),
     torques and clearances.
 
     Attributes:

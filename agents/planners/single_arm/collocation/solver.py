@@ -1,6 +1,6 @@
 """Solutions of the collocation program of one problem, and the motions they represent."""
 
-from dataclasses import replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,11 +14,13 @@ from agents.planners.single_arm.collocation.model import SingleArm
 from agents.planners.single_arm.collocation.program import ReachProgram
 from agents.planners.single_arm.problem import Reach, ReachPlan
 from space_envs.dynamics import FloatingRobot, roll_out_base
-from space_envs.dynamics.rotations import Array, to_matrix
+from space_envs.dynamics.rotations import Array, conjugate, rotate, to_matrix
 from space_envs.tasks.goals.kinds import GOAL_ROWS
 
 METHOD = "ocp"
 STEPS = 10  # of a roll-out, in an interval
+FOLLOWING = 6  # times that a program is solved again with other rates at the end
+RATE_TOLERANCE = 1e-5  # rad/s, of these rates
 MARGIN = 1e-6  # relative, to the limits
 CLEARANCE = 0.002  # m, initial margin to spheres at the nodes: in between a link may come nearer
 TIGHTENING = 1.5  # times its violation is taken off a limit
@@ -26,8 +28,19 @@ LEAST_FRACTION = 0.5  # of a limit after one tightening
 TOLERANCE = 1e-5  # on the violation of a program's constraints, in their units or relative to large bounds
 
 
+@dataclass(frozen=True, eq=False)
+class ReachSolution(Solution):
+    """Solution whose motion ends with joint rates `end_rate` (n,), rad/s."""
+
+    end_rate: Array
+
+
 class ReachSolver:
-    """Solver of one problem, as `Reach.checked` returns it."""
+    """Solver of one problem, as `Reach.checked` returns it.
+
+    To a moving goal it is solved again with the joint rates at the end that have the goal's twist in the last
+    solution's configuration, the smallest ones, until they do not change any more.
+    """
 
     def __init__(self, robot: FloatingRobot, reach: Reach, limits: Limits) -> None:
         self.reach, self.model, self._limits = reach, SingleArm.of(robot), limits
@@ -38,6 +51,7 @@ class ReachSolver:
         first = MESH.breaks[1] / DEGREE  # Greville abscissa of the second coefficient
         self._fixed = np.stack([reach.start, reach.start + first * reach.duration * reach.rate])
         self._com = self.model.com(reach.start).full()[:, 0]
+        self._last = (1.0 - MESH.breaks[-2]) / DEGREE * reach.duration  # s, from end rate to coefficients
 
     @property
     def torque_limited(self) -> bool:
@@ -58,36 +72,70 @@ class ReachSolver:
         t, value = self.reach.duration, MESH.basis(MESH.nodes)
         free = np.column_stack([value[:, FIXED:-2], value[:, -2:].sum(axis=1)])
         angles, _, _ = path.sample(MESH.nodes * t)
-        coefficients = np.linalg.lstsq(free, angles - value[:, :FIXED] @ self._fixed)[0]
+        end_rate = path.rate[-1]
+        fixed = value[:, :FIXED] @ self._fixed + value[:, -1:] * self._last * end_rate
+        coefficients = np.linalg.lstsq(free, angles - fixed)[0]
         time = np.linspace(0.0, 1.0, INTERVALS * STEPS + 1)
-        everything = np.concatenate([self._fixed, coefficients, coefficients[-1:]])
+        everything = self._complete(coefficients, end_rate)
         q, rate = (MESH.basis(time, k) @ everything / t**k for k in range(2))
         attitude = roll_out_base(self._robot, q, rate, float(time[1]) * t)[1][STEPS::STEPS]
         return np.concatenate([coefficients.ravel(), (attitude[:, 1:] / attitude[:, :1]).ravel()])
 
-    def solve(self, guess: Array) -> Solution | Failure:
+    def solve(self, guess: Array) -> ReachSolution | Failure:
         """Solve from variables of the program."""
+        rest = np.zeros(self._robot.n_joints)
+        found = self._solved(guess, rest)
+        if not self.reach.goal.moves:
+            return found
+        for _ in range(FOLLOWING):
+            if isinstance(found, Failure):
+                return found
+            asked = self._end_rate(found)
+            if np.abs(asked - found.end_rate).max() < RATE_TOLERANCE:
+                return found
+            found = self._solved(found.variables, asked)
+        return found
+
+    def _solved(self, guess: Array, end_rate: Array) -> ReachSolution | Failure:
+        """Solve from variables of the program with joint rates (n,) at the end."""
         program = self._program()
         low, high = self._constraint_bounds(program)
         low_x, high_x = self._variable_bounds(program, len(guess))
         # Ipopt relaxes bounds in proportion to their size.
         size = np.minimum(np.abs(low), np.abs(high))
         scale = np.where(np.isfinite(size), np.maximum(size, 1.0), 1.0)
-        inputs = {"x0": guess, "p": self._parameters(), "lbx": low_x, "ubx": high_x}
+        inputs = {"x0": guess, "p": self._parameters(end_rate), "lbx": low_x, "ubx": high_x}
         found = solved(METHOD, program.solver, (low, high), TOLERANCE, scale, **inputs)
         if isinstance(found, Failure):
             return found
-        return replace(found, cost=found.cost / SCALE / self.reach.duration)
+        return ReachSolution(found.cost / SCALE / self.reach.duration, found.variables, end_rate)
 
-    def motion(self, solution: Solution) -> ReachPlan:
+    def _end_rate(self, solution: ReachSolution) -> Array:
+        """Smallest joint rates (n,), rad/s, with the goal's twist in the final configuration."""
+        q = self._coefficients(solution)[-1]
+        back = conjugate(np.append(1.0, solution.variables[-3:]))
+        back = back / np.linalg.norm(back)
+        end = self.reach.end
+        local = np.concatenate([rotate(back, end.linear_velocity), rotate(back, end.angular_velocity)])
+        return np.linalg.lstsq(self._robot.generalized_jacobian(q), local)[0]
+
+    def _coefficients(self, solution: ReachSolution) -> Array:
+        """All coefficients (size, n) of a solution."""
+        free = solution.variables[: -3 * INTERVALS].reshape(-1, self._robot.n_joints)
+        return self._complete(free, solution.end_rate)
+
+    def _complete(self, free: Array, end_rate: Array) -> Array:
+        """All coefficients (size, n) from the free ones and the joint rates (n,) at the end."""
+        return np.concatenate([self._fixed, free, free[-1:] + self._last * end_rate])
+
+    def motion(self, solution: ReachSolution) -> ReachPlan:
         """The motion of a solution, not yet checked."""
         t = self.reach.duration
-        free = solution.variables[: -3 * INTERVALS].reshape(-1, self._robot.n_joints)
-        coefficients = np.concatenate([self._fixed, free, free[-1:]])
+        coefficients = self._coefficients(solution)
         q, rate, acceleration = (MESH.basis(MESH.breaks, k) @ coefficients / t**k for k in range(3))
         return ReachPlan(METHOD, MESH.breaks * t, q, rate, acceleration, cost=solution.cost)
 
-    def tightened(self, solution: Solution, excess: dict[str, float]) -> Solution | Failure:
+    def tightened(self, solution: ReachSolution, excess: dict[str, float]) -> ReachSolution | Failure:
         """Solve again from a solution, with tighter limits on what was measured to be violated."""
         for name in ("torque", "coriolis"):
             if name in excess:
@@ -108,11 +156,18 @@ class ReachSolver:
         constraints = OptionalConstraints(rates, torques, len(self._spheres), self.reach.kind)
         return ReachProgram.of(self._robot, constraints)
 
-    def _parameters(self) -> Array:
+    def _parameters(self, end_rate: Array) -> Array:
         axes = to_matrix(self.reach.end.quaternion)
         pose = [self.reach.end.position, axes.T.ravel()]
         return np.concatenate(
-            [self._fixed.ravel(), self._com, *pose, [self.reach.c**2], self._spheres.ravel()]
+            [
+                self._fixed.ravel(),
+                self._last * end_rate,
+                self._com,
+                *pose,
+                [self.reach.c**2],
+                self._spheres.ravel(),
+            ]
         )
 
     def _variable_bounds(self, program: ReachProgram, size: int) -> tuple[Array, Array]:
