@@ -26,6 +26,7 @@ from space_envs.errors import ConfigurationError
 from space_envs.policy import PolicyContext
 from space_envs.robots.models import robot_model
 from space_envs.robots.zoo import find_robot
+from tests.moving_goals import assert_intercepted, circling, windowed
 
 MODEL = robot_model(find_robot("shyam2020"))
 
@@ -117,6 +118,23 @@ def test_links_stay_out_of_spheres() -> None:
     clear = planned(reach, limits)
     check_motion(reach, limits, clear)
     assert clear.cost > motion.cost
+
+
+@pytest.mark.parametrize("keep_attitude", [False, True])
+def test_intercepts_a_grapple_that_circles(keep_attitude: bool) -> None:
+    """Pose and twist are matched, as measured."""
+    reach = replace(circling(0), keep_attitude=keep_attitude)
+    motion = planned(reach, drives(), 1)
+    assert_intercepted(reach, motion, check(MODEL, robot(), reach, drives(), motion))
+
+
+def test_time_of_interception_is_chosen_within_a_window() -> None:
+    reach = circling(3)
+    motion = planned(windowed(reach, 9.0, 12.0), drives(), 1)
+    assert 9.0 <= motion.time[-1] <= 12.0
+    ends = [planned(replace(reach, duration=time), drives(), 1).cost for time in (9.0, 12.0)]
+    assert motion.cost <= min(ends) * (1.0 + 1e-9)
+    assert_intercepted(reach, motion, check(MODEL, robot(), reach, drives(), motion))
 
 
 def test_tracked_in_the_simulation_it_ends_where_it_was_planned() -> None:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.planners.common.plans import Failure, JointPath, Limits
+from agents.planners.common.plans import Cause, Failure, JointPath, Limits
 from agents.planners.common.solutions import Solution, solved
 from agents.planners.common.splines import DEGREE
 from agents.planners.single_arm.collocation.assembly import SCALE, OptionalConstraints
@@ -91,6 +91,10 @@ class ReachSolver:
             if isinstance(found, Failure):
                 return found
             asked = self._end_rate(found)
+            limit = np.inf if self._limits.rate is None else self._limits.rate
+            if (np.abs(asked) > limit).any():
+                reason = f"the goal's twist asks for joint rates of up to {np.abs(asked).max():.3g} rad/s"
+                return Failure(METHOD, Cause.INFEASIBLE, reason)
             if np.abs(asked - found.end_rate).max() < RATE_TOLERANCE:
                 return found
             found = self._solved(found.variables, asked)

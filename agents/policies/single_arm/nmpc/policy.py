@@ -16,10 +16,10 @@ from agents.planners.single_arm.weights.legendre import LegendreBasis
 from agents.policies.base import BasePolicy
 from agents.policies.clearance import KeepOut
 from agents.policies.following import rows_to_plan
+from agents.policies.goals import observed_goals
 from agents.policies.needs import POSE
 from agents.policies.single_arm.optimal import drive_limits, further_rows, satellite_rows
 from agents.policies.single_arm.reaching import held_rates
-from space_envs.dynamics.grapples import Grapple, PoseTwist
 from space_envs.dynamics.rotations import Array
 from space_envs.evaluation.play.causes import PlanState
 from space_envs.policy import PolicyContext
@@ -80,16 +80,6 @@ class NMPC(BasePolicy):
         planner = OptimalPlanner(context.arm, drive_limits(context), library, further=further_rows(context))
         return FirstPlans(self.controller, attitude_if_possible(planner), library, guarded)
 
-    def goal(self, observation: Array) -> Grapple:
-        """Goal in one observation (size,), of a body around the goal itself if it moves."""
-        slices, read = self.context.layout.slices, self.context.layout.read
-        velocity = [
-            read(observation, name) if name in slices else np.zeros(3)
-            for name in ("goal_linear_velocity", "goal_angular_velocity")
-        ]
-        pose = PoseTwist(read(observation, "goal_position"), read(observation, "goal_quaternion"), *velocity)
-        return Grapple.on_body(pose, np.ones(3), pose.position, pose.quaternion)
-
     def arm_state(self, observation: Array) -> ArmState:
         """The arm's state in one observation (size,)."""
         read = self.context.layout.read
@@ -127,7 +117,7 @@ class NMPC(BasePolicy):
 
     def _advanced(self, before: Horizon | None, observation: Array) -> tuple[Horizon | None, Failure | None]:
         """The motion from one observation (size,), and the failure because of which it is not followed."""
-        arm, goal = self.arm_state(observation), self.goal(observation)
+        arm, goal = self.arm_state(observation), observed_goals(self.context, observation[None]).row(0)
         if before is None:
             found = self.first_plan(arm, goal)
         else:
