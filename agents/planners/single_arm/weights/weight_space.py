@@ -100,7 +100,7 @@ class WeightSpace:
         self._gauss_fixed = gauss[:2] @ self.fixed.T  # (2, 2 K, n)
         self.even, self.even_fixed = even @ shapes.free, even @ self.fixed.T
         self._end, self._end_fixed = shapes.end @ shapes.free, self.fixed @ shapes.end
-        self._step = np.array([duration / INTERVALS])
+        self._step = duration / INTERVALS
         weight = np.sqrt(0.5 * duration / INTERVALS)
         self._scale = weight * np.array([1.0, 1.0, 1.0, c, c, c])
         self._c = c
@@ -230,13 +230,12 @@ class WeightSpace:
         return np.concatenate([np.zeros((s, 1, 6, self.size)), moved], axis=1)
 
     def _chain(self, xi: Array) -> list[Array]:
-        step = np.broadcast_to(self._step, (len(xi), 1))
+        step = np.full((len(xi), 1), self._step)
         return self.functions.chain(xi.reshape(len(xi), 12 * INTERVALS), step)
 
     def _ending(self, y: Array, pose: Array) -> list[Array]:
-        goal = np.broadcast_to(self._goal, (len(y), len(self._goal)))
+        goal = self._goal[None].repeat(len(y), axis=0)
         return self._ended(self._end_fixed + y @ self._end, pose, goal)
-        return self.functions.ending(self._end_fixed + y @ self._end, pose, goal)
 
 
 def _pairing(push: Array) -> Array:
