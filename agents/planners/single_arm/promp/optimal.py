@@ -23,11 +23,13 @@ from space_envs.dynamics.rotations import Array, to_matrix
 from space_envs.errors import positive_integer
 
 METHOD = "promp_optimal"
-CANDIDATES = 12  # stored motions whose predicted costs are compared
-FREER = 2  # times as many, where a goal asks for less than a pose: more of them lie near it
+CANDIDATES = 24  # stored motions whose predicted costs are compared
+LIMITED_CANDIDATES = 12  # the same within limits for a pose with the attitude free, where optima are alike
 IMPROVED = 1  # candidates that are improved; the others follow where none of them leads to the goal
 MOST_CANDIDATES = 10_000
-MOST_IMPROVED = 6  # candidates that are improved where none of them leads to the goal
+RACED, RACE = 4, 4  # candidates without limits that are compared again after so many iterations
+RACE_PENALTY = 3e-3  # m^2/s per m or rad, of the terminal errors that are left then
+MOST_IMPROVED = 5  # candidates that are improved where none of them leads to the goal
 MAX_IMPROVED = 2  # candidates that are improved where costs are high
 RETRY_COST_RATIO = 1.3  # of a cost to the least predicted cost, above which a second candidate is improved
 VIOLATION_TOLERANCE = 1e-2  # fraction of a torque, or m, of a solution in sum over the motion
@@ -55,8 +57,8 @@ class OptimalPlanner:
     Args:
         robot: of one arm. limits: of plans. library: of stored motions to start from; None starts from rest,
             or around the attitude-unconstrained motion. basis: of the weights. candidates: number of stored
-            motions whose predicted costs are compared. improved: number of them that are improved, by
-            predicted cost; the others follow where none of these leads to the goal.
+            motions whose predicted costs are compared; None for 12 or 24. improved: number of them that are
+            improved, by predicted cost; the others follow where none of these leads to the goal.
         further: inequalities of a space of motions that are imposed where a plan without them violates
             them; None for none.
     """
@@ -67,12 +69,14 @@ class OptimalPlanner:
         limits: Limits = Limits(),
         library: Library | None = None,
         basis: GaussianBasis = GaussianBasis(),
-        candidates: int = CANDIDATES,
+        candidates: int | None = None,
         improved: int = IMPROVED,
         further: Callable[[WeightSpace], tuple[Rows, ...]] | None = None,
     ) -> None:
         self._robot, self._limits, self._library, self._basis = robot, limits.checked(robot), library, basis
-        self._candidates = positive_integer("candidates", candidates, MOST_CANDIDATES)
+        self._candidates = candidates
+        if candidates is not None:
+            positive_integer("candidates", candidates, MOST_CANDIDATES)
         self._improved = positive_integer("improved", improved, MOST_CANDIDATES)
         self._further = further
 
@@ -204,8 +208,11 @@ class OptimalPlanner:
         if self._library is None:
             return []
         keep = reach.keep_attitude
-        candidates = self._candidates if reach.kind == "pose" else FREER * self._candidates
+        alike = bounds.any and reach.kind == "pose" and not keep
+        candidates = self._candidates or (LIMITED_CANDIDATES if alike else CANDIDATES)
         guesses, predicted = ranked(space, bounds, self._library.nearest(reach, candidates), keep)
+        if not bounds.any:
+            guesses = np.concatenate([_raced(space, bounds, guesses[:RACED], keep), guesses[RACED:]])
         found: list[SqpResult] = []
         most = max(MOST_IMPROVED if thorough else MAX_IMPROVED, self._improved)
         for number, guess in enumerate(guesses[:most]):
@@ -254,6 +261,16 @@ class OptimalPlanner:
             return None
         reason = f"the goal is {distance:.2f} m from the centre of mass, the arm reaches {longest:.2f} m"
         return Failure(METHOD, Cause.OUT_OF_REACH, reason)
+
+
+def _raced(space: WeightSpace, bounds: Bounds, guesses: Array, keep_attitude: bool) -> Array:
+    """Coordinates (S, n, m) after a few iterations, the most promising first.
+
+    Without limits motions run so far from their initial guesses that predictions of one step mislead.
+    """
+    ends = [minimise(space, bounds, guess, keep_attitude, iterations=RACE) for guess in guesses]
+    ends.sort(key=lambda end: end.cost + RACE_PENALTY * end.goal_error)
+    return np.stack([end.y for end in ends])
 
 
 def _improved(
