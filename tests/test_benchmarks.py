@@ -17,9 +17,11 @@ from space_envs.errors import ConfigurationError
 ROOT = Path(__file__).parents[1]
 NUMBERS = {
     "attitude_cost": ("--trajectories", "--points", "--repeats"),
+    "brackets": ("--configurations",),
     "limits": ("--episodes",),
     "mismatch": ("--goals",),
     "momentum": ("--episodes",),
+    "moving_goals": ("--goals",),
     "optimal": ("--goals", "--jobs"),
     "planners": ("--episodes",),
     "planning": ("--goals",),

@@ -1,6 +1,7 @@
 """Policies that plan an optimal motion at the start of an episode, and follow it to the goal pose."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any, Protocol
 
@@ -19,6 +20,7 @@ from agents.planners.single_arm.weights.weight_space import WeightSpace
 from agents.policies.clearance import SPHERE_MARGIN, KeepOut, link_radii, spheres_seen
 from agents.policies.following import FollowedPlans, sampled_plans
 from agents.policies.goals import observed_goals
+from agents.policies.needs import POSE
 from agents.policies.single_arm.reaching import (
     ReachingPolicy,
     interception_window,
@@ -157,6 +159,8 @@ class OptimalControl(OptimalPolicy):
 
     From the motion of `promp_optimal`, and from others where there are spheres or that one leads nowhere.
     """
+
+    needs = replace(POSE, goals=None)
 
     def plan(self, reaches: list[Reach]) -> list[ReachPlan | Failure]:
         """Plans of all rows, about a tenth of a second each, in as many processes as the context allows."""
