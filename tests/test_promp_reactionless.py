@@ -62,7 +62,7 @@ def test_derivatives_by_phase_and_by_weights_are_those_of_differences() -> None:
         change = np.zeros_like(weights)
         change[joint, function] = step
         ends = [space.sensitive(weights + sign * change)[0] for sign in (1.0, -1.0)]
-        for name in ("angle", "slope", "curve", "drift", "miss"):
+        for name in ("angle", "slope", "curve", "shift", "miss"):
             expected = (getattr(ends[0], name) - getattr(ends[1], name)) / (2.0 * step)
             found = getattr(by, name)[..., function * ROBOT.n_joints + joint]
             np.testing.assert_allclose(found, expected, atol=1e-6, err_msg=name)

@@ -10,8 +10,6 @@ from agents.planners.single_arm.reactionless.clearances import Clearance
 from agents.planners.single_arm.reactionless.paths import PathSpace, Samples, Sensitivities
 from space_envs.dynamics.rotations import Array
 
-Indices = NDArray[np.intp]
-
 ANGLE_MARGIN = 0.02  # rad, to the ends of joint ranges, of the search
 LEAST_ROOM = 1e-3  # rad, to the end of a range, that the braking law counts with
 ANGLE_SCALE = 0.1  # rad, by which an angle beyond its range counts as a rate at twice its limit does
@@ -48,31 +46,26 @@ class PathLimits:
         """Largest angle beyond its range, rad, negative inside."""
         return float(self.limits.beyond_angles(path.angle).max())
 
-    def shares(self, path: Samples, duration: float) -> Array:
-        """Rates and accelerations (M + 1, 2 n) at a duration in s as shares of their limits."""
-        rate = np.abs(path.slope) / (duration * self._fastest(path)[0])
-        if self.limits.acceleration is None:
-            return rate
-        return np.concatenate([rate, np.abs(path.curve) / (duration**2 * self.limits.acceleration)], axis=1)
+    def shares(
+        self, path: Samples, by: Sensitivities, duration: float, least: float
+    ) -> tuple[Array, Array, NDArray[np.intp]]:
+        """Rates and accelerations at a duration in s as shares (k,) of their limits, those above the least.
 
-    def share_slopes(
-        self, path: Samples, by: Sensitivities, duration: float, time: Indices, place: Indices
-    ) -> Array:
-        """Derivatives (k, m) of some of them, given by their places among the shares."""
-        n = path.angle.shape[1]
-        rates, joint = place < n, place % n
+        Returns:
+            The shares, their derivatives (k, m) and their places (k,) among the samples.
+        """
         fastest, falls = self._fastest(path)
-        at, fast = (time[rates], joint[rates]), fastest[time[rates], joint[rates]]
-        rate = np.abs(path.slope[at]) / (duration * fast)
-        by_rate = (np.sign(path.slope[at]) / (duration * fast))[:, None] * by.slope[at]
-        by_rate -= (rate * falls[at] / fast)[:, None] * by.angle[at]
-        out = np.empty((len(time), by.slope.shape[2]))
-        out[rates] = by_rate
-        if not rates.all():
-            at = time[~rates], joint[~rates]
-            scale = np.broadcast_to(duration**2 * self.limits.acceleration, path.curve.shape)[at]
-            out[~rates] = (np.sign(path.curve[at]) / scale)[:, None] * by.curve[at]
-        return out
+        rate = np.abs(path.slope) / (duration * fastest)
+        at = np.nonzero(rate > least)
+        slope = (np.sign(path.slope[at]) / (duration * fastest[at]))[:, None] * by.slope[at]
+        slope -= (rate[at] * falls[at] / fastest[at])[:, None] * by.angle[at]
+        if self.limits.acceleration is None:
+            return rate[at], slope, at[0]
+        acceleration = np.abs(path.curve) / (scale := duration**2 * self.limits.acceleration)
+        where = np.nonzero(acceleration > least)
+        curved = (np.sign(path.curve) / scale)[where][:, None] * by.curve[where]
+        shares = np.concatenate([rate[at], acceleration[where]])
+        return shares, np.concatenate([slope, curved]), np.concatenate([at[0], where[0]])
 
     def violations(self, path: Samples, by: Sensitivities) -> tuple[Array, Array]:
         """Angles beyond their ranges and clearances missing (k,), positive ones alone, with slopes (k, m)."""

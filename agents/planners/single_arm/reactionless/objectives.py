@@ -18,16 +18,19 @@ PENALTY = 150.0  # of a share above the allowed one, or of a violation, througho
 
 def least_disturbance(space: PathSpace, limits: PathLimits, duration: float, share: float) -> Objective:
     """Eq. 20 times dt of a path at a duration in s, and penalties on more than a share of the limits."""
-    weight = np.sqrt(space.series.weight)[:, None]
+    weight = np.sqrt(space.series.weight)
+    scale = (weight / np.sqrt(duration * COST_UNIT))[:, None]
+    to_drift = scale * space.series.even
 
     def residuals(path: Samples, by: Sensitivities) -> tuple[Array, Array]:
-        scale = weight / np.sqrt(duration * COST_UNIT)
-        drift, by_drift = (scale * path.drift).ravel(), (scale[..., None] * by.drift).reshape(-1, space.size)
-        value = limits.shares(path, duration)
-        time, place = np.nonzero(value > share)
-        beyond = PENALTY * weight[time, 0] * (value[time, place] - share)
-        by_beyond = PENALTY * weight[time] * limits.share_slopes(path, by, duration, time, place)
-        return _with_violations(space, limits, path, by, [(drift, by_drift), (beyond, by_beyond)])
+        drift, by_drift = (scale * path.drift).ravel(), (to_drift @ by.shift.reshape(len(scale), -1))
+        value, slope, time = limits.shares(path, by, duration, share)
+        beyond, by_beyond = (
+            PENALTY * weight[time] * (value - share),
+            (PENALTY * weight[time])[:, None] * slope,
+        )
+        parts = [(drift, by_drift.reshape(-1, space.size)), (beyond, by_beyond)]
+        return _with_violations(space, limits, path, by, parts)
 
     return residuals
 
@@ -37,15 +40,12 @@ def shortest_duration(space: PathSpace, limits: PathLimits, duration: float, pow
 
     The higher the power, the nearer is the result to the path whose largest share is least.
     """
-    weight = np.sqrt(space.series.weight)[:, None]
+    weight = np.sqrt(space.series.weight)
 
     def residuals(path: Samples, by: Sensitivities) -> tuple[Array, Array]:
-        value = limits.shares(path, duration)
-        time, place = np.nonzero(value > NEGLIGIBLE)
-        value, scale = value[time, place], weight[time, 0]
-        slope = limits.share_slopes(path, by, duration, time, place)
-        by_raised = (power * scale * value ** (power - 1.0))[:, None] * slope
-        return _with_violations(space, limits, path, by, [(scale * value**power, by_raised)])
+        value, slope, time = limits.shares(path, by, duration, NEGLIGIBLE)
+        by_raised = (power * weight[time] * value ** (power - 1.0))[:, None] * slope
+        return _with_violations(space, limits, path, by, [(weight[time] * value**power, by_raised)])
 
     return residuals
 

@@ -59,11 +59,6 @@ class Sensitivities:
         return -self._centre @ self.angle
 
     @cached_property
-    def drift(self) -> Array:
-        """Of its derivative by s, (N + 1, 3, m)."""
-        return (self._series.even @ self.shift.reshape(len(self.shift), -1)).reshape(self.shift.shape)
-
-    @cached_property
     def curve(self) -> Array:
         """Of d2q/ds2, (N + 1, n, m)."""
         return (self._series.odd @ self.slope.reshape(len(self.slope), -1)).reshape(self.slope.shape)

@@ -10,6 +10,7 @@ from agents.planners.single_arm.reactionless.paths import FUNCTIONS, PathSpace, 
 from space_envs.dynamics.rotations import Array
 
 REACHED = 1e-3  # m and rad, of a path in the search; plans are polished
+CLOSE = 3e-4  # likewise, of a step that needs no correction
 LONGEST_MISS = 0.4  # m and rad of the goal error that one iteration takes away
 LONGEST_STEP = 4.0  # rad, of all weights together
 CORRECTIONS = 2  # of second order, of a step
@@ -82,7 +83,9 @@ def minimise(
         penalty = max(penalty, 2.0 * float(np.abs(multiplier).max()))
         trial = point.weights + step
         for _ in range(CORRECTIONS):
-            trial = trial + _shaped(space, correct @ space.missed(trial))
+            if np.abs(miss := space.missed(trial)).max() < CLOSE:
+                break
+            trial = trial + _shaped(space, correct @ miss)
         after = _point(space, trial, objective)
         before, now = point.merit(penalty), after.merit(penalty)
         if not now < before:
