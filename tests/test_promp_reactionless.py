@@ -7,6 +7,7 @@ import pytest
 
 from agents.planners.common.plans import Cause, Failure
 from agents.planners.single_arm.check import check
+from agents.planners.single_arm.library import find_reactionless_library
 from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.reactionless.flow.chain import StepChain
 from agents.planners.single_arm.reactionless.flow.series import Series
@@ -23,6 +24,7 @@ from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError
 from space_envs.policy import PolicyContext
 from space_envs.tasks.goals.clutter import satellite_gaps
+from tests.moving_goals import assert_intercepted, circling, windowed
 
 ID = "SpaceCapture/SingleArm-v0"
 CONTEXT = PolicyContext.from_env(CaptureVectorEnv(ID, 1))
@@ -103,6 +105,40 @@ def test_plans_meet_the_goal_and_keep_every_limit_between_their_nodes(timing: Ti
             assert found.violation[name] < 1e-3, name
         assert found.cost == pytest.approx(plan.cost, rel=1e-3)
         assert satellite_gaps(CONTEXT.robot, plan.sample(np.linspace(0.0, LONG, 300))[0]).min() > 0.0
+
+
+def test_moving_grapples_are_met_without_turning_the_base() -> None:
+    """At a given time, and at one that the planner chooses."""
+    planner = ReactionlessPlanner(ROBOT, LIMITS, find_reactionless_library(CONTEXT.robot))
+    for reach in (circling(1, 19.0), windowed(circling(0, 19.0), 18.0, 22.0)):
+        plan = planner.plan(reach)
+        assert isinstance(plan, ReachPlan)
+        found = check(CONTEXT.model, ROBOT, reach, LIMITS.limits, plan)
+        assert_intercepted(reach, plan, found)
+        assert np.rad2deg(found.violation["peak_attitude"]) < 1e-4
+        assert found.cost == pytest.approx(plan.cost, rel=1e-2)
+        for name in ("position", "rate", "acceleration", "torque", "coriolis"):
+            assert found.violation[name] < 1e-3, name
+        earliest, latest = reach.window or (19.0, 19.0)
+        assert earliest - 1e-9 <= plan.time[-1] <= latest + 1e-9
+    still = windowed(reach_of(5), 30.0, LONG)
+    plan = planner.plan(still)
+    assert isinstance(plan, ReachPlan) and plan.time[-1] == LONG
+
+
+def test_twists_of_the_end_effector_have_the_derivatives_of_differences() -> None:
+    space, weights, step = space_of(0), weights_of(0), 1e-6
+    path, by = space.sensitive(weights)
+    twist, slope = space.end_twist(path, by)
+    q, rate = path.angle[-1], path.slope[-1]
+    np.testing.assert_allclose(twist, ROBOT.generalized_jacobian(q) @ rate, atol=1e-9)
+    for number in (0, 20, 69):
+        change = np.zeros(weights.size)
+        change[number] = step
+        moved = change.reshape(FUNCTIONS, -1).T
+        ends = [space.end_twist(space.sensitive(weights + sign * moved)[0])[0] for sign in (1.0, -1.0)]
+        assert slope is not None
+        np.testing.assert_allclose(slope[:, number], (ends[0] - ends[1]) / (2.0 * step), atol=1e-6)
 
 
 def test_a_later_arrival_disturbs_the_base_less() -> None:

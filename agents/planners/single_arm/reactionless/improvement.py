@@ -47,8 +47,9 @@ class Candidate(NamedTuple):
         return self.failure is not None and self.failure.cause is Cause.CLEARANCE
 
     def cost(self, duration: float) -> float:
-        """Eq. 20 times dt at a duration in s, m^2/s: of displacement alone, which is at rest at both ends."""
-        return float((self.path.drift**2).sum()) / (len(self.path.drift) - 1) / duration
+        """Eq. 20 times dt up to the goal, m^2/s, at a duration of the path in s: of displacement alone."""
+        moved = self.path.drift[: self.path.end + 1]
+        return float((moved**2).sum()) / (len(self.path.drift) - 1) / duration
 
 
 class PathImprover:
@@ -97,24 +98,24 @@ class PathImprover:
     ) -> Candidate:
         """The path of least cost near weights within a share of the limits."""
         objective = least_disturbance(space, limits, duration, share)
-        return self._polished(space, minimise(space, weights, objective, ITERATIONS).weights)
+        return self.polished(space, minimise(space, weights, objective, ITERATIONS).weights)
 
     def _shortened(self, space: PathSpace, weights: Array, enough: float, limits: PathLimits) -> Candidate:
         """The path with the shortest duration near weights, or one that is short enough."""
-        best = self._polished(space, weights)
+        best = self.polished(space, weights)
         for power in POWERS:
             if not best.shortest < HOPELESS:
                 break
             objective = shortest_duration(space, limits, best.shortest, power)
             found = minimise(space, best.weights, objective, SHORTENING_ITERATIONS)
-            candidate = self._polished(space, found.weights)
+            candidate = self.polished(space, found.weights)
             if best.failure is not None or candidate.keeps(best.shortest):
                 best = candidate
             if best.keeps(enough):
                 break
         return best
 
-    def _polished(self, space: PathSpace, weights: Array) -> Candidate:
+    def polished(self, space: PathSpace, weights: Array) -> Candidate:
         """Weights whose finely rolled out path ends at the goal."""
         path, inverse = space.samples(weights), None
         for _ in range(POLISHING):

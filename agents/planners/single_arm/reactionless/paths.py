@@ -26,7 +26,8 @@ class Samples:
     Attributes:
         angle, slope, curve: (M + 1, n) q rad, dq/ds and d2q/ds2.
         shift, drift: (M + 1, 3) m, displacement of the base since the start and its derivative by s.
-        miss: (r,) goal error at the end, m and rad.
+        miss: (r,) goal error at the end, m and rad. end: sample at which the goal is to be met; the rest of
+            the path brakes the arm.
     """
 
     angle: Array
@@ -35,6 +36,7 @@ class Samples:
     shift: Array
     drift: Array
     miss: Array
+    end: int
 
 
 class Sensitivities:
@@ -70,15 +72,15 @@ class PathSpace:
     The frame is that of the base, which does not rotate.
 
     Args:
-        start: (n,) rad. goal: equations for the end.
+        start: (n,) rad. goal: equations for the end. end: step of the search after which they are to hold.
     """
 
-    def __init__(self, robot: FloatingRobot, start: Array, goal: GoalRows) -> None:
+    def __init__(self, robot: FloatingRobot, start: Array, goal: GoalRows, end: int = STEPS) -> None:
         self._functions = FlowFunctions.of(robot, FUNCTIONS, STEPS)
         self.arm = ArmFunctions.of(robot, INTERVALS)
         self.series, self.fine_series = Series.of(FUNCTIONS, STEPS), Series.of(FUNCTIONS, FINER * STEPS)
         self._start, self.n, self.size = start, robot.n_joints, robot.n_joints * FUNCTIONS
-        self._goal = goal
+        self._goal, self.end = goal, end
         self._centre = self._functions.centre(start)[0]
         self._known: dict[bytes, tuple[Samples, Sensitivities]] = {}
 
@@ -87,12 +89,13 @@ class PathSpace:
         series = self.fine_series
         angle, slope = self._rolled(self._functions.fine(self._start, self._velocity(weights, series))[:2])
         shift = self._centre - self._functions.centre(angle)[0]
-        miss = self._goal(PathEnd(angle[-1], shift[-1])).miss
-        return Samples(angle, slope, series.odd @ slope, shift, series.even @ shift, miss)
+        end = FINER * self.end
+        miss = self._goal(PathEnd(angle[end], shift[end])).miss
+        return Samples(angle, slope, series.odd @ slope, shift, series.even @ shift, miss, end)
 
     def missed(self, weights: Array) -> Array:
         """Goal error (r,) at the end of a path in the search, as in `Samples`."""
-        angle = self._functions.path(self._start, self._velocity(weights, self.series))[0][-1]
+        angle = self._functions.path(self._start, self._velocity(weights, self.series))[0][self.end - 1]
         return self._goal(PathEnd(angle, self._centre - self._functions.centre(angle)[0])).miss
 
     def sensitive(self, weights: Array) -> tuple[Samples, Sensitivities]:
@@ -115,12 +118,19 @@ class PathSpace:
         by_angle, by_slope = functions.chain(transfer, series.points)
         centre, by_q = self._functions.centre(angle)
         shift = self._centre - centre
-        miss, slope_angle, slope_shift = self._goal(PathEnd(angle[-1], shift[-1]))
-        by_miss = (slope_angle - slope_shift @ by_q[-1]) @ by_angle[-1]
+        end = self.end
+        miss, slope_angle, slope_shift = self._goal(PathEnd(angle[end], shift[end]))
+        by_miss = (slope_angle - slope_shift @ by_q[end]) @ by_angle[end]
         return (
-            Samples(angle, slope, series.odd @ slope, shift, series.even @ shift, miss),
+            Samples(angle, slope, series.odd @ slope, shift, series.even @ shift, miss, end),
             Sensitivities(series, by_angle, by_slope, by_q, by_miss),
         )
+
+    def end_twist(self, path: Samples, by: Sensitivities | None = None) -> tuple[Array, Array | None]:
+        """Twist (6,) [v; w] of the end-effector at the goal by the phase, m and rad, and its slope (6, m)."""
+        end = path.end
+        twist, by_angle, by_slope = self._functions.twist(path.angle[end], path.slope[end])
+        return twist, None if by is None else by_angle @ by.angle[end] + by_slope @ by.slope[end]
 
     def _velocity(self, weights: Array, series: Series) -> Array:
         return (series.points @ weights.T).ravel()

@@ -1,6 +1,7 @@
 """Captures of a pose while the satellite does not turn at any instant, planned from stored motions."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import chain
 from typing import Literal
 
@@ -8,9 +9,10 @@ import numpy as np
 
 from agents.planners.common.plans import Cause, Failure, start_beyond_limits
 from agents.planners.single_arm.library import Library
-from agents.planners.single_arm.problem import Reach, ReachPlan, require_rest
+from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.reactionless.goals import PoseRows
 from agents.planners.single_arm.reactionless.improvement import METHOD, NEWTON, Candidate, PathImprover
+from agents.planners.single_arm.reactionless.interception import Interceptor
 from agents.planners.single_arm.reactionless.limits import PathLimits
 from agents.planners.single_arm.reactionless.paths import FUNCTIONS, PathSpace
 from agents.planners.single_arm.reactionless.search import predicted, to_goal
@@ -56,17 +58,24 @@ class ReactionlessPlanner:
         limits.limits.checked(robot)
         self._candidates = positive_integer("candidates", candidates, MOST_STARTS)
         self._random = positive_integer("random", random, MOST_STARTS)
+        self._interceptor = Interceptor(robot, limits, library, self._candidates)
 
     def plan(self, reach: Reach) -> ReachPlan | Failure:
         """The motion from rest of a problem, whose duration is the longest one.
 
+        A moving grapple is met at the given duration, or at the best time of a window.
+
         Raises:
-            ConfigurationError: for a malformed problem or a moving goal.
+            ConfigurationError: for a malformed problem.
         """
         reach = reach.checked(self._robot)
-        require_rest(METHOD, reach)
         if (failure := self._refusal(reach)) is not None:
             return failure
+        if reach.goal.moves:
+            random = random_starts(np.random.default_rng(0), self._robot.n_joints, self._random)
+            return self._interceptor.plan(reach, list(random))
+        if reach.window is not None:  # the later, the less disturbance
+            reach = replace(reach, duration=reach.window[1])
         space = space_of(self._robot, reach)
         failures: list[Failure] = []
         for number, found in enumerate(self._candidates_of(space, reach), 1):

@@ -16,6 +16,7 @@ from agents.planners.single_arm.reactionless.flow.stage import FlowStage
 from space_envs.codegen.functions import Batched, batched
 from space_envs.codegen.once import built_once
 from space_envs.dynamics import FloatingRobot
+from space_envs.dynamics.symbolic import SymbolicRobot
 
 FINER = 4  # steps of a plan for one of the search
 
@@ -32,6 +33,8 @@ class FlowFunctions:
         transfer: these at the four points of a step (4 n n each) -> derivatives (n, n) of the angle after it
             by that before it, and by v at its start, middle and end; then those of its slope by angle and v.
         centre: q (n) -> centre of mass (3) m in the base frame, its derivative (3, n).
+        twist: q (n), rate (n) in the reaction null space -> twist (6) [v; w] of the end-effector, its
+            derivatives (6, n) by q and by the rate.
         chain: of the derivatives of all steps.
     """
 
@@ -40,6 +43,7 @@ class FlowFunctions:
     slopes: Batched
     transfer: Batched
     centre: Batched
+    twist: Batched
     chain: StepChain
 
     @classmethod
@@ -58,6 +62,7 @@ def _build(robot: FloatingRobot, functions: int, steps: int) -> FlowFunctions:
     plain = ca.Function("stage", [stage.q, stage.v], ca.cse([stage.slope]))
     slopes = [ca.densify(x.T) for x in (stage.by_angle(), stage.projector)]
     paths = {
+        "twist": _twist(robot, stage),
         "path": _path(_step(plain, 1.0 / steps), steps),
         "fine": _path(_step(plain, 1.0 / (FINER * steps)), FINER * steps),
     }
@@ -68,6 +73,19 @@ def _build(robot: FloatingRobot, functions: int, steps: int) -> FlowFunctions:
     }
     found = batched(paths, optimise=True) | batched(alone, vectorise=True)
     return FlowFunctions(**found, chain=StepChain(robot.n_joints, functions, steps))
+
+
+def _twist(robot: FloatingRobot, stage: FlowStage) -> ca.Function:
+    """Twist of the end-effector while the base moves without rotation, see `FlowFunctions.twist`."""
+    place, rotation = SymbolicRobot(robot).end_effector_pose(0)(stage.q)
+    spins = [
+        ca.inv_skew(ca.reshape(ca.jacobian(ca.vec(rotation), stage.q[j]), 3, 3) @ rotation.T)
+        for j in range(robot.n_joints)
+    ]
+    jacobian = ca.vertcat(ca.jacobian(place, stage.q) - stage.centre_by_angle, ca.horzcat(*spins))
+    twist = jacobian @ stage.v
+    outputs = [twist, ca.densify(ca.jacobian(twist, stage.q)).T, ca.densify(jacobian).T]
+    return ca.Function("twist", [stage.q, stage.v], ca.cse(outputs))
 
 
 def _step(stage: ca.Function, h: float) -> ca.Function:
