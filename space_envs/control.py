@@ -82,8 +82,7 @@ class Lookahead:
 
     def base_map(self) -> Array:
         """Base velocity (N, b, n) per joint rate, zero momentum; linear in inertial, angular in base axes."""
-        mass, b = self.simulation.mass_matrix(), self.simulation.n_base
-        return -np.linalg.solve(mass[:, :b, :b], mass[:, :b, b:])
+        return -np.linalg.solve(*self.simulation.base_inertias())
 
 
 class EndEffectorJacobians:
@@ -191,9 +190,8 @@ class Reactionless:
         adjustable = (rate >= low) & (rate <= high)
         rate = projected(np.minimum(np.maximum(rate, low), high), adjustable)
         # Rates that still exceed a limit are all scaled together, which stays in the null space.
-        bound = np.where(rate > 0.0, high, -low)
-        excess = (np.abs(rate) / np.maximum(bound, 1e-9)).max(axis=1, keepdims=True)
-        rate = rate / np.maximum(excess, 1.0)
+        shares = np.maximum(rate / np.maximum(high, 1e-9), rate / np.minimum(low, -1e-9))
+        rate = rate / np.maximum(shares.max(axis=1, keepdims=True), 1.0)
         # A joint too fast to stop in time: the whole arm brakes, since its motion is reactionless too.
         now = simulation.joint_velocity
         if self.drive.late.any():

@@ -117,9 +117,7 @@ class Drive:
         self.late = (now < self.low) | (now > self.high)
         mass, bias = self.simulation.mass_entries, self.simulation.bias()
         if self.extrapolate:
-            # To the middle of the period.
-            mass, bias = 1.5 * mass - 0.5 * self._last_mass, 1.5 * bias - 0.5 * self._last_bias
-            self._last_mass[:], self._last_bias[:] = self.simulation.mass_entries, self.simulation.bias()
+            mass, bias = _middle(mass, self._last_mass), _middle(bias, self._last_bias)
         self._mass, self._bias = self.simulation.dense(mass), bias
 
     def snapshot(self) -> tuple[Array, Array]:
@@ -219,3 +217,13 @@ class Drive:
         if not violated.any():
             return torque
         return np.where(violated[:, None], self.track(rate), torque)
+
+
+def _middle(now: Array, last: Array) -> Array:
+    """Values in the middle of a period, extrapolated from those at its start and at the last one's, which
+    then are the present ones."""
+    middle = 1.5 * now
+    last *= 0.5
+    middle -= last
+    last[:] = now
+    return middle

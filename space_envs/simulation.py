@@ -144,6 +144,11 @@ class Simulation:
             mass *= self._mass_present
         return mass
 
+    def base_inertias(self) -> tuple[Array, Array]:
+        """Base inertia (N, b, b) and coupling inertia (N, b, n): rows of the mass matrix, copies."""
+        rows = self.mass_entries.take(self._mass_index[: self.n_base], axis=1)
+        return rows[:, :, : self.n_base], rows[:, :, self.n_base :]
+
     def bias(self) -> Array:
         """Coriolis and centrifugal forces (N, b + n) of the robot."""
         return self._bias[:, : self.n_base + self.n_joints]

@@ -1,6 +1,6 @@
 """Parts of every capture task: named observations, the capture envelope and its errors, goals, splits."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple, Self
 
@@ -138,7 +138,7 @@ class Goals:
 
     def take(self, rows: NDArray[np.int64]) -> Self:
         """The goals of rows (k,)."""
-        return type(self)(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
+        return type(self)(**{name: getattr(self, name)[rows] for name in self.__dataclass_fields__})
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,7 @@
 """Checks that a robot is one for a task, its default control period, and the room that it needs."""
 
+from functools import lru_cache
+
 import numpy as np
 
 from space_envs.drives import STOP_MARGIN
@@ -54,6 +56,7 @@ def usual_period(steps: StepLimits) -> float:
     return max(int(longest / steps.default_timestep + 1e-9), 1) * steps.default_timestep
 
 
+@lru_cache(maxsize=64)
 def length_factor(robot: Robot) -> float:
     """Factor from 1 on the bounds of observed positions, for robots that reach farther than usual."""
     mounts = [float(np.linalg.norm(arm.links[0].position)) for arm in robot.arms]
