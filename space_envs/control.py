@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from space_envs.drives import Drive
 from space_envs.dynamics.reactionless import reactionless_projection
@@ -182,7 +183,7 @@ class Reactionless:
             # For small angles twice the vector part is the rotation vector, in base axes too.
             base_rate = np.copysign(2.0 * ATTITUDE_GAIN, -attitude[:, :1]) * attitude[:, 1:]
 
-        def projected(rate: Array, adjustable: Array | None = None) -> Array:
+        def projected(rate: Array, adjustable: NDArray[np.bool_] | None = None) -> Array:
             return reactionless_projection(rotation_map, rate, base_rate, adjustable, _REGULARISATION)
 
         command = np.minimum(np.maximum(action * self.scale, low), high)

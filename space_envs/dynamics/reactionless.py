@@ -8,6 +8,7 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from space_envs.dynamics.floating import FloatingRobot, Kinematics
 from space_envs.dynamics.rotations import Array, conjugate, cross, exponential, multiply, rotate
@@ -93,7 +94,7 @@ def reactionless_projection(
     base_angular: Array,
     rate: Array,
     base_rate: Array | None = None,
-    adjustable: Array | None = None,
+    adjustable: NDArray[np.bool_] | None = None,
     regularisation: float = _TINY,
 ) -> Array:
     """Joint rates (..., n) nearest to given ones for which the base rotates at `base_rate` (..., w).
@@ -101,7 +102,7 @@ def reactionless_projection(
     Args:
         base_angular: (..., w, n), angular velocity of the base per joint rate; w is 3, or 1 in the plane.
         rate: (..., n) rad/s. base_rate: rad/s, in the axes of `base_angular`; None is zero.
-        adjustable: (..., n), 1 for joints whose rates may change and 0 for the others; None is all.
+        adjustable: (..., n) bool, joints whose rates may change; None is all.
         regularisation: added to W W'.
     """
     error = (0.0 if base_rate is None else base_rate) - (base_angular @ rate[..., None])[..., 0]
