@@ -7,7 +7,6 @@ from space_envs.dynamics.rotations import Array
 
 TORQUE_CANDIDATES = 0.9  # fraction of the limit above which a torque gets a row
 TORQUE_FRACTION = 0.99  # of the limit that plans use
-TORQUE_STRIDE = 2  # points of the even grid for one point at which torques are evaluated
 
 
 class Torques:
@@ -21,10 +20,7 @@ class Torques:
     def __init__(self, space: WeightSpace, limit: Array | float, accelerating: bool = True) -> None:
         self._space, self._limit = space, limit
         kinds = np.array([1.0, 1.0, float(accelerating)])[:, None, None]
-        self._rows, self._fixed = (
-            kinds * space.even[:, ::TORQUE_STRIDE],
-            kinds * space.even_fixed[:, ::TORQUE_STRIDE],
-        )
+        self._rows, self._fixed = kinds * space.even, kinds * space.even_fixed
         self._last: tuple[Array, Array, Array] | None = None  # coordinates, motion and shares
 
     def _shares(self, y: Array) -> tuple[Array, Array]:
