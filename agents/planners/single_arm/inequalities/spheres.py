@@ -1,6 +1,9 @@
-"""Keep-out spheres of motions in weight space."""
+"""Keep-out spheres of motions in weight space, and the points of links that are nearest to spheres."""
+
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agents.planners.single_arm.weights.shapes import INTERVALS
 from agents.planners.single_arm.weights.weight_space import Disturbance, WeightSpace
@@ -10,6 +13,40 @@ from space_envs.dynamics.spheres import sphere_gaps
 
 SPHERE_CANDIDATES = 0.15  # m, clearance below which a sphere gets a row
 SPHERE_MARGIN = 0.02  # m, clearance of plans at their sampling times
+
+
+class NearestPoints(NamedTuple):
+    """Points of links that are nearest to spheres, k of them.
+
+    Attributes:
+        point: (k, 3) m, on the centre lines. out: (k, 3) unit vectors to them from the spheres' centres.
+        lever: (k, n) m, velocities of the points along `out` by the joint rates, while the base is at rest.
+    """
+
+    point: Array
+    out: Array
+    lever: Array
+
+    @classmethod
+    def of(cls, ends: Array, axes: Array, link: NDArray[np.intp], centre: Array) -> "NearestPoints":
+        """Nearest points in k configurations.
+
+        Args:
+            ends: (k, n + 1, 3) m, of the links. axes: (k, n, 3) of the joints. link: (k,) from 0.
+            centre: (k, 3) m, of the spheres, in the same frame.
+        """
+        every = np.arange(len(link))
+        start = ends[every, link]
+        along = ends[every, link + 1] - start
+        square = np.maximum((along * along).sum(axis=1), 1e-12)
+        share = np.clip(((centre - start) * along).sum(axis=1) / square, 0.0, 1.0)
+        point = start + share[:, None] * along
+        out = point - centre
+        out /= np.maximum(np.sqrt((out * out).sum(axis=1, keepdims=True)), 1e-9)
+        # Derivative by the joints that carry the link: axis x (point - joint).
+        carried = np.arange(axes.shape[1]) <= link[:, None]
+        arms = point[:, None] - ends[:, :-1]
+        return cls(point, out, (np.cross(axes, arms) * out[:, None]).sum(axis=-1) * carried)
 
 
 class Spheres:
@@ -57,22 +94,11 @@ class Spheres:
         ends, axes = self._ends(y, at.pose[0])
         gap = sphere_gaps(ends, self._spheres, self._radius)
         time, link, sphere = np.nonzero(gap < SPHERE_CANDIDATES)
-        start = ends[time, link]
-        along = ends[time, link + 1] - start
-        centre = self._spheres[sphere, :3]
-        square = np.maximum((along * along).sum(axis=1), 1e-12)
-        share = np.clip(((centre - start) * along).sum(axis=1) / square, 0.0, 1.0)
-        point = start + share[:, None] * along
-        out = point - centre
-        out /= np.maximum(np.sqrt((out * out).sum(axis=1, keepdims=True)), 1e-9)
-        # Derivative by the joints that carry the link: axis x (point - joint).
-        carried = np.arange(axes.shape[1]) <= link[:, None]
-        arms = point[:, None] - ends[time, :-1]
-        lever = (np.cross(axes[time], arms) * out[:, None]).sum(axis=-1) * carried
-        rows = (lever[..., None] * self._space.even[0][time][:, None]).reshape(len(time), y.size)
+        near = NearestPoints.of(ends[time], axes[time], link, self._spheres[sphere, :3])
+        rows = (near.lever[..., None] * self._space.even[0][time][:, None]).reshape(len(time), y.size)
         # Derivative by the displacement of the base so far.
         displacement = self._space.displacements(at.influence)[0]
-        weight = np.concatenate([out, np.cross(point, out)], axis=1)
+        weight = np.concatenate([near.out, np.cross(near.point, near.out)], axis=1)
         left, ahead = self._left[time], self._share[time][:, None, None]
         moved = (1.0 - ahead) * displacement[left] + ahead * displacement[left + 1]
         rows += (weight[:, None] @ moved)[:, 0]
