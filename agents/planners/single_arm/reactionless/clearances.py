@@ -18,6 +18,7 @@ Gaps = Callable[[Array], Array]
 CLEARANCE = 0.005  # m, of plans, or that at the start if it is less
 AIMED_CLEARANCE = 0.015  # m, of the search, likewise
 CLEARANCE_SCALE = 0.02  # m, of missing clearance that counts as a rate at twice its limit does
+SPHERE_CLEARANCE, SPHERE_SCALE = 0.02, 0.1  # m, of the search as the two above, around spheres
 _STEP = 1e-6  # rad, of difference quotients
 
 
@@ -84,11 +85,11 @@ class SphereKeepOut:
     def violations(self, path: Samples, by: Sensitivities) -> tuple[Array, Array]:
         """Clearances missing at the samples, with slopes by the points of the links nearest to spheres."""
         ends, axes = self._ends(path)
-        missing = AIMED_CLEARANCE - self._gaps(ends)
+        missing = SPHERE_CLEARANCE - self._gaps(ends)
         time, link, sphere = np.nonzero(missing > 0.0)
         near = NearestPoints.of(ends[time], axes[time], link, self._spheres[sphere, :3])
         by_gap = (near.lever[:, None] @ by.angle[time] + near.out[:, None] @ by.shift[time])[:, 0]
-        return missing[time, link, sphere] / CLEARANCE_SCALE, -by_gap / CLEARANCE_SCALE
+        return missing[time, link, sphere] / SPHERE_SCALE, -by_gap / SPHERE_SCALE
 
     def _ends(self, path: Samples) -> tuple[Array, Array]:
         """Ends of the links (M + 1, n + 1, 3) m and axes of the joints (M + 1, n, 3)."""

@@ -9,6 +9,7 @@ from agents.planners.common.plans import Cause, Failure
 from agents.planners.single_arm.reactionless.clearances import clearance_fault
 from agents.planners.single_arm.reactionless.limits import PathLimits
 from agents.planners.single_arm.reactionless.objectives import (
+    COST_UNIT,
     Objective,
     least_disturbance,
     shortest_duration,
@@ -23,6 +24,11 @@ ITERATIONS = 12  # of the search for the least cost
 POWERS = 4.0, 4.0, 6.0, 8.0, 12.0  # of searches for a shorter duration, each at the duration of the best
 SHORTENING_ITERATIONS = 8  # of each of them
 SHARES = 0.9, 0.82  # of the limits that a search allows at its nodes, and the next one if it was too much
+FEASIBLE_ITERATIONS = 25  # of the search for a path that is a plan at all
+FEASIBLE_UNIT = 100.0 * COST_UNIT  # m^2/s, of costs in it
+FEASIBLE_SHARE = 0.85  # of the limits at its nodes
+DISTANT = 100.0  # s, duration of starts that are not worth it
+NEARLY = 1.1  # times the duration, of its results that are shortened
 HOPELESS = 1e4  # s, duration of paths that are not worth a search
 POLISHED = 1e-6  # m and rad, pose error of a plan
 POLISHING = 5  # iterations at most
@@ -87,6 +93,20 @@ class PathImprover:
             return short
         found = self._cheaper(space, short.weights, duration, self._limits, SHARES[-1])
         return found if found.keeps(duration) else short
+
+    def feasible(self, space: PathSpace, weights: Array, duration: float) -> Candidate:
+        """A path within all limits near weights, at a cost that is reduced once there is one."""
+        found = self.polished(space, to_goal(space, weights, NEWTON))
+        if not found.shortest < DISTANT:
+            return found
+        objective = least_disturbance(space, self._limits, duration, FEASIBLE_SHARE, FEASIBLE_UNIT)
+        found = self.polished(space, minimise(space, found.weights, objective, FEASIBLE_ITERATIONS).weights)
+        if not found.keeps(duration) and found.shortest < NEARLY * duration:
+            found = self._shortened(space, found.weights, duration, self._limits)
+        if not found.keeps(duration):
+            return found
+        cheaper = self._cheaper(space, found.weights, duration, self._limits, FEASIBLE_SHARE)
+        return cheaper if cheaper.keeps(duration) else found
 
     def shortest(self, space: PathSpace, weights: Array, enough: float = 0.0) -> Candidate:
         """The path with the shortest duration near weights (n, K), or one that is short enough, s."""

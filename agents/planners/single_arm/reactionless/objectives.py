@@ -16,10 +16,16 @@ NEGLIGIBLE = 0.2  # share of a limit, below which its power does not count
 PENALTY = 150.0  # of a share above the allowed one, or of a violation, throughout the path; its root in costs
 
 
-def least_disturbance(space: PathSpace, limits: PathLimits, duration: float, share: float) -> Objective:
-    """Eq. 20 times dt of a path at a duration in s, and penalties on more than a share of the limits."""
+def least_disturbance(
+    space: PathSpace, limits: PathLimits, duration: float, share: float, unit: float = COST_UNIT
+) -> Objective:
+    """Eq. 20 times dt of a path at a duration in s, and penalties on more than a share of the limits.
+
+    Args:
+        unit: m^2/s, of costs; the larger, the more do violations weigh against costs.
+    """
     weight = np.sqrt(space.series.weight)
-    scale = (weight / np.sqrt(duration * COST_UNIT))[:, None]
+    scale = (weight / np.sqrt(duration * unit))[:, None]
     to_drift = scale * space.series.even
 
     def residuals(path: Samples, by: Sensitivities) -> tuple[Array, Array]:

@@ -10,6 +10,7 @@ import numpy as np
 from agents.planners.common.plans import Cause, Failure, start_beyond_limits
 from agents.planners.single_arm.library import Library
 from agents.planners.single_arm.problem import Reach, ReachPlan
+from agents.planners.single_arm.reactionless.clearances import SphereKeepOut
 from agents.planners.single_arm.reactionless.goals import PoseRows
 from agents.planners.single_arm.reactionless.improvement import METHOD, NEWTON, Candidate, PathImprover
 from agents.planners.single_arm.reactionless.interception import Interceptor
@@ -54,7 +55,6 @@ class ReactionlessPlanner:
         if timing not in TIMINGS:
             raise unknown_name("timing", timing, TIMINGS)
         self._robot, self._limits, self._library, self._timing = robot, limits, library, timing
-        self._improver = PathImprover(limits)
         limits.limits.checked(robot)
         self._candidates = positive_integer("candidates", candidates, MOST_STARTS)
         self._random = positive_integer("random", random, MOST_STARTS)
@@ -84,9 +84,17 @@ class ReactionlessPlanner:
             failures.append(found.failure or _too_long(found.shortest, reach.duration))
         return min(failures, key=lambda failure: failure.residual)
 
+    def _improver(self, reach: Reach) -> PathImprover:
+        """Improvement of paths within the limits and around the spheres of a problem."""
+        limits, spheres = self._limits, reach.spheres
+        if spheres is None or not len(spheres):
+            return PathImprover(limits)
+        keep_out = SphereKeepOut(self._robot, spheres, reach.link_radius)
+        return PathImprover(replace(limits, clearances=(*limits.clearances, keep_out)))
+
     def _candidates_of(self, space: PathSpace, reach: Reach) -> Iterator[Candidate]:
         """Paths to the goal until one of them is a plan, from the quickest to find to the others."""
-        improver, duration = self._improver, reach.duration
+        improver, duration = self._improver(reach), reach.duration
         near = [] if self._library is None else [*self._library.nearest(reach, self._candidates)]
         random = random_starts(np.random.default_rng(0), self._robot.n_joints, self._random)
         if self._timing == "shortest":
@@ -99,6 +107,9 @@ class ReactionlessPlanner:
         for start in leading:
             found.append(improver.cheaper(space, start, duration))
             yield found[-1]
+        if any(candidate.touches for candidate in found):
+            yield from (improver.feasible(space, start, duration) for start in chain(near, random))
+            return
         yield from (improver.shorter(space, candidate.weights, duration) for candidate in found)
         yield from (improver.least_cost(space, start, duration) for start in chain(near[RANKED:], random))
 
