@@ -25,6 +25,7 @@ NUMBERS = {
     "optimal": ("--goals", "--jobs"),
     "planners": ("--episodes",),
     "planning": ("--goals",),
+    "reactionless_collocation": ("--goals",),
     "reactionless_paths": ("--goals", "--horizon"),
     "robot_figures": (),
     "robots": ("--goals",),

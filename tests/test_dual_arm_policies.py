@@ -170,7 +170,7 @@ OFFERED = {
         *(*ANYWHERE, *POSES, "promp_feedback", "promp_demonstrated"),
         *("promp_reactionless", "nmpc", "bc", "ppo"),
     ],
-    "SpaceCapture/SingleArmCluttered-v0": [*ANYWHERE, *POSES, "promp_avoiding"],
+    "SpaceCapture/SingleArmCluttered-v0": [*ANYWHERE, *POSES, "promp_avoiding", "promp_reactionless"],
     IDS[0]: [*ANYWHERE, *REACTIONLESS, "reactionless_ocp", *CLONES],
     IDS[1]: [*ANYWHERE, *REACTIONLESS, *CLONES],
 }

@@ -136,13 +136,21 @@ class OptimalPolicy(ReachingPolicy):
         """Plans with sufficient clearance for the episodes that start with observations (N, size)."""
         read = self.context.layout.read
         plans = self.plan(reaches(self.context, observation, self.keep_attitude))
-        times, keep_out = motion_times(self.context), KeepOut.of(self.context, observation)
-        if keep_out is not None:
-            rows = np.arange(len(plans))[:, None]
-            plans = [_checked(plan, times, keep_out.take(row)) for plan, row in zip(plans, rows, strict=True)]
+        times = motion_times(self.context)
+        plans = clear_plans(plans, times, KeepOut.of(self.context, observation))
         return sampled_plans(
             read(observation, "joint_position"), plans, times, read(observation, "time")[:, 0]
         )
+
+
+def clear_plans(
+    plans: list[ReachPlan | Failure], times: Array, keep_out: KeepOut | None
+) -> list[ReachPlan | Failure]:
+    """Plans of N episodes; failures in place of those in which a link touches something at times (T,) s."""
+    if keep_out is None:
+        return plans
+    rows = np.arange(len(plans))[:, None]
+    return [_checked(plan, times, keep_out.take(row)) for plan, row in zip(plans, rows, strict=True)]
 
 
 def _checked(plan: ReachPlan | Failure, times: Array, keep_out: KeepOut) -> ReachPlan | Failure:

@@ -31,7 +31,7 @@ DISTANT = 100.0  # s, duration of starts that are not worth it
 NEARLY = 1.1  # times the duration, of its results that are shortened
 HOPELESS = 1e4  # s, duration of paths that are not worth a search
 POLISHED = 1e-6  # m and rad, pose error of a plan
-POLISHING = 5  # iterations at most
+POLISHING = 10  # iterations at most
 SPARE = 1.003  # times the shortest duration at the samples, for what lies between them
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from agents.planners.common.plans import Cause, Failure, start_beyond_limits
 from agents.planners.single_arm.library import Library
 from agents.planners.single_arm.problem import Reach, ReachPlan
-from agents.planners.single_arm.reactionless.clearances import SphereKeepOut
+from agents.planners.single_arm.reactionless.clearances import CLEARANCE, SphereKeepOut
 from agents.planners.single_arm.reactionless.goals import PoseRows
 from agents.planners.single_arm.reactionless.improvement import METHOD, NEWTON, Candidate, PathImprover
 from agents.planners.single_arm.reactionless.interception import Interceptor
@@ -19,6 +19,7 @@ from agents.planners.single_arm.reactionless.paths import FUNCTIONS, PathSpace
 from agents.planners.single_arm.reactionless.search import predicted, to_goal
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array, to_matrix
+from space_envs.dynamics.spheres import link_ends, sphere_gaps
 from space_envs.errors import positive_integer, unknown_name
 
 Timing = Literal["latest", "shortest"]
@@ -107,7 +108,7 @@ class ReactionlessPlanner:
         for start in leading:
             found.append(improver.cheaper(space, start, duration))
             yield found[-1]
-        if any(candidate.touches for candidate in found):
+        if reach.spheres is not None and len(reach.spheres):
             yield from (improver.feasible(space, start, duration) for start in chain(near, random))
             return
         yield from (improver.shorter(space, candidate.weights, duration) for candidate in found)
@@ -126,6 +127,8 @@ class ReactionlessPlanner:
             return Failure(METHOD, Cause.INFEASIBLE, "reactionless motions start at rest, the arm moves")
         if (beyond := start_beyond_limits(METHOD, reach.start, self._limits.limits)) is not None:
             return beyond
+        if (inside := _in_sphere(self._robot, reach)) is not None:
+            return inside
         robot = self._robot
         centre = robot.centre_of_mass(robot.kinematics(reach.start))
         distance, longest = float(np.linalg.norm(reach.end.position - centre)), robot.reach()
@@ -146,6 +149,21 @@ def random_starts(rng: np.random.Generator, n: int, count: int) -> Iterator[Arra
     order = np.arange(1, FUNCTIONS + 1)
     for _ in range(count):
         yield rng.uniform(*RANDOM_SCALES) * rng.standard_normal((n, FUNCTIONS)) / order
+
+
+def _in_sphere(robot: FloatingRobot, reach: Reach) -> Failure | None:
+    """Failure of a problem that begins or ends too close to a sphere."""
+    if reach.spheres is None or not len(reach.spheres):
+        return None
+    ends = link_ends(robot, reach.start, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+    start = sphere_gaps(ends, reach.spheres, reach.link_radius).min(axis=0)
+    last = np.stack([reach.end.position, reach.end.position])
+    goal = sphere_gaps(last, reach.spheres, np.broadcast_to(reach.link_radius, robot.n_joints)[-1])[0]
+    for where, gap in (("at the start a link is", start), ("at the goal the last link would be", goal)):
+        if gap.min() <= CLEARANCE:
+            reason = f"{where} {gap.min():.3f} m from sphere {gap.argmin() + 1}"
+            return Failure(METHOD, Cause.CLEARANCE, reason)
+    return None
 
 
 def _too_long(shortest: float, duration: float) -> Failure:

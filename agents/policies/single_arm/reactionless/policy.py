@@ -9,9 +9,10 @@ from agents.planners.common.plans import Failure
 from agents.planners.single_arm.library import find_reactionless_library
 from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.reactionless.planner import ReactionlessPlanner
+from agents.policies.clearance import KeepOut
 from agents.policies.following import FollowedPlans, FollowingPolicy, Reference, sampled_plans
 from agents.policies.needs import POSE
-from agents.policies.single_arm.optimal import reaches
+from agents.policies.single_arm.optimal import clear_plans, reaches
 from agents.policies.single_arm.reactionless.problem import latest_arrival, path_limits
 from space_envs.dynamics.reactionless import end_effectors, reactionless_projection, reactionless_rates
 from space_envs.dynamics.rotations import Array, conjugate, rotate
@@ -29,9 +30,7 @@ class PrompReactionless(FollowingPolicy):
     Its last rows feed back the attitude error, and the rate of the base that unmodelled masses leave.
     """
 
-    needs = replace(
-        POSE, fields=(*POSE.fields, "base_angular_velocity"), joints=7, planar=False, obstacles=False
-    )
+    needs = replace(POSE, fields=(*POSE.fields, "base_angular_velocity"), joints=7, planar=False)
     tracking_gain = TRACKING_GAIN
 
     def __init__(self, context: PolicyContext, seed: int = 0) -> None:
@@ -52,6 +51,8 @@ class PrompReactionless(FollowingPolicy):
         plans = self.plan([replace(one, duration=t) for one, t in zip(asked, latest, strict=True)])
         count = int(np.ceil(latest.max(initial=context.control_period) / context.control_period))
         times = np.arange(count + 1) * context.control_period
+        if asked and asked[0].spheres is not None:  # the planner knows links from joint to joint alone
+            plans = clear_plans(plans, times, KeepOut.of(context, observation))
         return sampled_plans(read(observation, "joint_position"), plans, times, time)
 
     def track(self, observation: Array, plans: FollowedPlans, reference: Reference) -> Array:
