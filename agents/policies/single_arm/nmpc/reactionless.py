@@ -21,7 +21,7 @@ class NMPCReactionless(NMPC):
     Such a path takes nearly the whole episode.
     """
 
-    needs = PrompReactionless.needs
+    needs = replace(PrompReactionless.needs, obstacles=False)
     basis = LegendreBasis(12)
 
     def __init__(self, context: PolicyContext, seed: int = 0) -> None:
