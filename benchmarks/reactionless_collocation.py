@@ -58,7 +58,7 @@ class Measured(NamedTuple):
     error: float
 
 
-class Solved(NamedTuple):
+class CollocationResult(NamedTuple):
     """Status of Ipopt and what it found."""
 
     status: str
@@ -84,7 +84,7 @@ class Collocation:
         shapes = s**3 * (10 - 15 * s + 6 * s**2), 30 * s**2 * (1 - s) ** 2, 60 * s * (1 - s) * (1 - 2 * s)
         return Motion(start + shapes[0] * way, shapes[1] * way / duration, shapes[2] * way / duration**2)
 
-    def solve(self, reach: Reach, near: Motion) -> Solved:
+    def solve(self, reach: Reach, near: Motion) -> CollocationResult:
         """The optimum near a motion."""
         unknown = [ca.MX.sym(name, self.model.nu, 2 * INTERVALS + 1) for name in Motion._fields]
         cost, equations = self._program(reach, *unknown)
@@ -94,7 +94,7 @@ class Collocation:
         lower, upper = self.bounds(reach)
         found = solver(x0=np.stack(near).ravel(), lbx=lower.ravel(), ubx=upper.ravel(), lbg=0.0, ubg=0.0)
         motion = Motion(*np.asarray(found["x"]).reshape(3, -1, self.model.nu))
-        return Solved(solver.stats()["return_status"], motion, self.measured(reach, motion))
+        return CollocationResult(solver.stats()["return_status"], motion, self.measured(reach, motion))
 
     def _program(self, reach: Reach, q: ca.MX, rate: ca.MX, acceleration: ca.MX) -> tuple[ca.MX, ca.MX]:
         """Eq. 20 times dt, and equations: rules of the intervals, no base rate, and the goal."""
@@ -230,13 +230,13 @@ def _miss(start: tuple[ca.DM, ...], end: tuple[ca.MX, ...], reach: Reach) -> ca.
     return ca.vertcat(displaced - goal.position, turned, relative[1, 0] - relative[0, 1])
 
 
-def compare(context: PolicyContext, reach: Reach, plan: ReachPlan, limits: Limits) -> list[Solved]:
+def compare(context: PolicyContext, reach: Reach, plan: ReachPlan, limits: Limits) -> list[CollocationResult]:
     """A plan, the optimum near it, and the one near the straight joint motion to where it ends."""
     program = Collocation(context.model, limits)
     own = program.sampled(plan)
     straight = program.joint_motion(reach.start, own.q[-1], reach.duration)
     return [
-        Solved("plan", own, program.measured(reach, own)),
+        CollocationResult("plan", own, program.measured(reach, own)),
         program.solve(reach, own),
         program.solve(reach, straight),
     ]
@@ -252,7 +252,7 @@ def problems(name: str, goals: int) -> tuple[PolicyContext, PrompReactionless, l
     return context, PrompReactionless(context), [one.checked(context.arm) for one in asked]
 
 
-def cells(number: int, found: list[Solved]) -> list[str]:
+def cells(number: int, found: list[CollocationResult]) -> list[str]:
     """A row of the table."""
     plan, near, straight = found
     best = plan.measured.cost

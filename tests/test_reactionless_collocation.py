@@ -5,7 +5,13 @@ import pytest
 
 from agents.planners.single_arm.problem import ReachPlan
 from agents.policies.single_arm.reactionless.problem import path_limits
-from benchmarks.reactionless_collocation import Collocation, Solved, compare, momentum_functions, problems
+from benchmarks.reactionless_collocation import (
+    Collocation,
+    CollocationResult,
+    compare,
+    momentum_functions,
+    problems,
+)
 
 
 def test_momentum_of_the_collocation_is_that_of_the_robot() -> None:
@@ -42,7 +48,7 @@ def test_plans_are_feasible_for_a_collocation_and_not_far_above_its_optimum() ->
     assert min(ratios) > 0.98 and np.median(ratios) < 2.5
 
 
-def within(context, reach, own: Solved, limits) -> float:
+def within(context, reach, own: CollocationResult, limits) -> float:
     """Largest excess of a motion over the bounds of the program, relative to 1 rad, rad/s or rad/s^2."""
     lower, upper = Collocation(context.model, limits).bounds(reach)
     values = np.stack(own.motion)
