@@ -59,7 +59,6 @@ class ReactionlessPlanner:
         limits.limits.checked(robot)
         self._candidates = positive_integer("candidates", candidates, MOST_STARTS)
         self._random = positive_integer("random", random, MOST_STARTS)
-        self._interceptor = Interceptor(robot, limits, library, self._candidates)
 
     def plan(self, reach: Reach) -> ReachPlan | Failure:
         """The motion from rest of a problem, whose duration is the longest one.
@@ -74,7 +73,8 @@ class ReactionlessPlanner:
             return failure
         if reach.goal.moves:
             random = random_starts(np.random.default_rng(0), self._robot.n_joints, self._random)
-            return self._interceptor.plan(reach, list(random))
+            limits = self._limits_around(reach)
+            return Interceptor(self._robot, limits, self._library, self._candidates).plan(reach, list(random))
         if reach.window is not None:  # the later, the less disturbance
             reach = replace(reach, duration=reach.window[1])
         space = space_of(self._robot, reach)
@@ -85,17 +85,16 @@ class ReactionlessPlanner:
             failures.append(found.failure or _too_long(found.shortest, reach.duration))
         return min(failures, key=lambda failure: failure.residual)
 
-    def _improver(self, reach: Reach) -> PathImprover:
-        """Improvement of paths within the limits and around the spheres of a problem."""
-        limits, spheres = self._limits, reach.spheres
-        if spheres is None or not len(spheres):
-            return PathImprover(limits)
-        keep_out = SphereKeepOut(self._robot, spheres, reach.link_radius)
-        return PathImprover(replace(limits, clearances=(*limits.clearances, keep_out)))
+    def _limits_around(self, reach: Reach) -> PathLimits:
+        """The limits, with clearance from the spheres of a problem."""
+        if reach.spheres is None or not len(reach.spheres):
+            return self._limits
+        keep_out = SphereKeepOut(self._robot, reach.spheres, reach.link_radius)
+        return replace(self._limits, clearances=(*self._limits.clearances, keep_out))
 
     def _candidates_of(self, space: PathSpace, reach: Reach) -> Iterator[Candidate]:
         """Paths to the goal until one of them is a plan, from the quickest to find to the others."""
-        improver, duration = self._improver(reach), reach.duration
+        improver, duration = PathImprover(self._limits_around(reach)), reach.duration
         near = [] if self._library is None else [*self._library.nearest(reach, self._candidates)]
         random = random_starts(np.random.default_rng(0), self._robot.n_joints, self._random)
         if self._timing == "shortest":
