@@ -15,10 +15,10 @@ from agents.planners.common.plans import Cause, Failure, Limits
 from agents.planners.common.smooth import Smooth
 from agents.planners.dual_arm.check import held_dynamics
 from agents.planners.dual_arm.clearance import gaps
-from agents.planners.dual_arm.free_paths.goals import EndGoals, end_configurations, spread
-from agents.planners.dual_arm.free_paths.model import HeldAttitude
 from agents.planners.dual_arm.free_paths.planner import plan_free
 from agents.planners.dual_arm.free_paths.solver import FreePathSolver, clear_program, free_program
+from agents.planners.dual_arm.goals import EndGoals, end_configurations, spread
+from agents.planners.dual_arm.held_attitude import HeldAttitude
 from agents.planners.dual_arm.prescribed_paths.instantaneous import plan_local, plan_zeta_zero
 from agents.planners.dual_arm.prescribed_paths.ocp import plan_ocp
 from agents.planners.dual_arm.problem import Capture, CapturePlan

@@ -1,10 +1,12 @@
 """Optimal control along given paths: its value, that it is stationary, its bounds, and how it refuses."""
 
 from functools import cache
+from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
-from dual_arm_robots import DUAL_ARMS
+from dual_arm_robots import DUAL_ARMS, END_EFFECTORS
 
 from agents.planners.common.plans import Cause, Failure, Limits
 from agents.planners.dual_arm.prescribed_paths.instantaneous import plan_local, plan_zeta_zero
@@ -15,8 +17,8 @@ from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.reactionless import end_effectors
 from space_envs.dynamics.rotations import Array
 from space_envs.dynamics.symbolic import SymbolicRobot
-from space_envs.errors import ConfigurationError
-from space_envs.robots.models import robot_mechanics
+from space_envs.robots.models import robot_mechanics, robot_model
+from space_envs.robots.zoo import find_robot
 
 # The canonical case of the lost Fig. 1 of shah2013 and its energies, J s, found by two implementations.
 CANONICAL = Capture.at_end(
@@ -27,6 +29,7 @@ CANONICAL = Capture.at_end(
 )
 FREE_START, FROM_REST = 0.750548977, 0.750552310
 ACCELERATION = 0.1  # rad/s^2
+ROBOTS = Path(__file__).parent / "data" / "robots"
 MOUNTS = ((0.4, 0.3), (-0.3, 0.4))
 
 
@@ -226,8 +229,131 @@ def test_singular_captures_are_failures_of_every_method(seed):
     assert "singular at t = " in found.reason
 
 
-def test_space_is_refused_by_name():
-    robot = robot_mechanics(DUAL_ARMS["spatial"])
-    capture = Capture.at_end(robot.home, 20.0, np.zeros((2, 3)), np.zeros((2, 3)))
-    with pytest.raises(ConfigurationError, match="planar"):
-        plan_ocp(robot, capture)
+# In space ----------------------------------------------------------------------------------------------
+
+
+@cache
+def spatial_capture(name: str = "spatial", aligned: bool = False) -> Capture:
+    """A capture whose ends are those of a posture near home."""
+    robot, rng = robot_of_name(name), np.random.default_rng(5)
+    there = robot.home + rng.uniform(-0.15, 0.15, robot.n_joints)
+    base = robot.centre_of_mass(robot.kinematics(robot.home)) - robot.centre_of_mass(robot.kinematics(there))
+    axis = end_effectors(robot, there).axis if aligned else None
+    return Capture.at_end(
+        robot.home,
+        20.0,
+        end_effectors(robot, there).position + base,
+        np.array([[-0.01, 0.0, 0.005], [0.01, 0.002, 0.0]]),
+        axis,
+    )
+
+
+@cache
+def robot_of_name(name: str) -> FloatingRobot:
+    return robot_mechanics(DUAL_ARMS.get(name) or find_robot(str(ROBOTS / f"{name}.toml")))
+
+
+@cache
+def spatial_plan(aligned: bool = False, rest: bool = False) -> CapturePlan:
+    limits = Limits(rate=0.3, acceleration=0.25) if rest else Limits()
+    return planned(robot_of_name("spatial"), spatial_capture(aligned=aligned), limits, rest)
+
+
+@pytest.mark.parametrize(("aligned", "rest"), [(False, False), (True, True)])
+def test_spatial_plans_are_reactionless_on_their_paths_in_mujoco(aligned: bool, rest: bool) -> None:
+    """On a dense grid: the base does not turn, and the end-effectors are on their polynomials."""
+    plan, capture = spatial_plan(aligned, rest), spatial_capture(aligned=aligned)
+    model = robot_model(DUAL_ARMS["spatial"])
+    data = mujoco.MjData(model)
+    satellite = model.body("satellite").id
+    sites = [model.site(name).id for name in END_EFFECTORS]
+    mass, path = np.zeros((model.nv, model.nv)), None
+    for time in np.linspace(0.0, capture.duration, 401):
+        q, rate, _ = plan.sample(time)
+        data.qpos[:] = model.key_qpos[0]
+        data.qpos[:7], data.qpos[7 : 7 + len(q)] = [0, 0, 0, 1, 0, 0, 0], q
+        mujoco.mj_fwdPosition(model, data)
+        mujoco.mj_fullM(model, data, mass)
+        size = 6 + len(q)
+        base = -np.linalg.solve(mass[:6, :6], mass[:6, 6:size] @ rate)
+        assert np.abs(base[3:]).max() < 1e-8
+        centre = data.subtree_com[satellite]
+        if path is None:
+            first = np.concatenate([data.site_xpos[site] - centre for site in sites])
+            ends = (capture.position - centre).ravel()
+            path = PolynomialPath(first, ends, np.zeros(6), capture.velocity.ravel(), capture.duration)
+        now = np.concatenate([data.site_xpos[site] - centre for site in sites])
+        np.testing.assert_allclose(now, path.position(time), atol=1e-6)
+    if aligned:
+        assert capture.axis is not None
+        axes = np.array([data.site_xmat[site].reshape(3, 3)[:, 2] for site in sites])
+        assert (np.cross(axes, capture.axis) ** 2).sum(axis=1).max() < 1e-10
+        assert ((axes * capture.axis).sum(axis=1) > 0.0).all()
+
+
+@pytest.mark.parametrize("aligned", [False, True])
+def test_spatial_energies_by_a_quadrature_of_the_mass_matrix(aligned: bool) -> None:
+    plan, robot = spatial_plan(aligned, aligned), robot_of_name("spatial")
+    time, q, rate, _ = dense(plan)
+    mass_of = SymbolicRobot(robot).reduced_mass.map(len(time))
+    mass = mass_of(q.T).full().reshape(14, -1, 14).swapaxes(0, 1)
+    power = np.einsum("ki,kij,kj->k", rate, mass, rate)
+    assert np.trapezoid(power, time) == pytest.approx(plan.energy, rel=1e-5)
+
+
+def test_spatial_optimum_is_below_the_instantaneous_ones_and_stationary() -> None:
+    """Nearby motions along the same paths cost more: those that are led aside by bumps in the null space."""
+    robot, capture, plan = robot_of_name("spatial"), spatial_capture(), spatial_plan()
+    for each in (plan_zeta_zero, plan_local):
+        other = each(robot, capture)
+        assert not isinstance(other, CapturePlan) or plan.energy < other.energy
+    rng = np.random.default_rng(1)
+    directions = rng.normal(size=(2, 14))
+    excess = [led_aside(robot, capture, plan, 0.003 * sign * each) for each in directions for sign in (1, -1)]
+    at_zero = led_aside(robot, capture, plan, np.zeros(14))
+    assert at_zero == pytest.approx(plan.energy, rel=1e-5)
+    assert min(excess) > at_zero
+    above, below = np.array(excess[::2]) - at_zero, np.array(excess[1::2]) - at_zero
+    assert (np.abs(above - below) < 0.2 * (above + below)).all()
+
+
+def led_aside(robot: FloatingRobot, capture: Capture, plan: CapturePlan, direction: Array) -> float:
+    """C of the motion along the same paths that follows the plan's rates in the null space, changed by a bump
+    along `direction` (n,) rad/s. Numpy alone, classical Runge-Kutta."""
+    reduced = SymbolicRobot(robot).reduced_mass
+    centre = robot.centre_of_mass(robot.kinematics(capture.start))
+    first = (end_effectors(robot, capture.start).position - centre).ravel()
+    ends = (capture.position - centre).ravel()
+    path = PolynomialPath(first, ends, np.zeros(6), capture.velocity.ravel(), capture.duration)
+
+    def law(time: float, q: Array) -> Array:
+        now = end_effectors(robot, q)
+        rows = np.concatenate([now.linear.reshape(6, -1), now.base_angular])
+        inverse = np.linalg.pinv(rows)
+        _, rate, _ = plan.sample(time)
+        bump = direction * np.exp(-(((time - 9.0) / 3.0) ** 2))
+        wanted = rate + bump
+        return wanted + inverse @ (np.append(path.velocity(time), np.zeros(3)) - rows @ wanted)
+
+    q, steps, total = capture.start, 80, 0.0
+    h = capture.duration / steps
+    for step in range(steps):
+        t = step * h
+        k = [law(t, q)]
+        for share in (0.5, 0.5, 1.0):
+            k.append(law(t + share * h, q + share * h * k[-1]))
+        places = q, q + 0.5 * h * k[0], q + 0.5 * h * k[1], q + h * k[2]
+        power = [float(each @ reduced(at).full() @ each) for at, each in zip(places, k, strict=True)]
+        total += h / 6 * (power[0] + 2 * power[1] + 2 * power[2] + power[3])
+        q = q + h / 6 * (k[0] + 2 * k[1] + 2 * k[2] + k[3])
+    return total
+
+
+def test_other_robots_with_two_arms_in_space() -> None:
+    robot = robot_of_name("spatial_six_and_six")
+    capture = spatial_capture("spatial_six_and_six")
+    plan = planned(robot, capture)
+    _, q, rate, _ = dense(plan)
+    assert np.abs(robot.base_map(q)[:, 3:] @ rate[..., None]).max() < 1e-8
+    others = [each(robot, capture) for each in (plan_zeta_zero, plan_local)]
+    assert all(plan.energy <= other.energy for other in others if isinstance(other, CapturePlan))

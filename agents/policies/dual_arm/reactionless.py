@@ -189,9 +189,10 @@ class ReactionlessLocal(ReactionlessPolicy):
 
 
 class ReactionlessOCP(ReactionlessPolicy):
-    """Polynomial end-effector paths with the least energy over the motion, from rest."""
+    """Polynomial end-effector paths with the least energy over the motion, from rest.
 
-    needs = replace(RENDEZVOUS, planar=True)
+    In space the approach axes are aligned at the end of the plan.
+    """
 
     @staticmethod
     def plan(task: PlannerInput) -> CapturePlan | Failure:

@@ -16,7 +16,7 @@ from scipy.sparse import csc_matrix
 from agents.planners.common.ipopt import NonlinearProgram
 from agents.planners.common.smooth import Smooth
 from agents.planners.common.splines import Mesh, Terms
-from agents.planners.dual_arm.free_paths.model import HeldAttitude
+from agents.planners.dual_arm.held_attitude import HeldAttitude
 from space_envs.dynamics.rotations import Array
 
 FIXED = 3  # leading coefficients, which put the start at rest without acceleration

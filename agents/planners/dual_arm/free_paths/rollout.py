@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from agents.planners.dual_arm.free_paths.model import HeldAttitude
 from agents.planners.dual_arm.free_paths.program import FIXED, FreePathProgram
+from agents.planners.dual_arm.held_attitude import HeldAttitude
 from space_envs.dynamics.rotations import Array
 
 _SUBSTEPS = 20  # of the integration, in an interval of the splines

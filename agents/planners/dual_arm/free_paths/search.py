@@ -8,10 +8,10 @@ from agents.planners.common.plans import Cause, Failure, Limits, in_words, start
 from agents.planners.common.solutions import Solution, distinct, unsolved
 from agents.planners.dual_arm.check import check
 from agents.planners.dual_arm.clearance import Gaps
-from agents.planners.dual_arm.free_paths.goals import end_configurations, spread
-from agents.planners.dual_arm.free_paths.model import HeldAttitude
 from agents.planners.dual_arm.free_paths.obstacles import Obstacles
 from agents.planners.dual_arm.free_paths.solver import METHOD, FreePathSolver
+from agents.planners.dual_arm.goals import end_configurations, spread
+from agents.planners.dual_arm.held_attitude import HeldAttitude
 from agents.planners.dual_arm.prescribed_paths.instantaneous import plan_local, plan_zeta_zero
 from agents.planners.dual_arm.prescribed_paths.ocp import plan_ocp
 from agents.planners.dual_arm.problem import Capture, CapturePlan
@@ -257,9 +257,13 @@ class FreePathSearch:
 
 
 def prescribed_plans(robot: FloatingRobot, capture: Capture, limits: Limits) -> list[CapturePlan]:
-    """Plans of methods (a), (b) and, in the plane, (c) for a checked capture, within joint limits only."""
+    """Plans of methods (a), (b) and (c) for a checked capture.
+
+    (a) and (b) are within joint limits only, and so is (c) where there is none from rest within all limits.
+    """
     angles = Limits(position=limits.position)
-    plans = [plan_zeta_zero(robot, capture, angles), plan_local(robot, capture, angles)]
-    if HeldAttitude.of(robot).dimensions == 2:
-        plans.append(plan_ocp(robot, capture, angles))
+    optimal = plan_ocp(robot, capture, replace(limits, control=None), from_rest=True)
+    if isinstance(optimal, Failure):
+        optimal = plan_ocp(robot, capture, angles)
+    plans = [plan_zeta_zero(robot, capture, angles), plan_local(robot, capture, angles), optimal]
     return [plan for plan in plans if isinstance(plan, CapturePlan)]

@@ -6,11 +6,11 @@ from agents.planners.common.plans import Failure, JointPath, Limits
 from agents.planners.common.solutions import Solution, solved
 from agents.planners.common.splines import Mesh
 from agents.planners.dual_arm.check import check
-from agents.planners.dual_arm.free_paths.goals import EndGoals
-from agents.planners.dual_arm.free_paths.model import HeldAttitude
 from agents.planners.dual_arm.free_paths.nearness import PARAMETERS, Nearness
 from agents.planners.dual_arm.free_paths.program import FIXED, FreePathProgram, build
 from agents.planners.dual_arm.free_paths.rollout import ReactionlessRollout
+from agents.planners.dual_arm.goals import EndGoals
+from agents.planners.dual_arm.held_attitude import HeldAttitude
 from agents.planners.dual_arm.problem import Capture, CapturePlan
 from space_envs.codegen.once import built_once
 from space_envs.dynamics import FloatingRobot

@@ -15,6 +15,7 @@ REFINEMENT = 4  # points for each node of the plan
 TOLERANCES = {  # beyond which a plan counts as inaccurate
     "end_position": 1e-6,  # m
     "end_velocity": 1e-6,  # m/s
+    "end_axis": 1e-5,  # rad
     "base_rate": 1e-8,  # rad/s
     "path": 1e-6,  # m
     "energy": 1e-5,  # relative

@@ -1,5 +1,7 @@
 """Reactionless motion along prescribed end-effector paths by a choice at each instant."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from agents.planners.common.plans import Cause, Failure, Limits
@@ -60,7 +62,7 @@ def capture_path(method: str, robot: FloatingRobot, capture: Capture) -> Polynom
 def _plan(
     method: str, robot: FloatingRobot, capture: Capture, limits: Limits, choice: Choice
 ) -> CapturePlan | Failure:
-    capture, limits = capture.checked(robot), limits.checked(robot)
+    capture, limits = replace(capture.checked(robot), axis=None), limits.checked(robot)
     path = capture_path(method, robot, capture)
     if isinstance(path, Failure):
         return path

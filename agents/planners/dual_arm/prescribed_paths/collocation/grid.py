@@ -56,6 +56,11 @@ class CollocatedMotion:
     rates: Array
     energy: float
 
+    def at(self, times: Array) -> Array:
+        """Angles (K, n) at times (K,) s, rad."""
+        curve = self.curve()
+        return np.array([curve(time)[0] for time in times])
+
     def curve(self) -> Callable[[float], tuple[Array, Array]]:
         """Angles and rates (n,) as polynomials of time, which scipy's interpolators evaluate more slowly."""
         n = self.nodes.shape[1]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from agents.planners.common.smooth import Smooth
-from agents.planners.dual_arm.free_paths.arms import ArmExpressions, chains, composed, momentum_about_com
+from agents.planners.dual_arm.arms import ArmExpressions, chains, composed, momentum_about_com
 from space_envs.codegen.functions import compiled
 from space_envs.codegen.once import built_once
 from space_envs.dynamics import FloatingRobot

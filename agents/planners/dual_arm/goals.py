@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from agents.planners.common.newton import damped_newton
 from agents.planners.common.plans import Cause, Failure, Limits
-from agents.planners.dual_arm.free_paths.model import HeldAttitude
+from agents.planners.dual_arm.held_attitude import HeldAttitude
 from agents.planners.dual_arm.problem import Capture
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array

@@ -4,38 +4,53 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.planners.common.smooth import Smooth, smooth_parts
+from agents.planners.dual_arm.held_attitude import HeldAttitude
 from agents.planners.dual_arm.prescribed_paths.model import PathModel
-from space_envs.codegen.functions import compiled
+from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
 
 
-def point_functions(model: PathModel, n: int, rows: int, controlled: bool) -> dict[str, ca.Function]:
-    """Residual and energy at one point, their first derivatives and weighted second derivatives, compiled.
+def point_functions(robot: FloatingRobot, controlled: bool) -> dict[str, ca.Function]:
+    """Residual and energy at one point, their first derivatives and weighted second derivatives.
 
-    With zeta among the residuals they are interpreted: a compiler takes minutes for them.
+    Args:
+        controlled: whether the component of zeta is the last residual, of a robot with one at each instant;
+            its functions are interpreted, as a compiler takes minutes for them.
     """
-    q, qdot, v = (ca.SX.sym(name, size) for name, size in (("q", n), ("qdot", n), ("v", 4)))
-    _, task, angular, mass = model.symbolic(q)
-    residual, energy = task @ qdot - ca.vertcat(v, ca.SX(model.momenta, 1)), qdot.T @ mass @ qdot
+    model, n, d = HeldAttitude.of(robot), robot.n_joints, HeldAttitude.of(robot).dimensions
+    scale = PathModel.of(robot).scale
+    q, qdot, v = (ca.MX.sym(name, size) for name, size in (("q", n), ("qdot", n), ("v", 2 * d)))
+    any_axis, rows = ca.DM(3, 4), slice(2 * d, 4 * d + model.momenta)
+    weights = ca.vertcat(ca.DM.ones(2 * d), ca.DM.ones(model.momenta) / scale)
+    value = weights * model.ending.value(q, qdot, any_axis)[rows] - ca.vertcat(v, ca.DM(model.momenta, 1))
+    slope = ca.repmat(weights, 1, 2 * n) * model.ending.slope(q, qdot, any_axis)[rows, :]
+    share, weight = ca.MX.sym("share", weights.numel() + int(controlled)), ca.MX.sym("weight")
+    of_rows = ca.vertcat(ca.DM(2 * d, 1), weights * share[: weights.numel()], ca.DM(model.tilts, 1))
+    bend = model.ending.bend(q, qdot, any_axis, of_rows) + model.energy.bend(q, qdot, weight)
     if controlled:
-        # zeta: dependent angular velocities along the direction in which the null space changes them.
-        columns = [[j for j in range(n) if j != omitted] for omitted in range(n)]
-        null = ca.vertcat(*[(-1) ** omitted * ca.det(task[:, c]) for omitted, c in enumerate(columns)])
-        direction = angular @ null
-        component = ca.dot(direction, angular @ qdot) / ca.norm_2(direction)
-        residual = ca.vertcat(residual, component)
-    y, share, weight = ca.vertcat(q, qdot), ca.SX.sym("share", rows), ca.SX.sym("weight")
-    bend = ca.hessian(ca.dot(share, residual) + weight * energy, y)[0]
+        zeta = _zeta_component(robot)
+        value, slope = ca.vertcat(value, zeta.value(q, qdot)), ca.vertcat(slope, zeta.slope(q, qdot))
+        bend = bend + zeta.bend(q, qdot, share[-1])
+    energy, pull = model.energy.value(q, qdot), model.energy.slope(q, qdot).T
     outputs = {
-        "value": ([q, qdot, v], [residual, energy]),
-        "slope": ([q, qdot, v], [ca.jacobian(residual, y), ca.gradient(energy, y)]),
-        "bend": ([q, qdot, v, share, weight], [bend]),
+        "value": ([q, qdot, v], [value, energy]),
+        "slope": ([q, qdot], [slope, pull]),
+        "bend": ([q, qdot, share, weight], [bend]),
     }
-    functions = {
-        name: ca.Function(f"point_{name}", inputs, [ca.densify(value) for value in ca.cse(values)])
-        for name, (inputs, values) in outputs.items()
-    }
-    return functions if controlled else compiled(functions)
+    return {name: ca.Function(f"point_{name}", *given) for name, given in outputs.items()}
+
+
+def _zeta_component(robot: FloatingRobot) -> Smooth:
+    """zeta: dependent angular velocities along the direction in which the null space changes them."""
+    n = robot.n_joints
+    q, qdot = ca.SX.sym("q", n), ca.SX.sym("qdot", n)
+    _, task, angular, _ = PathModel.of(robot).symbolic(q)
+    columns = [[j for j in range(n) if j != omitted] for omitted in range(n)]
+    null = ca.vertcat(*[(-1) ** omitted * ca.det(task[:, c]) for omitted, c in enumerate(columns)])
+    direction = angular @ null
+    component = ca.dot(direction, angular @ qdot) / ca.norm_2(direction)
+    return Smooth.named(smooth_parts("zeta", component, [q, qdot], []), "zeta")
 
 
 def jacobian(slopes: ca.MX, linear: list[Array], half: ca.MX, n: int, rows: int) -> ca.MX:

@@ -1,0 +1,1 @@
+"""Gauss collocation of motions along prescribed end-effector paths."""
