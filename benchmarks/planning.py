@@ -25,7 +25,7 @@ METHODS: dict[str, tuple[type[ReactionlessPolicy], dict[str, float]]] = {
     # Allowed median planning time, s, by task.
     "reactionless": (ReactionlessZetaZero, {"Planar": 0.1, "Spatial": 0.1}),
     "reactionless_local": (ReactionlessLocal, {"Planar": 0.1, "Spatial": 0.1}),
-    "reactionless_ocp": (ReactionlessOCP, {"Planar": 5.0}),
+    "reactionless_ocp": (ReactionlessOCP, {"Planar": 5.0, "Spatial": 20.0}),
     "reactionless_free": (ReactionlessFree, {"Planar": 5.0, "Spatial": 20.0}),
 }
 

@@ -37,6 +37,7 @@ FRACTIONS = (0.999, 0.98, 0.95, 0.9)  # of the bounds, in turn: they are not imp
 SPATIAL_NODES = 16  # in space, of solutions that are refined or led into bounds afterwards
 SEARCHES, ENDS = 48, 3  # for final configurations with aligned axes, and starts that are drawn to them
 PASSAGES = 3  # starts that lead past singularities
+SAME = 1e-6  # relative difference of energies of solutions that count as one
 FEEDBACK = 0.5  # 1/s, of the accurate motion to the collocated one
 
 
@@ -88,10 +89,11 @@ class _Problem:
         first = [plan(self.robot, self.capture, self.limits) for plan in (plan_zeta_zero, plan_local)]
         known = [plan for plan in first if isinstance(plan, CapturePlan)]
         guesses = initial_guesses(self.model, self.path, self.capture, known, self._ends())
-        best = self._best(guesses)
+        solutions = self._solutions(guesses)
+        best = self._best(solutions)
         if self.capture.axis is not None:  # motions without regard to it are no use
             known = []
-        elif best is None:
+        elif best is None and not any(self._passable(each) for _, each in solutions):
             best = self._passed()
         for plan in known:
             if best is None or plan.energy < best.energy:
@@ -110,12 +112,8 @@ class _Problem:
             return np.zeros((0, self.robot.n_joints))
         return spread(found, ENDS)
 
-    def _best(self, guesses: Iterable[tuple[str, Motion]]) -> CapturePlan | None:
-        """The plan of the best solution without bounds that becomes one.
-
-        Solutions without bounds take milliseconds; the best are led into the bounds afterwards, where a start
-        from rest is one.
-        """
+    def _solutions(self, guesses: Iterable[tuple[str, Motion]]) -> list[tuple[str, CollocatedMotion]]:
+        """Solutions without bounds that differ, best first, with the names of their guesses."""
         program, found = self._program(self._screened), list[tuple[str, CollocatedMotion]]()
         for name, guess in guesses:
             solution = program.solve(self.path, self.capture, Limits(), guess(self._times(program)))
@@ -123,7 +121,19 @@ class _Problem:
                 self.reasons.append(f"from {name}: {solution.reason}")
             else:
                 found.append((name, solution))
-        for name, solution in sorted(found, key=lambda each: each[1].energy):
+        found.sort(key=lambda each: each[1].energy)
+        before = [0.0, *(solution.energy for _, solution in found)]
+        return [
+            each for each, last in zip(found, before, strict=False) if each[1].energy > last * (1.0 + SAME)
+        ]
+
+    def _best(self, solutions: list[tuple[str, CollocatedMotion]]) -> CapturePlan | None:
+        """The plan of the best solution without bounds that becomes one.
+
+        Solutions without bounds take milliseconds; the best are led into the bounds afterwards, where a start
+        from rest is one.
+        """
+        for name, solution in solutions:
             plan = self._first(name, self._attempts(solution, f"best start: {name}"))
             if plan is not None:
                 return plan
@@ -136,10 +146,15 @@ class _Problem:
             self.reasons.append("no zeta was found that leads past singularities within the joint limits")
             return None
         named = [(f"passage {k + 1}", interpolated(motion, self.capture)) for k, motion in enumerate(motions)]
-        if (plan := self._best(named)) is not None:
+        if (plan := self._best(self._solutions(named))) is not None:
             return plan
         attempts = ((name, self._within(motion, f"start: {name}")) for name, motion in named)
         return next((plan for each in attempts if (plan := self._first(*each)) is not None), None)
+
+    def _passable(self, solution: CollocatedMotion) -> bool:
+        """Whether a solution is a regular motion within the joint limits, whatever else it exceeds."""
+        alone = replace(self, limits=Limits(position=self.limits.position))
+        return isinstance(alone._followed(solution, ""), CapturePlan)
 
     def _first(self, name: str, attempts: Iterator[CapturePlan | Failure]) -> CapturePlan | None:
         """The first of some attempts that is a plan."""
