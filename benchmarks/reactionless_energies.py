@@ -55,9 +55,13 @@ def energies(robot: FloatingRobot, capture: Capture, limits: Limits) -> tuple[li
     return found, times
 
 
-def rows_of(name: str, measured: Array, times: Array) -> list[list[str]]:
-    """Rows of the table, one a method, from energies and times (goals, 4)."""
-    rows, given = [], measured[:, :3]
+def rows_of(name: str, alike: slice, measured: Array, times: Array) -> list[list[str]]:
+    """Rows of the table, one a method, from energies and times (goals, 4).
+
+    Args:
+        alike: methods that solve the same problem as (d), which should not need more energy.
+    """
+    rows, given = [], measured[:, alike]
     least = np.where(np.isnan(given), np.inf, given).min(axis=1)
     for k, method in enumerate(METHODS):
         energy, both = measured[:, k], ~np.isnan(measured[:, k]) & ~np.isnan(measured[:, 2])
@@ -91,15 +95,16 @@ def main() -> None:
         keywords = {} if options.robot is None else {"robot": options.robot}
         check_goals(f"SpaceCapture/DualArm{task}-v0", "validation", options.goals, keywords)
         inputs = planner_inputs(task, options.goals, options.robot)
-        kinds = {"plane": True} if task == "Planar" else {"space, any axes": False, "space, axes": True}
-        for name, aligned in kinds.items():
+        kinds = {"space, any axes": (False, slice(3)), "space, axes": (True, slice(2, 3))}
+        kinds = {"plane": (True, slice(3))} if task == "Planar" else kinds
+        for name, (aligned, alike) in kinds.items():
             captures = [each.capture if aligned else replace(each.capture, axis=None) for each in inputs]
             found = [
                 energies(each.mechanics, capture, each.limits)
                 for each, capture in zip(inputs, captures, strict=True)
             ]
-            rows += rows_of(name, *(np.array(part) for part in zip(*found, strict=True)))
-    head = ["goals", "method", "plans", "median C, J s", "median C / C of (c)", "above (a) to (c)"]
+            rows += rows_of(name, alike, *(np.array(part) for part in zip(*found, strict=True)))
+    head = ["goals", "method", "plans", "median C, J s", "median C / C of (c)", "above the others"]
     print(markdown_table([*head, "median, s", "90 %, s"], rows))
     print(f"\n{options.goals} validation goals of difficulty medium, processor time, {machine_class()}.")
 
