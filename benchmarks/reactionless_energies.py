@@ -98,7 +98,7 @@ def main() -> None:
         kinds = {"space, any axes": (False, slice(3)), "space, axes": (True, slice(2, 3))}
         kinds = {"plane": (True, slice(3))} if task == "Planar" else kinds
         for name, (aligned, alike) in kinds.items():
-            captures = [each.capture if aligned else replace(each.capture, axis=None) for each in inputs]
+            captures = [each.capture if aligned else replace(each.capture, aligned=False) for each in inputs]
             found = [
                 energies(each.mechanics, capture, each.limits)
                 for each, capture in zip(inputs, captures, strict=True)

@@ -62,7 +62,7 @@ def capture_path(method: str, robot: FloatingRobot, capture: Capture) -> Polynom
 def _plan(
     method: str, robot: FloatingRobot, capture: Capture, limits: Limits, choice: Choice
 ) -> CapturePlan | Failure:
-    capture, limits = replace(capture.checked(robot), axis=None), limits.checked(robot)
+    capture, limits = replace(capture.checked(robot), aligned=False), limits.checked(robot)
     path = capture_path(method, robot, capture)
     if isinstance(path, Failure):
         return path

@@ -91,7 +91,7 @@ class _Problem:
         guesses = initial_guesses(self.model, self.path, self.capture, known, self._ends())
         solutions = self._solutions(guesses)
         best = self._best(solutions)
-        if self.capture.axis is not None:  # motions without regard to it are no use
+        if self.capture.aligned:  # motions without regard to it are no use
             known = []
         elif best is None and not any(self._passable(each) for _, each in solutions):
             best = self._passed()
@@ -104,7 +104,7 @@ class _Problem:
     def _ends(self) -> Array:
         """Final configurations (E, n) with aligned approach axes; none where any axis will do."""
         model = HeldAttitude.of(self.robot)
-        if self.capture.axis is None:
+        if not self.capture.aligned:
             return np.zeros((0, self.robot.n_joints))
         found = end_configurations(self.robot, model, self.capture, self.limits, METHOD, SEARCHES)
         if isinstance(found, Failure):
@@ -172,7 +172,7 @@ class _Problem:
         return BOUNDED_NODES if self.from_rest else NODES
 
     def _program(self, nodes: int, *bounds: bool) -> PrescribedPathProgram:
-        return PrescribedPathProgram.of(self.robot, nodes, *bounds, aligned=self.capture.axis is not None)
+        return PrescribedPathProgram.of(self.robot, nodes, *bounds, aligned=self.capture.aligned)
 
     def _times(self, program: PrescribedPathProgram) -> Array:
         return program.times(self.capture.duration)
