@@ -12,11 +12,11 @@ from agents.planners.common.plans import Failure, Limits
 from agents.planners.dual_arm.free_paths.planner import plan_free
 from agents.planners.dual_arm.prescribed_paths.instantaneous import plan_local, plan_zeta_zero
 from agents.planners.dual_arm.prescribed_paths.ocp import plan_ocp
-from benchmarks.arguments import seed, whole
-from benchmarks.machine import machine_class, markdown_table
 from reproduce.shah2013.cases import ROBOT, Sampler, planar_robot
+from space_envs.errors import positive_integer
 from space_envs.system.command_line import Parser, exit_status
 
+MOST = 100_000  # cases or processes
 PASSED = "passage"  # in the notes of a plan of (c) that starts from a search over zeta
 SAVING = ("(b)", "(c), from (a), (b) and perturbed ones", "(c), with zeta searched", "(d)")
 
@@ -44,11 +44,13 @@ def outcomes(number: int, index: int) -> tuple[str, dict[str, bool]]:
 
 def main() -> None:
     """Print the table."""
-    parser = Parser(prog="python -m benchmarks.singular_paths", description=__doc__)
-    parser.add_argument("--cases", type=whole, default=200, help="cases of each seed (default %(default)s)")
-    parser.add_argument("--seeds", type=seed, nargs="+", default=[0], help="of the draws (default 0)")
-    parser.add_argument("--jobs", type=whole, default=1, help="processes (default %(default)s)")
+    parser = Parser(prog="python -m reproduce.singular_paths", description=__doc__)
+    parser.add_argument("--cases", type=int, default=200, help="cases of each seed (default %(default)s)")
+    parser.add_argument("--seeds", type=int, nargs="+", default=[0], help="of the draws (default 0)")
+    parser.add_argument("--jobs", type=int, default=1, help="processes (default %(default)s)")
     options = parser.parse_args()
+    for name in ("cases", "jobs"):
+        positive_integer(f"--{name}", getattr(options, name), MOST)
     rows = []
     for number in options.seeds:
         tasks = (delayed(outcomes)(number, index) for index in range(options.cases))
@@ -61,9 +63,10 @@ def main() -> None:
                 [str(number), cause.replace("_", " "), f"{causes[cause]} of {options.cases}", *counts]
             )
     head = ["seed", "(a) fails by", "cases", *(f"saved by {name}" for name in SAVING)]
-    print(markdown_table(head, rows))
-    print(f"\nRandom planar cases of shah2013, {machine_class()}.")
+    for row in (head, ["---"] * len(head), *rows):
+        print(f"| {' | '.join(row)} |")
+    print("\nRandom planar cases of shah2013.")
 
 
 if __name__ == "__main__":
-    sys.exit(exit_status("python -m benchmarks.singular_paths", main))
+    sys.exit(exit_status("python -m reproduce.singular_paths", main))
