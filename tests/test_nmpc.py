@@ -20,6 +20,7 @@ from agents.planners.single_arm.weights.elastic import ElasticProgram
 from agents.planners.single_arm.weights.legendre import LegendreBasis
 from agents.planners.single_arm.weights.weight_space import WeightSpace
 from agents.policies.single_arm.nmpc.policy import NMPC
+from agents.policies.single_arm.nmpc.reactionless import NMPCReactionless
 from space_envs.dynamics import roll_out_base
 from space_envs.dynamics.grapples import Grapple
 from space_envs.dynamics.rotations import (
@@ -52,7 +53,7 @@ def make(n: int) -> Any:
     )
 
 
-def play(mass: float, goals: tuple[int, ...] = GOALS) -> dict[str, Any]:
+def play(mass: float, goals: tuple[int, ...] = GOALS, kind: type[NMPC] = NMPC) -> dict[str, Any]:
     """Episodes with the satellite's mass and inertia scaled; what happened, per row."""
     n = len(goals)
     env = make(n)
@@ -62,7 +63,7 @@ def play(mass: float, goals: tuple[int, ...] = GOALS) -> dict[str, Any]:
     simulation.scale_base(rows, np.full(n, mass))
     simulation.refresh(rows)
     env.unwrapped.drive.reset(rows)
-    policy, state, layout = NMPC(PolicyContext.from_env(env.unwrapped)), None, TASK.layout
+    policy, state, layout = kind(PolicyContext.from_env(env.unwrapped)), None, TASK.layout
     rates, attitude, position = [], [], []
     info: dict[str, Any] = {}
     for _ in range(TASK.horizon):
@@ -201,6 +202,14 @@ def test_closes_the_loop_on_wrong_masses(case: str, request: pytest.FixtureReque
     assert played["outcome"] == ["captured"] * len(GOALS)
     assert played["attitude"][-1].max() < 0.1
     assert played["position"][-1].max() < 0.02
+
+
+def test_attitude_that_is_weighted_at_all_times_is_kept_at_all_times() -> None:
+    """With satellites that are heavier than the nominal one too."""
+    for mass in (1.0, 1.1):
+        played = play(mass, kind=NMPCReactionless)
+        assert played["outcome"] == ["captured"] * len(GOALS)
+        assert played["attitude"].max() < 0.2
 
 
 def test_limits_are_kept(heavy: dict[str, Any], light: dict[str, Any]) -> None:

@@ -2,9 +2,11 @@
 
 from dataclasses import replace
 
+from agents.planners.common.plans import Failure
 from agents.planners.single_arm.library import find_reactionless_library
 from agents.planners.single_arm.nmpc.first import FirstPlans
 from agents.planners.single_arm.nmpc.problem import Weights
+from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.reactionless.planner import ReactionlessPlanner
 from agents.planners.single_arm.weights.legendre import LegendreBasis
 from agents.policies.single_arm.nmpc.policy import NMPC
@@ -12,6 +14,7 @@ from agents.policies.single_arm.reactionless.policy import PrompReactionless
 from agents.policies.single_arm.reactionless.problem import latest_arrival, path_limits
 from space_envs.policy import PolicyContext
 
+SLOWER = 1.1  # times as much time for a path, which is then traversed faster and improved within the limits
 ATTITUDE = 1e3  # 1/(rad^2 s), on the squared attitude error at all times
 
 
@@ -34,4 +37,12 @@ class NMPCReactionless(NMPC):
         context = self.context
         library = find_reactionless_library(context.robot)
         planner = ReactionlessPlanner(context.arm, path_limits(context), library)
-        return FirstPlans(self.controller, planner.plan, guarded=guarded)
+
+        def plan(reach: Reach) -> ReachPlan | Failure:
+            found = planner.plan(reach)
+            if not isinstance(found, Failure):
+                return found
+            slower = planner.plan(replace(reach, duration=SLOWER * reach.duration))
+            return found if isinstance(slower, Failure) else slower
+
+        return FirstPlans(self.controller, plan, guarded=guarded)
