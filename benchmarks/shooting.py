@@ -148,8 +148,8 @@ class Shooting:
         n, limits = self._robot.n_joints, self._limits
         low, high = limits.angles(n).T
         rate, acceleration = (
-            np.broadcast_to(limits.rate, n) * t,
-            np.broadcast_to(limits.acceleration, n) * t**2,
+            np.full(n, np.inf) if most is None else np.broadcast_to(most, n) * t**order
+            for order, most in ((1, limits.rate), (2, limits.acceleration))
         )
         free = np.full(n + 3, np.inf)  # attitude and jerk
         upper = np.tile(np.concatenate([high, rate, acceleration, free]), INTERVALS + 1)[:-n]

@@ -29,6 +29,7 @@ NUMBERS = {
     "reactionless_paths": ("--goals", "--horizon"),
     "robot_figures": (),
     "robots": ("--goals",),
+    "shooting": ("--goals",),
     "speed": ("--rounds",),
     "stochastic_feedback": ("--goals", "--episodes"),
     "tracking": ("--goals",),
@@ -75,7 +76,9 @@ def test_names_are_checked_and_the_nearest_is_named(
     assert message in refusal(name, arguments, monkeypatch, capsys)
 
 
-@pytest.mark.parametrize("name", ["mismatch", "optimal", "planning", "stochastic_feedback", "tracking"])
+@pytest.mark.parametrize(
+    "name", ["mismatch", "optimal", "planning", "shooting", "stochastic_feedback", "tracking"]
+)
 def test_more_goals_than_a_split_has_are_refused(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "argv", [f"benchmarks/{name}.py", "--goals", "9999"])
     for work in {"play", "simulated_errors", "evaluation_time"} & set(

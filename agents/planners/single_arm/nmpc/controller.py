@@ -52,7 +52,7 @@ class Controller:
         further: Callable[[WeightSpace], tuple[Rows, ...]] | None = None,
         kind: GoalKind = "pose",
     ) -> None:
-        self.kind = checked_kind(kind)
+        self.kind: GoalKind = checked_kind(kind)
         self.robot, self.limits, self.c = robot, limits.checked(robot), positive("c", c)
         self.weights, self.basis, self._further = weights, basis, further
         self._sides = lower_and_upper(robot, limits)
