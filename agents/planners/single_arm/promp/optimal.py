@@ -30,6 +30,7 @@ MOST_CANDIDATES = 10_000
 RACED, RACE = 4, 4  # candidates without limits that are compared again after so many iterations
 RACE_PENALTY = 3e-3  # m^2/s per m or rad, of the terminal errors that are left then
 MOST_IMPROVED = 5  # candidates that are improved where none of them leads to the goal
+BARE = 9  # candidates that are then improved without nonlinear inequalities first
 MAX_IMPROVED = 2  # candidates that are improved where costs are high
 RETRY_COST_RATIO = 1.3  # of a cost to the least predicted cost, above which a second candidate is improved
 VIOLATION_TOLERANCE = 1e-2  # fraction of a torque, or m, of a solution in sum over the motion
@@ -99,7 +100,9 @@ class OptimalPlanner:
         space, bounds, rows = self.setting(reach)
         found = self._from_library(space, bounds, rows, reach, thorough)
         best = _best(found)
-        if best is None and (thorough or not found):
+        # Guesses around another motion lead past spheres, but hardly ever to a goal that stored ones miss.
+        perturb = not reach.keep_attitude or reach.spheres is not None
+        if best is None and (not found or (thorough and perturb)):
             found += self._from_rest(space, bounds, rows, reach.keep_attitude)
             best = _best(found)
         if best is None:
@@ -220,7 +223,7 @@ class OptimalPlanner:
                 if number >= MAX_IMPROVED or best.cost <= RETRY_COST_RATIO * predicted:
                     break
             found.append(minimise(space, bounds, guess, keep, rows))
-        for guess in guesses[:MOST_IMPROVED] if rows and thorough else ():
+        for guess in guesses[:BARE] if rows and thorough else ():
             if _best(found) is not None:
                 break
             # Nonlinear inequalities are imposed after the goal has been reached without them.
