@@ -7,13 +7,12 @@ its pose leaves it a motion of one dimension. The twist is therefore matched in 
 and the time of interception, where it is free, is the sixth unknown.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from agents.planners.common.plans import Cause, Failure
-from agents.planners.single_arm.library import Library
 from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.reactionless.goals import PoseRows
 from agents.planners.single_arm.reactionless.improvement import (
@@ -32,7 +31,7 @@ from space_envs.dynamics.rotations import Array, to_matrix
 
 END = 20  # step of a path at which it meets the goal
 TIMES = 6  # of interception in a window, that are compared first
-NEAREST = 3  # stored motions that are tried at each of them, and starts at random
+NEAREST = 3  # starts that are tried at each of them
 HALVINGS = 2  # of the distance to the times next to the best, afterwards
 ITERATIONS = 15  # of a search
 TOLERANCE = np.repeat([0.01, np.deg2rad(1.0)], 3)  # m/s and rad/s, of the twist relative to the grapple
@@ -66,17 +65,21 @@ def whole(time: float) -> float:
 
 
 class Interceptor:
-    """Plans interceptions for one robot; arguments as those of `ReactionlessPlanner`."""
+    """Plans interceptions for one robot.
+
+    Args:
+        limits: of paths. starts: gives weights (n, K) to start from for a problem at its duration.
+    """
 
     def __init__(
-        self, robot: FloatingRobot, limits: PathLimits, library: Library | None, candidates: int
+        self, robot: FloatingRobot, limits: PathLimits, starts: Callable[[Reach], list[Array]]
     ) -> None:
-        self._robot, self._limits, self._library = robot, limits, library
-        self._improver, self._candidates = PathImprover(limits), candidates
+        self._robot, self._limits, self._starts = robot, limits, starts
+        self._improver = PathImprover(limits)
 
-    def plan(self, reach: Reach, starts: list[Array]) -> ReachPlan | Failure:
-        """The motion from rest of a checked problem, tried from weights (n, K) after stored motions."""
-        best = min(self._found(reach, starts), key=lambda found: found.rank)
+    def plan(self, reach: Reach) -> ReachPlan | Failure:
+        """The motion from rest of a checked problem."""
+        best = min(self._found(reach), key=lambda found: found.rank)
         candidate, duration = best.candidate, best.whole
         if candidate.failure is not None:
             return candidate.failure
@@ -97,13 +100,13 @@ class Interceptor:
             METHOD, phase * duration, path.angle[:end], *rates, candidate.cost(duration), notes=notes
         )
 
-    def _found(self, reach: Reach, starts: list[Array]) -> Iterator[_Found]:
+    def _found(self, reach: Reach) -> Iterator[_Found]:
         """Paths at several times of interception, the later ones from those found before."""
         if reach.window is None:
-            yield from self._from_starts(reach, reach.duration, self._candidates, starts)
+            yield from self._from_starts(reach, reach.duration, None)
             return
         times, step = np.linspace(*reach.window, TIMES, retstep=True)
-        found = [one for t in times for one in self._from_starts(reach, t, NEAREST, starts[:NEAREST])]
+        found = [one for t in times for one in self._from_starts(reach, t, NEAREST)]
         for _ in range(HALVINGS):
             best, step = min(found, key=lambda one: one.rank), 0.5 * step
             near = [
@@ -112,10 +115,9 @@ class Interceptor:
             found += [self._improved(reach, t, best.candidate.weights) for t in near]
         yield from found
 
-    def _from_starts(self, reach: Reach, time: float, count: int, starts: list[Array]) -> Iterator[_Found]:
-        at = replace(reach, duration=float(time))
-        near = [] if self._library is None else [*self._library.nearest(at, count)]
-        for start in [*near, *starts]:
+    def _from_starts(self, reach: Reach, time: float, most: int | None) -> Iterator[_Found]:
+        """Paths from the first starts until one of them is a plan."""
+        for start in self._starts(replace(reach, duration=float(time)))[:most]:
             found = self._improved(reach, float(time), _earlier(start))
             yield found
             if found.rank[:2] == (False, False):

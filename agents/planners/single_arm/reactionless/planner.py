@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import chain
 from typing import Literal
 
 import numpy as np
@@ -26,8 +25,8 @@ Timing = Literal["latest", "shortest"]
 TIMINGS = ("latest", "shortest")
 CANDIDATES = 24  # stored motions, by distance of their goals, that are tried until one leads to a plan
 MOST_STARTS = 10_000
-RANKED = 3  # of them, that are tried in the order of their predicted objectives
-RANDOM = 16  # starts at random, where no stored motion leads to a plan
+RANKED = 4  # of them, that are tried in the order of their predicted objectives
+RANDOM = 16  # starts at random, where there is no library
 RANDOM_SCALES = 0.5, 1.6  # rad, standard deviation of their slowest sine; that of others falls with 1 / order
 AT_REST = 1e-9  # rad/s
 
@@ -40,8 +39,8 @@ class ReactionlessPlanner:
             from; None starts at random.
         timing: "latest" arrives after exactly the duration of a problem, with the least base disturbance by
             eq. 20, which falls with the duration; "shortest" arrives as soon as the limits allow.
-        candidates: number of stored paths that are tried. random: number of starts at random, where none of
-            them leads to a plan.
+        candidates: number of stored paths that are tried. random: number of starts at random, without a
+            library.
     """
 
     def __init__(
@@ -72,9 +71,7 @@ class ReactionlessPlanner:
         if (failure := self._refusal(reach)) is not None:
             return failure
         if reach.goal.moves:
-            random = random_starts(np.random.default_rng(0), self._robot.n_joints, self._random)
-            limits = self._limits_around(reach)
-            return Interceptor(self._robot, limits, self._library, self._candidates).plan(reach, list(random))
+            return Interceptor(self._robot, self._limits_around(reach), self._starts).plan(reach)
         if reach.window is not None:  # the later, the less disturbance
             reach = replace(reach, duration=reach.window[1])
         space = space_of(self._robot, reach)
@@ -95,10 +92,9 @@ class ReactionlessPlanner:
     def _candidates_of(self, space: PathSpace, reach: Reach) -> Iterator[Candidate]:
         """Paths to the goal until one of them is a plan, from the quickest to find to the others."""
         improver, duration = PathImprover(self._limits_around(reach)), reach.duration
-        near = [] if self._library is None else [*self._library.nearest(reach, self._candidates)]
-        random = random_starts(np.random.default_rng(0), self._robot.n_joints, self._random)
+        near = self._starts(reach)
         if self._timing == "shortest":
-            yield from (improver.shortest(space, start) for start in chain(near, random))
+            yield from (improver.shortest(space, start) for start in near)
             return
         leading = [to_goal(space, start, NEWTON) for start in near[:RANKED]]
         objective = improver.promise(space, duration)
@@ -108,10 +104,20 @@ class ReactionlessPlanner:
             found.append(improver.cheaper(space, start, duration))
             yield found[-1]
         if reach.spheres is not None and len(reach.spheres):
-            yield from (improver.feasible(space, start, duration) for start in chain(near, random))
+            starts = near if self._library is None else [*near, *self._random_starts()]
+            yield from (improver.feasible(space, start, duration) for start in starts)
             return
         yield from (improver.shorter(space, candidate.weights, duration) for candidate in found)
-        yield from (improver.least_cost(space, start, duration) for start in chain(near[RANKED:], random))
+        yield from (improver.least_cost(space, start, duration) for start in near[RANKED:])
+
+    def _starts(self, reach: Reach) -> list[Array]:
+        """Weights (n, K) of stored motions, the nearest goals first, or random ones without a library."""
+        if self._library is not None:
+            return [*self._library.nearest(reach, self._candidates)]
+        return self._random_starts()
+
+    def _random_starts(self) -> list[Array]:
+        return [*random_starts(np.random.default_rng(0), self._robot.n_joints, self._random)]
 
     def _motion(self, found: Candidate, reach: Reach, notes: str) -> ReachPlan:
         """The plan of a path."""
