@@ -109,7 +109,7 @@ class Collocation:
                 middle - (first + last) / 2 - h / 8 * (before - after),
                 last - first - h / 6 * (before + 4 * between + after),
             ]
-        miss = _miss(end(reach.start), end(q[:, -1]), reach)
+        miss = _miss(end.call([reach.start]), end.call([q[:, -1]]), reach)
         cost = h / 6 * ca.sum2(square[:, :-1:2] + 4 * square[:, 1::2] + square[:, 2::2])
         return cost, ca.veccat(*rules, spin[:, 1:-1], miss)  # at rest the momentum vanishes at both ends
 
@@ -221,7 +221,7 @@ def _matrix(quaternion: Array) -> Array:
     return matrix.reshape(3, 3)
 
 
-def _miss(start: tuple[ca.DM, ...], end: tuple[ca.MX, ...], reach: Reach) -> ca.MX:
+def _miss(start: list[ca.DM], end: list[ca.MX], reach: Reach) -> ca.MX:
     """Goal error (6): of the position, and half the sines of the angle about each axis of the goal."""
     goal = reach.end
     displaced = end[1] + start[0] - end[0]
