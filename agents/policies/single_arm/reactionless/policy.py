@@ -11,6 +11,7 @@ from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.reactionless.planner import ReactionlessPlanner
 from agents.policies.clearance import KeepOut
 from agents.policies.following import FollowedPlans, FollowingPolicy, Reference, sampled_plans
+from agents.policies.goals import goal_twist
 from agents.policies.needs import POSE
 from agents.policies.single_arm.optimal import clear_plans, reaches
 from agents.policies.single_arm.reactionless.problem import latest_arrival, path_limits
@@ -30,7 +31,7 @@ class PrompReactionless(FollowingPolicy):
     Its last rows feed back the attitude error, and the rate of the base that unmodelled masses leave.
     """
 
-    needs = replace(POSE, fields=(*POSE.fields, "base_angular_velocity"), joints=7, planar=False)
+    needs = replace(POSE, fields=(*POSE.fields, "base_angular_velocity"), joints=7, planar=False, goals=None)
     tracking_gain = TRACKING_GAIN
 
     def __init__(self, context: PolicyContext, seed: int = 0) -> None:
@@ -62,7 +63,10 @@ class PrompReactionless(FollowingPolicy):
         return reactionless_projection(angular, wanted, self._base_rate(observation))
 
     def hold(self, observation: Array, planned: NDArray[np.bool_]) -> Array:
-        """Joint rates (k, n), rad/s, towards the goal pose that do not turn the base; zero without a plan."""
+        """Joint rates (k, n), rad/s, towards the goal and along with it that do not turn the base.
+
+        They are zero without a plan.
+        """
         read = self.context.layout.read
         to_base = conjugate(read(observation, "base_quaternion"))
         now = end_effectors(self.context.arm, read(observation, "joint_position"))
@@ -70,6 +74,10 @@ class PrompReactionless(FollowingPolicy):
             _limited(HOLD_GAIN * rotate(to_base, read(observation, name)))[:, None]
             for name in ("position_error", "rotation_error")
         )
+        if self.context.goals == "moving":
+            twist = goal_twist(self.context, observation)
+            linear += rotate(to_base, twist[:, :3])[:, None]
+            angular += rotate(to_base, twist[:, 3:])[:, None]
         asked = None if self.context.goal_kind == "position" else angular
         return reactionless_rates(now, linear, asked, self._base_rate(observation)) * planned
 
