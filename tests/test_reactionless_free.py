@@ -462,6 +462,23 @@ def test_no_motion_along_given_paths_costs_less() -> None:
             assert not isinstance(given, CapturePlan) or plan.energy <= given.energy
 
 
+@pytest.mark.slow
+@every_kind
+def test_free_paths_need_at_most_the_energy_of_given_ones(kind: str) -> None:
+    """For every goal, within the same limits; in space (a) and (b) solve the same problem with any axes."""
+    robot, limits, compared = robot_of(kind), drives(kind), 0
+    for capture, _ in cases(kind, "medium", 8):
+        for aligned in {capture.aligned, False}:
+            goal = replace(capture, aligned=aligned)
+            given = [plan_ocp(robot, goal, limits, from_rest=True)]
+            given += [] if aligned else [plan(robot, goal, limits) for plan in PATH_METHODS[:2]]
+            energies = [plan.energy for plan in given if isinstance(plan, CapturePlan)]
+            if energies:
+                assert planned(kind, goal, limits).energy <= min(energies) * (1.0 + 1e-9)
+                compared += 1
+    assert compared >= 6
+
+
 @every_kind
 def test_where_no_search_ends_the_best_given_motion_is_the_plan(
     kind: str, monkeypatch: pytest.MonkeyPatch

@@ -13,6 +13,7 @@ from agents.planners.dual_arm.prescribed_paths.instantaneous import plan_local, 
 from agents.planners.dual_arm.prescribed_paths.ocp import plan_ocp
 from agents.planners.dual_arm.prescribed_paths.polynomial import PolynomialPath
 from agents.planners.dual_arm.problem import Capture, CapturePlan
+from reproduce.shah2013.cases import Sampler
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.reactionless import end_effectors
 from space_envs.dynamics.rotations import Array
@@ -227,6 +228,20 @@ def test_singular_captures_are_failures_of_every_method(seed):
     found = plan_ocp(robot, capture)
     assert isinstance(found, Failure)
     assert "singular at t = " in found.reason
+
+
+def test_zeta_is_searched_for_a_way_past_singularities():
+    """A drawn case whose path zeta = 0, the local choice and the optima near them do not follow."""
+    robot, capture = robot_of(), Sampler().draw(0, 56).capture
+    for each in (plan_zeta_zero, plan_local):
+        found = each(robot, capture)
+        assert isinstance(found, Failure) and found.cause is Cause.SINGULAR
+    plan = planned(robot, capture, Limits(position=robot.range))
+    assert "passage" in plan.notes
+    _, q, rate, _ = dense(plan)
+    assert np.abs(robot.base_twist(q, rate)[:, 5]).max() < 1e-8
+    assert np.abs(rate).max() < 2.0
+    np.testing.assert_allclose(plan.violation["path"], 0.0, atol=1e-6)
 
 
 # In space ----------------------------------------------------------------------------------------------
