@@ -8,6 +8,7 @@ same problem.
 import sys
 import time
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -31,7 +32,7 @@ SAME = 1e-6  # relative difference of energies that counts as none
 
 def planner_inputs(task: str, goals: int, robot: str | None) -> list[PlannerInput]:
     """Inputs of the planners at the start of the first validation goals."""
-    keywords = {} if robot is None else {"robot": robot}
+    keywords: dict[str, Any] = {} if robot is None else {"robot": robot}
     env = CaptureVectorEnv(f"SpaceCapture/DualArm{task}-v0", goals, **keywords)
     observation, _ = env.reset(options={"split": "validation", "index": np.arange(goals)})
     return ReactionlessFree(PolicyContext.from_env(env)).inputs(observation)

@@ -5,6 +5,7 @@ Random planar cases of shah2013, as `python -m reproduce shah2013` draws them, w
 
 import sys
 from collections import Counter
+from typing import Any
 
 from joblib import Parallel, delayed
 
@@ -54,7 +55,7 @@ def main() -> None:
     rows = []
     for number in options.seeds:
         tasks = (delayed(outcomes)(number, index) for index in range(options.cases))
-        found = list(Parallel(n_jobs=options.jobs)(tasks))
+        found: Any = Parallel(n_jobs=options.jobs)(tasks)
         causes = Counter(cause for cause, _ in found)
         for cause in ("singular", "joint_limit"):
             each = [saved for failure, saved in found if failure == cause]

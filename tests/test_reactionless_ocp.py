@@ -345,7 +345,7 @@ def led_aside(robot: FloatingRobot, capture: Capture, plan: CapturePlan, directi
         now = end_effectors(robot, q)
         rows = np.concatenate([now.linear.reshape(6, -1), now.base_angular])
         inverse = np.linalg.pinv(rows)
-        _, rate, _ = plan.sample(time)
+        _, rate, _ = plan.sample(np.array(time))
         bump = direction * np.exp(-(((time - 9.0) / 3.0) ** 2))
         wanted = rate + bump
         return wanted + inverse @ (np.append(path.velocity(time), np.zeros(3)) - rows @ wanted)
