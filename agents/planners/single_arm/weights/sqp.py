@@ -168,8 +168,8 @@ class _Iterations:
         residual, jacobian = at.residual[0], at.residual_slope[0]
         goal_error, equations = at.goal_error[0, :n], at.goal_slope[0, :n]
         gradient, square = 2.0 * residual @ jacobian, 2.0 * jacobian.T @ jacobian
-        known = self._keep_attitude and self._multipliers is not None
-        if not known or np.abs(goal_error).max() > NEAR_GOAL:
+        far = not self._keep_attitude or np.abs(goal_error).max() > NEAR_GOAL
+        if far or self._multipliers is None:
             return _Linearised(goal_error, equations, gradient, square, 0.0)
         # The last multipliers are those of the terminal error's second derivatives.
         wall = WALL * float(np.trace(square) / (equations * equations).sum())
