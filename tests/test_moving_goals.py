@@ -131,7 +131,13 @@ def test_policies_intercept_the_grapple(ids: tuple[str, ...], goals: int, least:
         if POLICIES[name].expert
     }
     assert {name for name, _ in found} >= {"gjm", "nmpc", "ocp", "promp_optimal", "promp_optimal_kept"}
-    assert_none(f"{key}: {each.time}" for key, each in found.items() if np.isfinite(each.time).sum() < least)
+    # Rates that do not rotate the base have four dimensions: they match the twist of some grapples only.
+    some = {"promp_reactionless": least // 2 - 1}
+    assert_none(
+        f"{key}: {each.time}"
+        for key, each in found.items()
+        if np.isfinite(each.time).sum() < some.get(key[0], least)
+    )
     for each in found.values():
         met = np.isfinite(each.time)
         assert (each.errors[met] <= np.array(list(TOLERANCES.values()))).all()
