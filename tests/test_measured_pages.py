@@ -69,7 +69,8 @@ def test_speed_is_measured_for_every_id(
     ]
     printed = capsys.readouterr().out
     assert all(speed.short(env_id) in printed for env_id in ENTRIES)
-    assert "at N = 1: 500.0 us added, goal at most 200 us, missed by 150 %" in printed
+    assert "goal at most 150 us, missed by 233 %; 0 of 8 rows are within it" in printed
+    assert "goal at most 8 us, met; 16 of 16 rows are within it" in printed
     measured.clear()
     speed.main(["--rounds", "1", "--robot", "spatial_dual_arm"])
     assert {(env_id, robot) for env_id, _, _, robot in measured} == {
