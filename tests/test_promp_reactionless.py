@@ -1,6 +1,7 @@
 """Paths of one arm in the reaction null space, checked by code that shares nothing with their planner."""
 
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -189,6 +190,16 @@ def test_captures_turn_the_satellite_by_hardly_anything_whatever_its_mass() -> N
     captured, peak = played(np.repeat([5, 8], 3), np.tile([1.0, 0.9, 1.1], 2))
     assert captured.all()
     assert peak[::3].max() < 1e-3 and peak.max() < 0.02
+
+
+def test_the_policy_arrives_late_or_as_soon_as_limits_allow() -> None:
+    env = CaptureVectorEnv(ID, 1)
+    observation, _ = env.reset(options={"split": "validation", "index": np.array([5])})
+    context, arrivals = PolicyContext.from_env(env), []
+    for timing in get_args(Timing):
+        (rate,) = PrompReactionless(context, timing=timing).plans(observation).rate
+        arrivals.append(np.flatnonzero(np.abs(rate).max(axis=1) > 1e-9)[-1] * context.control_period)
+    assert arrivals[1] < arrivals[0] - 0.5
 
 
 @pytest.mark.slow

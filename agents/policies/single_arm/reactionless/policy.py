@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from agents.planners.common.plans import Failure
 from agents.planners.single_arm.library import find_reactionless_library
 from agents.planners.single_arm.problem import Reach, ReachPlan
-from agents.planners.single_arm.reactionless.planner import ReactionlessPlanner
+from agents.planners.single_arm.reactionless.planner import ReactionlessPlanner, Timing
 from agents.policies.clearance import KeepOut
 from agents.policies.following import FollowedPlans, FollowingPolicy, Reference, sampled_plans
 from agents.policies.goals import goal_twist
@@ -28,16 +28,18 @@ HOLD_SPEED = 0.02  # m/s and rad/s
 class PrompReactionless(FollowingPolicy):
     """Follows a path in the reaction null space with feedback that stays in it.
 
-    Its last rows feed back the attitude error, and the rate of the base that unmodelled masses leave.
+    It arrives at the end of the episode, with the least disturbance, or with timing "shortest" as soon as the
+    limits allow. Its last rows feed back the attitude error, and the rate of the base that unmodelled masses
+    leave.
     """
 
     needs = replace(POSE, fields=(*POSE.fields, "base_angular_velocity"), joints=7, planar=False, goals=None)
     tracking_gain = TRACKING_GAIN
 
-    def __init__(self, context: PolicyContext, seed: int = 0) -> None:
+    def __init__(self, context: PolicyContext, seed: int = 0, timing: Timing = "latest") -> None:
         super().__init__(context, seed)
         library = find_reactionless_library(context.robot)
-        self.planner = ReactionlessPlanner(context.arm, path_limits(context), library)
+        self.planner = ReactionlessPlanner(context.arm, path_limits(context), library, timing)
 
     def plan(self, asked: list[Reach]) -> list[ReachPlan | Failure]:
         """Plans of all rows."""
