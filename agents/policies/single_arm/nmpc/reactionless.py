@@ -24,7 +24,7 @@ class NMPCReactionless(NMPC):
     Such a path takes nearly the whole episode.
     """
 
-    needs = replace(PrompReactionless.needs, obstacles=False)
+    needs = replace(PrompReactionless.needs, goals="static", obstacles=False)
     basis = LegendreBasis(12)
 
     def __init__(self, context: PolicyContext, seed: int = 0) -> None:
