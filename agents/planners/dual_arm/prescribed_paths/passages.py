@@ -67,7 +67,8 @@ def _continued(
     """The bundle after a step of the midpoint rule."""
     branches = max(BRANCHES, MOTIONS // (4 * len(before.cost)))
     parents = np.repeat(np.arange(len(before.cost)), branches)
-    size = np.exp(rng.uniform(*np.log(SIZES), len(parents)))
+    low, high = np.log(SIZES)
+    size = np.exp(rng.uniform(low, high, len(parents)))
     zeta = size[:, None] * rng.normal(size=(len(parents), robot.n_joints))
     zeta[::branches] = 0.0
     q = before.angles[parents]

@@ -148,7 +148,8 @@ def _matching(space: PathSpace, limits: PathLimits, duration: float, share: floa
 
     def residuals(path: Samples, by: Sensitivities) -> tuple[Array, Array]:
         value, slope = plain(path, by)
-        found, by_found = space.end_twist(path, by)
+        found, by_angle, by_slope = space.end_twist(path)
+        by_found = by_angle @ by.angle[path.end] + by_slope @ by.slope[path.end]
         wrong, by_wrong = scale * (found / duration - twist), (scale / duration)[:, None] * by_found
         return np.concatenate([value, wrong]), np.concatenate([slope, by_wrong])
 

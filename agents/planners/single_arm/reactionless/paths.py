@@ -126,11 +126,11 @@ class PathSpace:
             Sensitivities(series, by_angle, by_slope, by_q, by_miss),
         )
 
-    def end_twist(self, path: Samples, by: Sensitivities | None = None) -> tuple[Array, Array | None]:
-        """Twist (6,) [v; w] of the end-effector at the goal by the phase, m and rad, and its slope (6, m)."""
-        end = path.end
-        twist, by_angle, by_slope = self._functions.twist(path.angle[end], path.slope[end])
-        return twist, None if by is None else by_angle @ by.angle[end] + by_slope @ by.slope[end]
+    def end_twist(self, path: Samples) -> tuple[Array, Array, Array]:
+        """Twist (6,) [v; w] of the end-effector at the goal by the phase, m and rad, and its slopes (6, n) by
+        angle and dq/ds there."""
+        twist, by_angle, by_slope = self._functions.twist(path.angle[path.end], path.slope[path.end])
+        return twist, by_angle, by_slope
 
     def _velocity(self, weights: Array, series: Series) -> Array:
         return (series.points @ weights.T).ravel()

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg.lapack import dposv
+from scipy.linalg import get_lapack_funcs
 
 from agents.planners.single_arm.reactionless.objectives import Objective
 from agents.planners.single_arm.reactionless.paths import FUNCTIONS, PathSpace, Samples, Sensitivities
@@ -17,6 +17,7 @@ CORRECTIONS = 2  # of second order, of a step
 GAIN = 1e-2  # relative decrease of the objective below which the search ends
 FIRST_DAMPING = 1e-2  # as a fraction of the mean curvature
 _LEAST_DAMPING, _MOST_DAMPING = 1e-4, 1e4  # likewise
+(_solve_positive,) = get_lapack_funcs(("posv",), dtype=np.float64)
 
 
 class Found(NamedTuple):
@@ -117,7 +118,9 @@ def _step(space: PathSpace, point: _Point, damping: float) -> tuple[Array, Array
     hessian = point.slope.T @ point.slope
     hessian.flat[:: space.size + 1] += damping * np.trace(hessian) / space.size + 1e-9
     right = np.column_stack([equations.T, point.slope.T @ point.residual])
-    _, solved, _ = dposv(hessian, right)
+    _, solved, failed = _solve_positive(hessian, right)
+    if failed:  # not positive definite in the digits there are
+        solved = np.linalg.solve(hessian, right)
     inner = np.linalg.inv(equations @ solved[:, :rows] + 1e-12 * np.eye(rows))
     part = min(1.0, LONGEST_MISS / max(float(np.linalg.norm(miss)), 1e-12))
     multiplier = inner @ (part * miss - equations @ solved[:, rows])
