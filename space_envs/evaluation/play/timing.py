@@ -16,7 +16,7 @@ from space_envs.evaluation.play.process.policy_process import PolicyProcess
 from space_envs.evaluation.play.steps import steps
 from space_envs.policy import Policy, PolicyContext
 
-PLANS = 10.0  # a call that finds its code and data cold takes up to three times as long
+PLANS = 5.0  # a call that finds its code and data cold takes up to three times as long
 
 
 @dataclass(frozen=True)

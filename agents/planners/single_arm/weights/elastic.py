@@ -2,8 +2,8 @@
 
 from collections.abc import Iterable, Sequence
 
+import daqp
 import numpy as np
-import piqp
 
 from agents.planners.common.plans import Cause, Failure
 from agents.planners.single_arm.weights.bounds import Bounds
@@ -16,7 +16,6 @@ Rows = tuple[Array, Array, Array]  # (k, n m), with lowest and highest values (k
 SHARE_PENALTY = 30.0  # on violating the bounds by their half width; far above any gain in cost
 CLOSE = 0.02  # fraction of the half width within which a bound is a candidate in the next control step
 SLACK = 5e-3  # fraction of the half width by which a bound may be violated without penalty
-_ACCURACY = 1e-7
 
 
 class ElasticProgram:
@@ -74,12 +73,12 @@ class ElasticProgram:
         square = np.zeros((size + 1, size + 1))
         square[:size, :size], square[size, size] = hessian, SHARE_PENALTY
         linear = np.append(gradient, SHARE_PENALTY)
-        lowest = np.full(size + 1, -np.inf)
-        lowest[size] = 0.0
-        solver = piqp.DenseSolver()
-        solver.settings.eps_abs = solver.settings.eps_rel = _ACCURACY
-        none = np.full(len(limit), -np.inf)
-        solver.setup(square, linear, None, None, matrix, none, limit, lowest, None)
-        if (status := solver.solve()) != piqp.PIQP_SOLVED:
-            return Failure(METHOD, Cause.SOLVER, f"the quadratic program ended with {status}")
-        return solver.result.x[:size].reshape(y.shape), float(solver.result.x[size])
+        slack = np.zeros((1, size + 1))
+        slack[0, size] = 1.0
+        high = np.append(limit, np.inf)
+        low = np.append(np.full(len(limit), -np.inf), 0.0)
+        kinds = np.zeros(len(high), dtype=np.int32)
+        found, _, status, _ = daqp.solve(square, linear, np.concatenate([matrix, slack]), high, low, kinds)
+        if status <= 0:
+            return Failure(METHOD, Cause.SOLVER, f"the quadratic program ended with status {status}")
+        return found[:size].reshape(y.shape), float(found[size])
