@@ -26,6 +26,7 @@ NUMBERS = {
     "planners": ("--episodes",),
     "planning": ("--goals",),
     "reactionless_collocation": ("--goals",),
+    "reactionless_energies": ("--goals",),
     "reactionless_paths": ("--goals", "--horizon"),
     "robot_figures": (),
     "robots": ("--goals",),

@@ -64,8 +64,6 @@ def choose_start(
         ConfigurationError: for an invalid value. GoalError: for an unreachable goal. The state of the
             generators is then unchanged.
     """
-    if not options:  # none can be rejected
-        return _start(task, options, rows, generators)
     before = [generators[row].bit_generator.state for row in rows]
     try:
         return _start(task, options, rows, generators)
