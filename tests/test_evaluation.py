@@ -252,7 +252,7 @@ def test_an_exception_of_a_built_in_policy_is_no_score(policy, built_in, said, t
     assert {record.outcome for record in records} == {"policy_error"}
 
 
-@pytest.mark.parametrize(("first", "planning"), [(2.5, 2250.0), (0.25, None), (2.4, None)])
+@pytest.mark.parametrize(("first", "planning"), [(1.25, 1000.0), (0.25, None), (1.2, None)])
 def test_timing_tells_planning_from_acting(monkeypatch, first, planning):
     monkeypatch.setattr("space_envs.evaluation.play.timing.perf_counter", lambda: Ticking.clock)
     monkeypatch.setattr(Ticking, "first", first)
