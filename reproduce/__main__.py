@@ -47,12 +47,19 @@ def parser() -> argparse.ArgumentParser:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit status."""
-    words = sys.argv[1:] if arguments is None else arguments
     goes_on = "stopped; finished cases are kept, the same command goes on"
-    return exit_status("python -m reproduce", lambda: run(parser().parse_args(arguments), words), goes_on)
+    return exit_status("python -m reproduce", lambda: run(parser().parse_args(arguments)), goes_on)
 
 
-def run(options: argparse.Namespace, words: list[str]) -> None:
+def command_of(options: argparse.Namespace) -> str:
+    """The command with what determines a page: neither folders nor the number of processes."""
+    words = ["python", "-m", "reproduce", options.paper]
+    words += ["--quick"] if options.quick else []
+    words += [] if options.cases is None else ["--cases", str(options.cases)]
+    return shlex.join(words + ([] if options.seed == 0 else ["--seed", str(options.seed)]))
+
+
+def run(options: argparse.Namespace) -> None:
     """Compute the cases of a paper and write its page.
 
     Raises:
@@ -75,7 +82,7 @@ def run(options: argparse.Namespace, words: list[str]) -> None:
         seed=options.seed,
         jobs=options.jobs,
         quick=options.quick,
-        command=shlex.join(["python", "-m", "reproduce", *words]),
+        command=command_of(options),
     )
     with held(output, f"reproduction of {study.name}"):
         page = importlib.import_module(f"reproduce.{study.name}").reproduce(asked)

@@ -13,7 +13,7 @@ from jinja2 import UndefinedError
 from matplotlib.axes import Axes
 from page_reader import check_self_contained
 
-from reproduce.__main__ import main
+from reproduce.__main__ import command_of, main, parser
 from reproduce.cases import read_cases, run_cases, source_digest
 from reproduce.claims import Rule, count, rules, settle
 from reproduce.page.animation import AnimatedRobot, Chain, animate
@@ -325,3 +325,22 @@ def test_help_runs_as_a_module():
         [sys.executable, "-m", "reproduce", "--help"], capture_output=True, text=True, check=True, timeout=60
     )
     assert "shah2013" in found.stdout and "--docs" in found.stdout
+
+
+def test_a_page_shows_what_determines_it_and_no_folder():
+    words = [
+        "shyam2020",
+        "--cases",
+        "3",
+        "--seed",
+        "4",
+        "--output",
+        "/somewhere",
+        "--docs",
+        "docs",
+        "--jobs",
+        "1",
+    ]
+    shown = command_of(parser().parse_args(words))
+    assert shown == "python -m reproduce shyam2020 --cases 3 --seed 4"
+    assert command_of(parser().parse_args(["shah2013", "--quick"])) == "python -m reproduce shah2013 --quick"
