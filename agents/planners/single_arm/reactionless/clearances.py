@@ -103,7 +103,8 @@ class SphereKeepOut:
 
 def clearance_fault(path: Samples, clearances: tuple[Clearance, ...]) -> tuple[Cause, str, float] | None:
     """Cause, reason and size of the largest clearance that a path lacks; None if it keeps all of them."""
-    worst = max(clearances, key=lambda clearance: clearance.missing(path), default=None)
-    if worst is None or (missing := worst.missing(path)) <= 0.0:
+    found = [(clearance.missing(path), clearance.obstacle) for clearance in clearances]
+    missing, obstacle = max(found, default=(-np.inf, ""))
+    if missing <= 0.0:
         return None
-    return Cause.CLEARANCE, f"the path found comes {missing:.3f} m too close to {worst.obstacle}", missing
+    return Cause.CLEARANCE, f"the path found comes {missing:.3f} m too close to {obstacle}", missing

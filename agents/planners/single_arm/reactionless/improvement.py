@@ -154,13 +154,11 @@ class PathImprover:
     def _fault(self, path: Samples) -> Failure | None:
         """Failure of a path that is no plan at any duration."""
         if not (miss := float(np.nan_to_num(np.abs(path.miss), nan=np.inf).max())) < POLISHED:
-            return Failure(
-                METHOD, Cause.SOLVER, f"the search left {miss:.2g} m or rad to the goal", 3e3 + miss
-            )
+            return Failure(METHOD, Cause.SOLVER, f"the search left {miss:.2g} m or rad to the goal", miss)
         if (beyond := self._limits.beyond(path)) > 0.0:
             reason = f"the path found leaves a joint's range by {beyond:.3f} rad"
-            return Failure(METHOD, Cause.JOINT_LIMIT, reason, 2e3 + beyond)
+            return Failure(METHOD, Cause.JOINT_LIMIT, reason, beyond)
         if (fault := clearance_fault(path, self._limits.clearances)) is not None:
             cause, reason, missing = fault
-            return Failure(METHOD, cause, reason, 1e3 + missing)
+            return Failure(METHOD, cause, reason, missing)
         return None

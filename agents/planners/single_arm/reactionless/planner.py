@@ -29,6 +29,8 @@ RANKED = 4  # of them, that are tried in the order of their predicted objectives
 RANDOM = 16  # starts at random, where there is no library
 RANDOM_SCALES = 0.5, 1.6  # rad, standard deviation of their slowest sine; that of others falls with 1 / order
 AT_REST = 1e-9  # rad/s
+# Causes of candidates' failures, from those nearest to a plan; the nearest failure is told.
+NEAREST_FIRST = Cause.INFEASIBLE, Cause.CLEARANCE, Cause.JOINT_LIMIT, Cause.SOLVER
 
 
 class ReactionlessPlanner:
@@ -80,7 +82,7 @@ class ReactionlessPlanner:
             if found.keeps(reach.duration):
                 return self._motion(found, reach, f"candidate {number}")
             failures.append(found.failure or _too_long(found.shortest, reach.duration))
-        return min(failures, key=lambda failure: failure.residual)
+        return min(failures, key=lambda failure: (NEAREST_FIRST.index(failure.cause), failure.residual))
 
     def _limits_around(self, reach: Reach) -> PathLimits:
         """The limits, with clearance from the spheres of a problem."""
@@ -132,6 +134,8 @@ class ReactionlessPlanner:
             return Failure(METHOD, Cause.INFEASIBLE, "reactionless motions start at rest, the arm moves")
         if (beyond := start_beyond_limits(METHOD, reach.start, self._limits.limits)) is not None:
             return beyond
+        if reach.goal.moves and reach.window is not None:  # where it is met is not known yet
+            return None
         if (inside := _in_sphere(self._robot, reach)) is not None:
             return inside
         robot = self._robot
