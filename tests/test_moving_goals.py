@@ -8,8 +8,9 @@ import pytest
 from offenders import assert_none
 
 from agents.demonstrations.optimal.library import robot_limits
-from agents.planners.common.plans import Limits
+from agents.planners.common.plans import Failure, Limits
 from agents.planners.single_arm.check import check
+from agents.planners.single_arm.interception import at_best_time
 from agents.planners.single_arm.library import library_of
 from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.promp.avoiding import AvoidingPlanner
@@ -163,6 +164,21 @@ def test_optimal_motions_end_at_moving_grapples(keep_attitude: bool) -> None:
             assert isinstance(chosen, ReachPlan)
             assert 10.0 <= chosen.time[-1] <= 14.0
             assert_intercepted(reach, chosen, check(TASK.model, ROBOT, reach, task_limits, chosen))
+
+
+def test_the_time_of_interception_is_that_of_the_cheapest_plan() -> None:
+    planner = OptimalPlanner(ROBOT, robot_limits(TASK.robot), library_of(TASK.robot, False))
+    found: list[ReachPlan] = []
+
+    def plan(reach: Reach) -> ReachPlan | Failure:
+        result = planner.plan(reach)
+        found.extend([result] if isinstance(result, ReachPlan) else [])
+        return result
+
+    chosen = at_best_time(plan, ROBOT, robot_limits(TASK.robot), windowed(circling(1), 9.0, 15.0))
+    assert isinstance(chosen, ReachPlan) and len(found) >= 3
+    assert len({float(each.time[-1]) for each in found}) == len(found)
+    assert chosen.cost == min(each.cost for each in found) < max(each.cost for each in found)
 
 
 def test_only_velocities_that_the_goal_asks_for_are_matched() -> None:
