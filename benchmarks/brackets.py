@@ -83,7 +83,9 @@ def main() -> None:
     parser.add_argument(
         "--robot", nargs="+", default=robot_names(), help="names or files (default: built in)"
     )
-    parser.add_argument("--configurations", type=whole, default=1000, help="default %(default)s")
+    parser.add_argument(
+        "--configurations", type=whole, default=1000, help="drawn for each robot (default %(default)s)"
+    )
     parser.add_argument("--seed", type=seed, default=0, help="of the configurations (default %(default)s)")
     options = parser.parse_args()
     rng = np.random.default_rng(options.seed)
