@@ -63,6 +63,7 @@ class Simulation:
         self.n_base = 3 if self.planar else 6
         self.angular = slice(2, 3) if self.planar else slice(3, 6)
         self._first = 3 if self.planar else 7  # joint angle in qpos
+        self._attitude = slice(2, 3) if self.planar else slice(3, 7)  # in qpos
         self._open(threads)
         self._mass_index, self._mass_present = _dense_index(model, self.n_base + self.n_joints)
         self._nominal = (model.body_mass.copy(), model.body_inertia.copy())
@@ -120,7 +121,7 @@ class Simulation:
     @property
     def base_attitude(self) -> Array:
         """Quaternion (N, 4) of the base or, in the plane, its angle (N, 1) rad; a view."""
-        return self.qpos[:, 2:3] if self.planar else self.qpos[:, 3:7]
+        return self.qpos[:, self._attitude]
 
     def robot_state(self) -> tuple[Array, Array]:
         """qpos (N, 7 + n) and qvel (N, 6 + n) of the robot as one in space with a free joint, copies."""
@@ -153,16 +154,29 @@ class Simulation:
         """Coriolis and centrifugal forces (N, b + n) of the robot."""
         return self._bias[:, : self.n_base + self.n_joints]
 
-    def step(self, substeps: int, rows: Rows | None = None) -> None:
-        """Advance all simulations, or rows (k,), and make their sensors, mass matrix and bias current."""
+    def step(self, substeps: int, rows: Rows | None = None) -> Array:
+        """Advance all simulations, or rows (k,), and make their sensors, mass matrix and bias current.
+
+        Returns:
+            Attitudes of the base, or its angles in the plane, after every step, (N or k, substeps, 4 or 1).
+        """
+        at = slice(None) if rows is None else rows
         if rows is not None and not len(rows):
-            return
-        if self.watch is None:
-            self.batch.step(ids=rows, nstep=substeps, stage=STAGE_VEL)
-            return
-        for _ in range(substeps):  # the same bits
+            return np.empty((0, substeps, self.base_attitude.shape[1]))
+        if self.watch is not None:
+            return np.stack([self._step_once(rows, self.watch)[at] for _ in range(substeps)], axis=1)
+        if substeps == 1:
             self.batch.step(ids=rows, nstep=1, stage=STAGE_VEL)
-            self.watch()
+            return self.base_attitude[at, None]
+        passed = self.batch.rollout(substeps - 1, record=["qpos"], ids=rows)["qpos"]
+        self.batch.step(ids=rows, nstep=1, stage=STAGE_VEL)
+        return np.concatenate([passed[..., self._attitude], self.base_attitude[at, None]], axis=1)
+
+    def _step_once(self, rows: Rows | None, watch: Callable[[], None]) -> Array:
+        """Attitudes (N, 4 or 1) after one step, which `watch` has seen; many give the same bits as `step`."""
+        self.batch.step(ids=rows, nstep=1, stage=STAGE_VEL)
+        watch()
+        return self.base_attitude.copy()
 
     def refresh(self, rows: Rows | None = None) -> None:
         """Update derived quantities after the state was set."""

@@ -17,6 +17,7 @@ from stable_baselines3.common.env_checker import check_env as check_env_sb3
 
 import space_envs  # noqa: F401  (registers the ids)
 from space_envs.control import CONTROL_MODES
+from space_envs.dynamics.rotations import base_rotation
 from space_envs.errors import ActionError, ConfigurationError, GoalError
 from space_envs.registration import ENTRIES
 from space_envs.wrappers import GoalConditioned
@@ -511,6 +512,29 @@ def test_diverged_simulation_ends_the_episode_and_never_returns_nan(mode, env_id
         observation, _, terminated, *_ = env.step(filled(env, 0.1))
     assert not terminated.any()
     assert np.isfinite(observation).all()
+
+
+# Peak attitude --------------------------------------------------------
+
+
+@every_id
+def test_the_observed_peak_attitude_counts_every_step_of_the_simulation(env_id):
+    watched, env = (gym.make_vec(env_id, num_envs=8, autoreset_mode="disabled") for _ in range(2))
+    watched.reset(seed=0)
+    first, _ = env.reset(seed=0)
+    peak = env.task.layout.slices["peak_attitude"].start
+    seen: list[np.ndarray] = [np.zeros(8)]
+    watched.simulation.watch = lambda: seen.append(base_rotation(watched.simulation.base_attitude))
+    ends = [first[:, peak]]
+    for action in np.random.default_rng(3).uniform(-1.0, 1.0, (30, *env.action_space.shape)):
+        observation, *_ = env.step(action)
+        np.testing.assert_array_equal(watched.step(action)[0], observation)
+        np.testing.assert_array_equal(observation[:, peak], np.max(seen, axis=0))
+        ends.append(env.task.attitude(observation))
+    assert len(seen) == 1 + 30 * env.task.substeps
+    assert (np.max(ends, axis=0) < observation[:, peak]).any()  # the satellite turned back in between
+    partly, _ = env.reset(options={"reset_mask": np.arange(8) == 0})
+    assert partly[:2, peak].tolist() == [0.0, observation[1, peak]]
 
 
 # Autoreset ------------------------------------------------------------

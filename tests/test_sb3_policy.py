@@ -340,7 +340,7 @@ def test_layers_that_do_not_belong(ppo: Path, tmp_path: Path) -> None:
 
 def test_another_task_is_refused_by_its_sizes(ppo: Path) -> None:
     dual = PolicyContext.from_env(CaptureVectorEnv("SpaceCapture/DualArmPlanar-v0"))
-    with pytest.raises(PolicyError, match="observations of size 54; those of SpaceCapture/DualArmPlanar-v0"):
+    with pytest.raises(PolicyError, match="observations of size 55; those of SpaceCapture/DualArmPlanar-v0"):
         StableBaselinesPolicy(dual, 0, ppo)
     end_effector = PolicyContext.from_env(CaptureVectorEnv(ENV_ID, control_mode="end_effector_velocity"))
     with pytest.raises(PolicyError, match="actions of size 7.*'end_effector_velocity' have 6"):

@@ -73,7 +73,9 @@ def test_shipped_policies_come_from_documented_commands() -> None:
         settled = settle(given)
         assert settled.settings == settings
         parameters = from_json(settings.algorithm, provenance["hyperparameters"])
-        assert parameters == replace(settled.parameters, steps=parameters.steps), (env_id, name)
+        # The defaults of inputs and discount are younger than the policies.
+        own = {field: getattr(parameters, field) for field in ("steps", "features", "gamma")}
+        assert parameters == replace(settled.parameters, **own), (env_id, name)
     for name, words in (("bc", ["--algo", "bc"]), ("ppo", [])):
         provenance = json.loads(shipped_path(ENV_ID, name).with_suffix(".json").read_text())
         assert provenance["commands"] == [["train.py", *words]]

@@ -64,6 +64,15 @@ def rotation_angle(q: Array) -> Array:
     return 2.0 * np.arctan2(np.sqrt((vector * vector).sum(axis=-1)), np.abs(q[..., 0]))
 
 
+def base_rotation(attitude: Array) -> Array:
+    """Angle (...,) of the satellite from its initial attitude, rad.
+
+    Args:
+        attitude: unit quaternions (..., 4), body to inertial, or in the plane angles (..., 1) rad.
+    """
+    return np.abs(attitude[..., 0]) if attitude.shape[-1] == 1 else rotation_angle(attitude)
+
+
 def angle_between(a: Array, b: Array) -> Array:
     """Angle (...,) of the rotation that takes a to b, rad, in [0, pi]."""
     return rotation_angle(multiply(conjugate(a), b))

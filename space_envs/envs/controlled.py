@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from space_envs.control import MODES
 from space_envs.drives import Drive
-from space_envs.dynamics.rotations import Array
+from space_envs.dynamics.rotations import Array, base_rotation
 from space_envs.envs.starts import Start
 from space_envs.simulation import Simulation
 from space_envs.tasks.base import CaptureTask
@@ -21,7 +21,7 @@ class ControlledSimulation:
     """
 
     def __init__(self, task: CaptureTask, n: int, control_mode: str, threads: int | None) -> None:
-        self._task = task
+        self._task, self._peak = task, task.layout.slices["peak_attitude"].start
         self.simulation = Simulation(task.model, n, threads)
         self.drive = Drive(self.simulation, task.control_period, task.robot)
         self.mode = MODES[control_mode](self.drive)
@@ -41,7 +41,7 @@ class ControlledSimulation:
 
     def advance(
         self, action: Array, running: NDArray[np.int64] | None, watched: bool
-    ) -> NDArray[np.int64] | None:
+    ) -> tuple[NDArray[np.int64] | None, Array]:
         """Simulate a control period.
 
         Args:
@@ -49,33 +49,35 @@ class ControlledSimulation:
             watched: whether contacts are checked.
 
         Returns:
-            Codes (N,) of the first contacts; None if contacts are not checked.
+            Codes (N,) of the first contacts, None if contacts are not checked; and the largest angles (N,) of
+            the satellites from their initial attitudes after the steps of the simulation, rad.
         """
         simulation, task = self.simulation, self._task
         self.drive.begin()
         simulation.ctrl[:] = self.mode.torques(action)
         before = simulation.sensors.copy() if watched else None
-        simulation.step(task.substeps, running)
-        if before is None:
-            return None
+        rotation = base_rotation(simulation.step(task.substeps, running)).max(axis=1)
         if running is None:
-            return task.collided(before, simulation.sensors)
-        touched = np.zeros(simulation.n, dtype=np.int64)
-        if len(running):
+            return None if before is None else task.collided(before, simulation.sensors), rotation
+        largest, touched = np.zeros(simulation.n), np.zeros(simulation.n, dtype=np.int64)
+        largest[running] = rotation
+        if before is not None and len(running):
             touched[running] = task.collided(before[running], simulation.sensors[running])
-        return touched
+        return None if before is None else touched, largest
 
     def observe(
-        self, time: Array, previous: Array, ended: NDArray[np.bool_] | None
+        self, time: Array, rotation: Array, previous: Array, ended: NDArray[np.bool_] | None
     ) -> tuple[Array, NDArray[np.bool_] | None]:
         """Observations (N, size), and the mask (N,) of diverged simulations, None if there are none.
 
         Rows that ended before or have diverged have their previous observations.
 
         Args:
-            time: (N,) s. previous: (N, size). ended: (N,); None if no row has.
+            time: (N,) s. rotation: (N,) rad, largest angle of the satellite in the control period.
+            previous: (N, size). ended: (N,); None if no row has.
         """
-        observation = self._task.observe(self.simulation.sensors, time)
+        peak = np.maximum(previous[:, self._peak], rotation)
+        observation = self._task.observe(self.simulation.sensors, time, peak)
         if ended is not None:
             observation[ended] = previous[ended]
         if not self.simulation.warned() and np.isfinite(observation).all():

@@ -185,7 +185,7 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         self._controlled.begin(rows, start)
         self.episodes.begin(rows, start)
         sensors, time = self.simulation.sensors[rows], self.episodes.time[rows]
-        self.episodes.observe_start(rows, self.task.observe(sensors, time))
+        self.episodes.observe_start(rows, self.task.observe(sensors, time, np.zeros(len(rows))))
 
     # Step ----------------------------------------------------------------------------------------------
 
@@ -211,8 +211,8 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
         ended = episodes.ended
         episodes.count(clipped, ended)
         running = None if ended is None else np.flatnonzero(~ended)
-        touched = self._controlled.advance(action, running, episodes.watched)
-        observation, diverged = self._controlled.observe(episodes.time, episodes.observation, ended)
+        touched, rotation = self._controlled.advance(action, running, episodes.watched)
+        observation, diverged = self._controlled.observe(episodes.time, rotation, episodes.observation, ended)
         terms, attitude = episodes.judge(observation, action, diverged, touched)
         if ended is not None:
             terms[ended] = 0.0

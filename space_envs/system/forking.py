@@ -49,6 +49,11 @@ class Pool(Batch):
         with self._lock:
             super().step(*arguments, **keywords)
 
+    def rollout(self, *arguments: Any, **keywords: Any) -> Any:
+        """Same as `Batch.rollout`, uninterrupted by a fork."""
+        with self._lock:
+            return super().rollout(*arguments, **keywords)
+
     def forward(self, *arguments: Any, **keywords: Any) -> None:
         """Same as `Batch.forward`, uninterrupted by a fork."""
         with self._lock:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from space_envs.checks import flag
 from space_envs.dynamics import FloatingRobot
-from space_envs.dynamics.rotations import Array
+from space_envs.dynamics.rotations import Array, base_rotation
 from space_envs.errors import ConfigurationError, positive, positive_integer, shown, unknown_name
 from space_envs.metric import Metric
 from space_envs.robots.models import SceneOptions, robot_mechanics, robot_model
@@ -22,6 +22,7 @@ from space_envs.simulation import Simulation
 from space_envs.step_limits.measured import measured_steps
 from space_envs.tasks.common import (
     DIFFICULTIES,
+    EPISODE_FIELDS,
     REWARDS,
     CaptureEnvelope,
     CaptureErrors,
@@ -125,7 +126,10 @@ class CaptureTask:
                 f"control_period must be a multiple of timestep, got {self.control_period!r} and "
                 f"{self.step_size!r} s"
             )
-        longest = next(field.bound for field in self.layout.fields if field.name == "time")
+        bounds = {field.name: field.bound for field in self.layout.fields}
+        if missing := [field.name for field in EPISODE_FIELDS if field.name not in bounds]:
+            raise ConfigurationError(f"the layout of a task's observation lacks {' and '.join(missing)}")
+        longest = bounds["time"]
         if self.horizon * self.control_period > longest:
             raise ConfigurationError(
                 f"an episode lasts {longest:g} s at most, got horizon {self.horizon} of "
@@ -182,16 +186,17 @@ class CaptureTask:
         """Update model and data for rendering to the goal of a row, except for qpos."""
         raise NotImplementedError
 
-    def observe(self, sensors: Array, time: Array) -> Array:
-        """Observations (N, size) from the model's sensors (N, s) and the time (N,) in s."""
+    def observe(self, sensors: Array, time: Array, peak_attitude: Array) -> Array:
+        """Observations (N, size) from the model's sensors (N, s).
+
+        Args:
+            time: (N,) since the start of the episode, s. peak_attitude: (N,) largest angle of the satellite
+                from its initial attitude so far, rad.
+        """
         raise NotImplementedError
 
     def errors(self, observation: Array) -> CaptureErrors:
         """Capture errors (N,) from observations (N, size)."""
-        raise NotImplementedError
-
-    def attitude(self, observation: Array) -> Array:
-        """Angle (N,) of the satellite from its initial attitude, rad."""
         raise NotImplementedError
 
     def check_start(self, goals: Goals) -> None:
@@ -238,6 +243,14 @@ class CaptureTask:
     def contact_names(self) -> tuple[str, ...]:
         """Names of the contacts, by the codes of `collided`; the first is empty."""
         return self.contacts.names
+
+    def attitude(self, observation: Array) -> Array:
+        """Angle (N,) of the satellite from its initial attitude, rad."""
+        return base_rotation(observation[:, self._base_attitude])
+
+    @cached_property
+    def _base_attitude(self) -> slice:
+        return self.layout.slices["base_angle" if self.planar else "base_quaternion"]
 
     def collided(self, before: Array, sensors: Array) -> NDArray[np.int64]:
         """Codes (N,) of the first contact in a control period; 0 is none.

@@ -26,6 +26,13 @@ class Field(NamedTuple):
     meaning: str
 
 
+# Of the episode so far, in the layout of every task. The peak counts every step of the simulation.
+EPISODE_FIELDS = (
+    Field("peak_attitude", 1, 100.0, "largest angle of the satellite from its initial attitude so far, rad"),
+    Field("time", 1, 1e4, "since the start of the episode, s"),
+)
+
+
 @dataclass(frozen=True)
 class ObservationLayout:
     """Layout of the observation vector: a slice for each named quantity."""

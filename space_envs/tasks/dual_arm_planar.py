@@ -5,14 +5,13 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from space_envs.checks import numbers
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError, shown
 from space_envs.robots.models import joint_names
 from space_envs.robots.robot import Robot
-from space_envs.tasks.common import Field, GoalOption, ObservationLayout
+from space_envs.tasks.common import EPISODE_FIELDS, Field, GoalOption, ObservationLayout
 from space_envs.tasks.dual_arm import FASTEST_SPIN
 from space_envs.tasks.goals.targets import Draws, TargetGoals
 from space_envs.tasks.goals.tumbling import TumblingTargetTask
@@ -64,7 +63,7 @@ def planar_layout(joints: int, factor: float = 1.0) -> ObservationLayout:
             Field("goal_linear_velocity", 4, 100.0, "of the grapple points, inertial axes, m/s"),
             Field("position_error", 4, 30.0 * factor, "grapple points minus end-effectors, inertial axes, m"),
             Field("velocity_error", 4, 200.0, "of the grapple points minus of the end-effectors, m/s"),
-            Field("time", 1, 1e4, "since the start of the episode, s"),
+            *EPISODE_FIELDS,
         )
     )
 
@@ -146,13 +145,13 @@ class DualArmPlanarTask(TumblingTargetTask):
         width = values["target_half_width"][:, 0]
         return self.checked_goals(position, quaternion, spin, width, joint_position)
 
-    def observe(self, sensors: Array, time: Array) -> Array:
-        """Observations (N, size) from the model's sensors (N, s) and the time (N,) in s."""
+    def observe(self, sensors: Array, time: Array, peak_attitude: Array) -> Array:
+        """Observations (N, size); see the base class."""
         observation = np.empty((len(sensors), self.layout.size))
         observation[:, : len(self.columns)] = sensors.take(self.columns, axis=1)
         goal, hand, errors = self._blocks
         np.subtract(observation[:, goal], observation[:, hand], out=observation[:, errors])
-        observation[:, -1] = time
+        observation[:, -2], observation[:, -1] = peak_attitude, time
         return observation
 
     @cached_property
@@ -164,10 +163,6 @@ class DualArmPlanarTask(TumblingTargetTask):
             slice(at["end_effector_position"].start, at["end_effector_linear_velocity"].stop),
             slice(at["position_error"].start, at["velocity_error"].stop),
         )
-
-    def attitude(self, observation: NDArray) -> Array:
-        """Angle (N,) of the satellite from its initial attitude, rad."""
-        return np.abs(observation[:, self.layout.slices["base_angle"].start])
 
 
 def mounted(robot: Robot, mounts: Sequence[Sequence[float]]) -> Robot:

@@ -6,12 +6,19 @@ from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from space_envs.dynamics.reactionless import axis_rotation
-from space_envs.dynamics.rotations import Array, exponential, rotation_angle
+from space_envs.dynamics.rotations import Array, exponential
 from space_envs.robots.models import joint_names
-from space_envs.tasks.common import UNIT, CaptureEnvelope, CaptureLimits, Field, GoalOption, ObservationLayout
+from space_envs.tasks.common import (
+    EPISODE_FIELDS,
+    UNIT,
+    CaptureEnvelope,
+    CaptureLimits,
+    Field,
+    GoalOption,
+    ObservationLayout,
+)
 from space_envs.tasks.dual_arm import FASTEST_SPIN
 from space_envs.tasks.goals.targets import Draws, TargetGoals
 from space_envs.tasks.goals.tumbling import TumblingTargetTask
@@ -68,7 +75,7 @@ def spatial_layout(joints: int, factor: float = 1.0) -> ObservationLayout:
             Field("position_error", 6, 30.0 * factor, "fixtures minus end-effectors, inertial axes, m"),
             Field("velocity_error", 6, 200.0, "of the fixtures minus of the end-effectors, m/s"),
             Field("axis_error", 6, 3.1416, "rotations from approach to insertion axes, inertial axes, rad"),
-            Field("time", 1, 1e4, "since the start of the episode, s"),
+            *EPISODE_FIELDS,
         )
     )
 
@@ -158,15 +165,15 @@ class DualArmSpatialTask(TumblingTargetTask):
             joint_position,
         )
 
-    def observe(self, sensors: Array, time: Array) -> Array:
-        """Observations (N, size) from the model's sensors (N, s) and the time (N,) in s."""
+    def observe(self, sensors: Array, time: Array, peak_attitude: Array) -> Array:
+        """Observations (N, size); see the base class."""
         n, at = len(sensors), self._blocks
         observation = np.empty((n, self.layout.size))
         observation[:, : len(self.columns)] = sensors.take(self.columns, axis=1)
         np.subtract(observation[:, at.goal], observation[:, at.hand], out=observation[:, at.errors])
         axes, goal_axes = (observation[:, part].reshape(n, 2, 3) for part in (at.axis, at.goal_axis))
         observation[:, at.axis_error] = axis_rotation(axes, goal_axes).reshape(n, 6)
-        observation[:, -1] = time
+        observation[:, -2], observation[:, -1] = peak_attitude, time
         return observation
 
     @cached_property
@@ -178,10 +185,6 @@ class DualArmSpatialTask(TumblingTargetTask):
             slice(at["position_error"].start, at["velocity_error"].stop),
             *(at[name] for name in ("end_effector_axis", "goal_axis", "axis_error")),
         )
-
-    def attitude(self, observation: NDArray) -> Array:
-        """Angle (N,) of the satellite from its initial attitude, rad."""
-        return rotation_angle(observation[:, self.layout.slices["base_quaternion"]])
 
 
 def _direction(rng: np.random.Generator) -> Array:

@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from space_envs.dynamics.reactionless import axis_rotation
-from space_envs.dynamics.rotations import Array, conjugate, multiply, rotate, rotation_angle, z_axis
+from space_envs.dynamics.rotations import Array, conjugate, multiply, rotate, z_axis
 from space_envs.errors import GoalError
 from space_envs.robots.models import MovingTarget, SceneOptions, robot_model
 from space_envs.simulation import Simulation
 from space_envs.tasks.base import CaptureTask
 from space_envs.tasks.common import (
+    EPISODE_FIELDS,
     UNIT,
     CaptureEnvelope,
     CaptureErrors,
@@ -89,7 +90,7 @@ def pose_layout(
             Field("position_error", 3, 20.0 * factor, "goal minus end-effector, inertial axes, m"),
             Field("rotation_error", 3, 3.1416, _ROTATION_ERROR[goal]),
             *(_VELOCITY_ERRORS if moving else ()),
-            Field("time", 1, 1e4, "since the start of the episode, s"),
+            *EPISODE_FIELDS,
         )
     )
 
@@ -101,9 +102,9 @@ class _Columns(NamedTuple):
     goal_quaternion: slice
     end_effector_position: slice
     end_effector_quaternion: slice
-    base_quaternion: slice
     position_error: slice
     rotation_error: slice
+    peak_attitude: slice
     time: slice
 
 
@@ -270,8 +271,8 @@ class SingleArmTask(CaptureTask):
         squares[self.layout.slices["base_angular_velocity"], -1] = self.c**2
         return squares
 
-    def observe(self, sensors: Array, time: Array) -> Array:
-        """Observations (N, size) from the model's sensors (N, s) and the time (N,) in s."""
+    def observe(self, sensors: Array, time: Array, peak_attitude: Array) -> Array:
+        """Observations (N, size); see the base class."""
         # Runs at every step, also for N = 1: the number of numpy calls decides the time.
         at = self._columns
         observation = np.empty((len(sensors), self.layout.size))
@@ -288,6 +289,7 @@ class SingleArmTask(CaptureTask):
             observation[:, at.rotation_error] = axis_rotation(*axes)
         else:
             observation[:, at.rotation_error] = 0.0
+        observation[:, at.peak_attitude] = peak_attitude[:, None]
         observation[:, at.time] = time[:, None]
         if self.moving_target is not None:
             goal, end_effector, error = self._twists
@@ -319,10 +321,6 @@ class SingleArmTask(CaptureTask):
     def errors(self, observation: Array) -> CaptureErrors:
         """Capture errors (N,) from observations (N, size); speeds are relative to the grapple."""
         return CaptureErrors(*np.sqrt(((observation * observation)[:, None, :] @ self._squares)[:, 0]).T)
-
-    def attitude(self, observation: Array) -> Array:
-        """Angle (N,) of the satellite from its initial attitude, rad."""
-        return rotation_angle(observation[:, self._columns.base_quaternion])
 
 
 def _quotient_tensor() -> Array:

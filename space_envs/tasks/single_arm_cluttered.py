@@ -130,9 +130,9 @@ class SingleArmClutteredTask(SingleArmTask):
         if data is not None:
             data.mocap_pos[1 : 1 + COUNT] = goals.obstacle_position[row]
 
-    def observe(self, sensors: Array, time: Array) -> Array:
-        """Observations (N, size) from the model's sensors (N, s) and the time (N,) in s."""
-        observation = super().observe(sensors, time)
+    def observe(self, sensors: Array, time: Array, peak_attitude: Array) -> Array:
+        """Observations (N, size); see the base class."""
+        observation = super().observe(sensors, time, peak_attitude)
         observation[:, self._obstacles] = sensors.take(self._obstacle_columns, axis=1)
         return observation
 

@@ -3,6 +3,9 @@
 from agents.policies.learned.features import IN_BASE_AXES, Feature, has_base_axes
 from space_envs.tasks.common import ObservationLayout
 
+# What the return still depends on: the time until the horizon and the score of a capture.
+_EPISODE = (Feature("time", "plain", 20.0), Feature("peak_attitude", "plain", 0.02))
+
 SINGLE_ARM_FEATURES = (
     Feature("joint_position", "from_home", 0.5),
     Feature("joint_velocity", "plain", 0.2),
@@ -16,6 +19,7 @@ SINGLE_ARM_FEATURES = (
     Feature("rotation_error", "base_axes", 0.5),
     Feature("position_error", "bearing", 0.1),
     Feature("rotation_error", "bearing", 0.2),
+    *_EPISODE,
 )
 CLUTTERED_FEATURES = (
     *SINGLE_ARM_FEATURES,
@@ -34,6 +38,7 @@ DUAL_PLANAR_FEATURES = (
     Feature("position_error", "base_axes", 0.5),
     Feature("position_error", "bearing", 0.1),
     Feature("velocity_error", "base_axes", 0.1),
+    *_EPISODE,
 )
 DUAL_SPATIAL_FEATURES = (
     Feature("joint_position", "from_home", 0.5),
@@ -50,6 +55,7 @@ DUAL_SPATIAL_FEATURES = (
     Feature("axis_error", "base_axes", 0.3),
     Feature("axis_error", "bearing", 0.1),
     Feature("velocity_error", "base_axes", 0.1),
+    *_EPISODE,
 )
 
 # Kinds and scales for fields of the names that the tasks here use. Any other field is plain, of scale 1.
@@ -75,6 +81,7 @@ _USUAL: dict[str, tuple[tuple[str, float], ...]] = {
     "velocity_error": (("base_axes", 0.1),),
     "obstacle_position": (("from_base", 1.0),),
     "obstacle_radius": (("plain", 0.3),),
+    "peak_attitude": (("plain", 0.02),),
     "time": (("plain", 20.0),),
 }
 

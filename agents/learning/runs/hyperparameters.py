@@ -73,7 +73,7 @@ class Hyperparameters:
         128,
     )
     activation: Annotated[str, Range(f"of the hidden layers: {', '.join(ACTIVATIONS)}")] = "tanh"
-    gamma: Annotated[float, Range("discount of a control step", above=0.0, most=1.0)] = 0.99
+    gamma: Annotated[float, Range("discount of a control step", above=0.0, most=1.0)] = 0.998
     validation_interval: Interval = 20_000
 
     def __post_init__(self) -> None:

@@ -57,28 +57,30 @@ class Integrals:
         # Of the present control period, from its beginning to its end.
         self._qpos = np.empty((n, states, 7 + joints))
         self._qvel = np.empty((n, states, 6 + joints))
-        self._attitude = np.empty((n, states))
         self._seen = 0
         self.see()
         self._start = self._motion(np.arange(n), slice(0, 1)).total
         self.totals = Totals(*np.zeros((7, n)))
-        self.totals.peak_attitude[:] = self._attitude[:, 0]
 
     def see(self) -> None:
         """Record the state after a step of the simulation."""
-        simulation, task, place = self._simulation, self._task, self._seen
-        self._qpos[:, place], self._qvel[:, place] = simulation.robot_state()
-        observation = task.observe(simulation.sensors, np.zeros(simulation.n))
-        self._attitude[:, place] = np.rad2deg(task.attitude(observation))
+        place = self._seen
+        self._qpos[:, place], self._qvel[:, place] = self._simulation.robot_state()
         self._seen += 1
 
-    def add(self, rows: NDArray[np.bool_]) -> None:
-        """Count the control period that was seen, in rows (N,) bool, and begin the next."""
+    def add(self, rows: NDArray[np.bool_], observation: Array) -> None:
+        """Count the control period that was seen, in rows (N,) bool, and begin the next.
+
+        Args:
+            observation: (N, size) at its end, which holds the peak attitude.
+        """
         counted = np.flatnonzero(rows)
         last = self._seen - 1
         for first in range(0, last, _STEPS):
             self._count(counted, slice(first, min(first + _STEPS, last) + 1))
-        for states in (self._qpos, self._qvel, self._attitude):
+        peak = self._task.layout.read(observation, "peak_attitude")[:, 0]
+        self.totals.peak_attitude[counted] = np.rad2deg(peak[counted])
+        for states in (self._qpos, self._qvel):
             states[:, 0] = states[:, last]
         self._seen = 1
 
@@ -101,7 +103,6 @@ class Integrals:
         totals.mechanical_work[rows] += np.abs(torque * change).sum(axis=(1, 2))
         for largest, value in (
             (totals.peak_power, power),
-            (totals.peak_attitude, self._attitude[rows, steps]),
             (totals.linear_momentum_drift, drift[..., 0]),
             (totals.angular_momentum_drift, drift[..., 1]),
         ):

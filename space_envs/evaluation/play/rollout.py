@@ -92,7 +92,7 @@ class RolloutRecorder:
             self.lose(int(row), f"the action held NaN or infinity at step {step.number}")
         # A simulation that diverged has started over by itself: the state before is the last true one.
         moved = running & (self._outcome != "diverged")
-        self._integrals.add(moved)
+        self._integrals.add(moved, step.observation)
         for name, now in self._now(step.observation).items():
             record = self._states[name]
             record[:, step.number + 1] = np.where(moved[:, None], now, record[:, step.number])
