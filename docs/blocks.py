@@ -9,6 +9,7 @@ from typing import Any, ClassVar, get_origin
 from agents.planners.common.plans import Cause
 from agents.planners.dual_arm.tracking import FINE, Tracking
 from agents.policies.registry import POLICIES, control_mode, policies_for
+from agents.policies.registry import knowledge as knowledge_of
 from docs.reading import attributes, comments, number, summary, table
 from docs.robots import links, planar_links, spatial_links
 from docs.zoo import robot_pictures, robots
@@ -16,7 +17,7 @@ from space_envs import control, drives
 from space_envs.evaluation.leaderboard.columns import COLUMNS, NOTE, RULES
 from space_envs.evaluation.leaderboard.pareto import FRONT
 from space_envs.evaluation.records.schema import record_schema
-from space_envs.policy import Needs
+from space_envs.policy import Knowledge, Needs
 from space_envs.registration import ENTRIES
 from space_envs.tasks.base import CaptureTask
 
@@ -36,8 +37,8 @@ def policies() -> str:
     rows = []
     for name, entry in POLICIES.items():
         fits = ["x" if name in policies_for(env_id) else "" for env_id in ENTRIES]
-        rows.append((f"`{name}`", f"`{control_mode(name)}`", *fits, entry.summary))
-    return table(("policy", "control mode", *names, "method"), rows)
+        rows.append((f"`{name}`", knowledge_of(name), f"`{control_mode(name)}`", *fits, entry.summary))
+    return table(("policy", "knowledge", "control mode", *names, "method"), rows)
 
 
 def drive() -> str:
@@ -142,6 +143,12 @@ def record_fields() -> str:
     return table(("field", "type", "meaning"), rows)
 
 
+def knowledge() -> str:
+    """Kinds of knowledge that policies are made of."""
+    meanings = comments(Knowledge)
+    return table(("knowledge", "meaning"), [(f"`{kind}`", meanings[kind.name]) for kind in Knowledge])
+
+
 def outcomes() -> str:
     """Outcomes of an episode."""
     return ", ".join(f"`{outcome}`" for outcome in record_schema()["properties"]["outcome"]["enum"]) + "."
@@ -165,6 +172,7 @@ BLOCKS: dict[str, Callable[[], str]] = {
         columns,
         pareto_front,
         record_fields,
+        knowledge,
         outcomes,
         robots,
         robot_pictures,

@@ -3,6 +3,7 @@
 import importlib
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import TYPE_CHECKING, Any, Literal, Protocol, Self, cast
 
 import mujoco
@@ -25,12 +26,24 @@ if TYPE_CHECKING:
 DEFAULT_CONTROL_MODE = "joint_velocity"
 
 
+class Knowledge(StrEnum):
+    """Knowledge about the task that a policy is made of; results of different kinds are no even match."""
+
+    NONE = "none"  # acts without any: a baseline
+    MODEL = "model"  # plans or controls by the equations of the public model
+    LEARNED_WITH_MODEL = "learned with model"  # a network, trained by derivatives of the public model
+    IMITATION = "imitation"  # a network, trained on the actions of an expert that knows the model
+    INTERACTION = "interaction"  # a network, trained by the rewards of episodes alone
+    UNSTATED = "unstated"  # the policy does not tell
+
+
 class Policy(Protocol):
     """Chooses actions; the signature of `predict` is stable-baselines3's.
 
-    A policy class is built as `Class(context, seed)` with a `PolicyContext` and an int. Two class attributes
-    are optional: `control_mode`, its default control mode (joint_velocity if absent), and `needs`, a `Needs`
-    with its requirements on tasks (default: none).
+    A policy class is built as `Class(context, seed)` with a `PolicyContext` and an int. Three class
+    attributes are optional: `control_mode`, its default control mode (joint_velocity if absent), `needs`, a
+    `Needs` with its requirements on tasks (default: none), and `knowledge`, a `Knowledge` (default:
+    unstated).
     """
 
     def predict(

@@ -67,6 +67,7 @@ def make_record(**changes: object) -> EpisodeRecord:
         "robot_digest": "",
         "policy": "mpc",
         "control_mode": "joint_velocity",
+        "knowledge": "model",
         "difficulty": "medium",
         "split": "test",
         "index": 0,

@@ -23,7 +23,7 @@ from agents.planners.common.linear_quadratic import (
     receding_gains,
     riccati_step,
 )
-from agents.policies.registry import POLICIES, control_mode, make_policy
+from agents.policies.registry import POLICIES, control_mode, knowledge, make_policy
 from agents.policies.single_arm.minimum_jerk import MinimumJerk, minimum_jerk_profile
 from agents.policies.single_arm.mpc import ModelPredictive
 from agents.policies.single_arm.promp import ConditionedPrior, ProMPPolicy, prior_of
@@ -31,7 +31,7 @@ from promp import ViaPoint
 from space_envs.dynamics import minimum_jerk, roll_out_base, trajectory_cost
 from space_envs.dynamics.rotations import Array, angle_between, from_matrix, multiply, rotate
 from space_envs.errors import ConfigurationError, PolicyError
-from space_envs.policy import PolicyContext, load_policy_class
+from space_envs.policy import Knowledge, PolicyContext, load_policy_class
 from space_envs.robots.zoo import find_robot
 from space_envs.tasks.common import ObservationLayout
 from space_envs.tasks.single_arm import SingleArmTask
@@ -458,3 +458,11 @@ def test_wrong_use_is_refused(observed: tuple[PolicyContext, Array]) -> None:
     for name in EXPERTS:
         with pytest.raises(PolicyError, match="joint_torque"):
             make_policy(name, torque, 0)
+
+
+def test_every_registered_policy_states_its_knowledge() -> None:
+    stated = {name: knowledge(name) for name in POLICIES}
+    assert Knowledge.UNSTATED not in stated.values()
+    assert {stated[name] for name in ("hold", "random")} == {Knowledge.NONE}
+    assert {stated[name] for name in ("bc", "ppo", "bc_reactionless")} == {Knowledge.IMITATION}
+    assert all(stated[name] is Knowledge.MODEL for name, entry in POLICIES.items() if entry.expert)

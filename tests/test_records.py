@@ -16,11 +16,11 @@ from space_envs.evaluation.records.storage import read_records, write_records
 from space_envs.evaluation.records.timing import UNTIMED
 
 FIELDS = (
-    "schema env_id robot robot_digest policy control_mode difficulty split index episode seed config_hash "
-    "task_version captured outcome cause reason time_to_capture time_to_envelope steps episode_return "
-    "position_error orientation_error peak_attitude final_attitude attitude_cost base_angular_impulse "
-    "kinetic_energy_integral mechanical_work peak_power collisions clipped_actions linear_momentum_drift "
-    "angular_momentum_drift timing checksum"
+    "schema env_id robot robot_digest policy control_mode knowledge difficulty split index episode seed "
+    "config_hash task_version captured outcome cause reason time_to_capture time_to_envelope steps "
+    "episode_return position_error orientation_error peak_attitude final_attitude attitude_cost "
+    "base_angular_impulse kinetic_energy_integral mechanical_work peak_power collisions clipped_actions "
+    "linear_momentum_drift angular_momentum_drift timing checksum"
 ).split()
 
 

@@ -97,7 +97,7 @@ def test_terminal_table_in_a_pipe_has_all_columns_and_no_colors(rows: list[Row])
     for column in COLUMNS:
         assert all(word in text for word in column.title.split())
     (line,) = (line for line in text.splitlines() if re.match(r"\s+\d\s+mpc ", line))
-    assert re.match(r"\s+\d\s+mpc\s+0\.\d+ \[0\.\d+, 0\.\d+\]\s+100 \[93, 100\]\s+\d+\s", line)
+    assert re.match(r"\s+\d\s+mpc\s+model\s+0\.\d+ \[0\.\d+, 0\.\d+\]\s+100 \[93, 100\]\s+\d+\s", line)
     assert HOSTILE in text
 
 
@@ -109,7 +109,7 @@ def test_terminal_table_fits_its_terminal(rows: list[Row], width: int) -> None:
     assert "\x1b[" in text
     lines = re.sub(r"\x1b\[[0-9;]*m", "", text).splitlines()
     assert max(map(len, lines)) <= width
-    assert any(re.search(r"\d\s+mpc\s+0\.\d+ \[", line) for line in lines)
+    assert any(re.search(r"\d\s+mpc\s+(model\s+)?0\.\d+ \[", line) for line in lines)
     assert ("Not shown at this width" in text) == (width < 300)
 
 
@@ -125,10 +125,10 @@ def test_markdown_is_a_table_whatever_the_names(rows: list[Row]) -> None:
     text = to_markdown(rows)
     lines = [line for line in text.splitlines() if line.startswith("|")]
     assert len(lines) == 2 + len(rows)
-    assert {len(re.findall(r"(?<!\\)\|", line)) for line in lines} == {len(COLUMNS) + 2}
-    assert lines[0].startswith("| rank | policy | kept-attitude score | success [%] |")
+    assert {len(re.findall(r"(?<!\\)\|", line)) for line in lines} == {len(COLUMNS) + 3}
+    assert lines[0].startswith("| rank | policy | knowledge | kept-attitude score | success [%] |")
     assert "<" not in text and "minimum_jerk" in text and "&lt;img src=x" in text
-    assert re.search(r"\| \d \| mpc \| 0\.\d+ \[0\.\d+, 0\.\d+\] \| 100 \[93, 100\] \|", text)
+    assert re.search(r"\| \d \| mpc \| model \| 0\.\d+ \[0\.\d+, 0\.\d+\] \| 100 \[93, 100\] \|", text)
 
 
 def test_csv_has_every_figure_with_its_interval(rows: list[Row]) -> None:
@@ -153,7 +153,7 @@ def test_latex_is_a_table_whatever_the_names(rows: list[Row]) -> None:
     body = text[text.index(r"\midrule") : text.index(r"\bottomrule")].splitlines()[1:-1]
     assert len(body) == len(rows)
     for line in body:
-        assert len(re.findall(r"(?<!\\)&", line)) == 8 and line.endswith(r" \\")
+        assert len(re.findall(r"(?<!\\)&", line)) == 9 and line.endswith(r" \\")
         # No character of a name is left that means something to LaTeX.
         name = re.sub(r"\\(text\w+\{\}|[#$%&_{}])|\{[\[\]]\}|-\{\}-", "", line.split(" & ")[1])
         assert not re.search(r"[\\#$%&_{}~^<>|\"]", name), line

@@ -8,6 +8,7 @@ from stable_baselines3.common.logger import Logger, configure
 from tqdm import tqdm
 
 from agents.learning.runs.session import Session
+from agents.learning.runs.warm_start import knowledge_of
 from agents.learning.validation import Validation, Validator
 from agents.planners.common.robot_files import variant_name
 from agents.policies.learned.features import FeatureView
@@ -111,6 +112,7 @@ class Progress:
             "difficulty": settings.difficulty,
             "env_kwargs": settings.env_kwargs,
             "seed": settings.seed,
+            "knowledge": knowledge_of(settings.init, self.session.parameters),
             "steps": steps,
             "validation": result.to_json(),
         }

@@ -6,17 +6,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array
-from space_envs.policy import Needs, PolicyContext
+from space_envs.policy import Knowledge, Needs, PolicyContext
 
 
 class BasePolicy:
     """Base class of policies: a subclass returns joint rates or actions, and updates a state if it has one.
 
     Attributes:
-        needs: properties of the tasks that it can act in.
+        needs: properties of the tasks that it can act in. knowledge: that it is made of.
     """
 
     needs: ClassVar[Needs] = Needs()
+    knowledge: ClassVar[Knowledge] = Knowledge.UNSTATED
 
     def __init__(self, context: PolicyContext, seed: int = 0) -> None:
         self.context = context

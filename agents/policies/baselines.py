@@ -6,11 +6,13 @@ import numpy as np
 
 from agents.policies.base import BasePolicy
 from space_envs.dynamics.rotations import Array
-from space_envs.policy import PolicyContext
+from space_envs.policy import Knowledge, PolicyContext
 
 
 class Random(BasePolicy):
     """Uniform actions from the seed, in any control mode, drawn again at each step."""
+
+    knowledge = Knowledge.NONE
 
     def __init__(self, context: PolicyContext, seed: int = 0) -> None:
         super().__init__(context, seed)
@@ -23,6 +25,8 @@ class Random(BasePolicy):
 
 class Hold(BasePolicy):
     """Zero actions in any control mode: in the velocity modes the arm stays at rest."""
+
+    knowledge = Knowledge.NONE
 
     def actions(self, observation: Array, state: Any, deterministic: bool) -> Array:
         """Actions (N, m), all zero."""

@@ -12,6 +12,7 @@ from agents.policies.base import BasePolicy
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import PolicyError
 from space_envs.evaluation.play.causes import PlanState
+from space_envs.policy import Knowledge
 
 State = TypeVar("State")
 
@@ -97,6 +98,8 @@ def sampled_plans(
 
 class FollowingPolicy(BasePolicy):
     """Follows the plans of a subclass with feedback of the joint angles, then holds the goal."""
+
+    knowledge = Knowledge.MODEL
 
     tracking_gain: ClassVar[float]  # 1/s, of the joint error while a plan is followed
 

@@ -10,7 +10,14 @@ from space_envs.control import CONTROL_MODES
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import PolicyError, SpaceEnvsError, shown, unknown_name
 from space_envs.foreign_code import described
-from space_envs.policy import DEFAULT_CONTROL_MODE, Needs, Policy, PolicyContext, load_policy_class
+from space_envs.policy import (
+    DEFAULT_CONTROL_MODE,
+    Knowledge,
+    Needs,
+    Policy,
+    PolicyContext,
+    load_policy_class,
+)
 from space_envs.registration import find
 
 
@@ -187,6 +194,15 @@ def control_mode(name: str) -> str:
         got = mode if type(mode) is str else type(mode)
         raise PolicyError(f"policy {name!r}: {unknown_name('control mode', got, CONTROL_MODES)}")
     return mode
+
+
+def knowledge(name: str) -> Knowledge:
+    """Knowledge that a policy's class states; errors as in `policy_class`."""
+    stated = getattr(policy_class(name), "knowledge", Knowledge.UNSTATED)
+    if type(stated) not in (str, Knowledge) or stated not in list(Knowledge):
+        got = stated if type(stated) is str else type(stated)
+        raise PolicyError(f"policy {name!r}: {unknown_name('kind of knowledge', got, list(Knowledge))}")
+    return Knowledge(stated)
 
 
 def control_modes(name: str) -> tuple[str, ...]:

@@ -9,10 +9,10 @@ from agents.policies.learned.learned_policy import LearnedPolicy, policy_path
 from agents.policies.learned.policy_file import load_policy_file
 from agents.policies.learned.sb3_policy import StableBaselinesPolicy
 from agents.policies.learned.sb3_zip import load_network
-from agents.policies.registry import POLICIES, control_mode, make_policy
+from agents.policies.registry import POLICIES, control_mode, knowledge, make_policy
 from space_envs.errors import ConfigurationError, no_path, unknown_name
 from space_envs.foreign_code import undisturbed
-from space_envs.policy import DEFAULT_CONTROL_MODE, Policy, PolicyContext
+from space_envs.policy import DEFAULT_CONTROL_MODE, Knowledge, Policy, PolicyContext
 
 ZIP = ".zip"  # suffix of files of stable-baselines3
 
@@ -24,11 +24,13 @@ class ResolvedPolicy:
     Attributes:
         name: in tables. control_mode: of its actions.
         source: registered name or `package.module:Class`; or the absolute path of a file.
+        knowledge: that it is made of, as it states.
     """
 
     name: str
     control_mode: str
     source: str | Path
+    knowledge: Knowledge = Knowledge.UNSTATED
 
     @property
     def foreign(self) -> bool:
@@ -63,10 +65,10 @@ def resolve_policy(name: str, mode: str | None = None) -> ResolvedPolicy:
         ConfigurationError: if there is nothing of that name. PolicyError: if it cannot be loaded.
     """
     if name in POLICIES:
-        return ResolvedPolicy(name, mode or control_mode(name), name)
+        return ResolvedPolicy(name, mode or control_mode(name), name, knowledge(name))
     if ":" in name:
         with undisturbed():
-            return ResolvedPolicy(name, mode or control_mode(name), name)
+            return ResolvedPolicy(name, mode or control_mode(name), name, knowledge(name))
     if not name.strip():
         raise ConfigurationError("a policy needs a name, got an empty text")
     path = Path(name)
@@ -79,8 +81,9 @@ def resolve_policy(name: str, mode: str | None = None) -> ResolvedPolicy:
     if path.is_file() and path.suffix == ZIP:
         load_network(path)
         return ResolvedPolicy(label, mode or DEFAULT_CONTROL_MODE, path.resolve())
-    file = policy_path(path).resolve()
-    return ResolvedPolicy(label, mode or load_policy_file(file).control_mode, file)
+    source = policy_path(path).resolve()
+    file = load_policy_file(source)
+    return ResolvedPolicy(label, mode or file.control_mode, source, file.knowledge)
 
 
 def _no_path(path: Path) -> ConfigurationError:

@@ -1,11 +1,11 @@
 """Start of training: an expert to clone, or a policy that was trained before."""
 
-from agents.learning.runs.hyperparameters import PPO
+from agents.learning.runs.hyperparameters import BC, PPO, AnyHyperparameters
 from agents.policies.learned.learned_policy import policy_path
 from agents.policies.learned.policy_file import PolicyFile, load_policy_file
 from agents.policies.registry import POLICIES, needs
 from space_envs.errors import PolicyError
-from space_envs.policy import PolicyContext
+from space_envs.policy import Knowledge, PolicyContext
 
 DEFAULT_EXPERTS = (
     "gjm",
@@ -42,3 +42,11 @@ def starting_policy(path: str, context: PolicyContext, parameters: PPO) -> Polic
         if got != expected:
             raise PolicyError(f"cannot start from {path}: its {name} is {got!r}, this run has {expected!r}")
     return file
+
+
+def knowledge_of(init: str | None, parameters: AnyHyperparameters) -> Knowledge:
+    """Knowledge that a run trains with: an expert's, the initial policy's, or that of rewards alone."""
+    if init is not None:
+        return load_policy_file(policy_path(init)).knowledge
+    cloned = isinstance(parameters, PPO | BC) and parameters.expert is not None
+    return Knowledge.IMITATION if cloned else Knowledge.INTERACTION

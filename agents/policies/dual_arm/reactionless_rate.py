@@ -16,7 +16,7 @@ from space_envs.dynamics.reactionless import (
     reactionless_rates,
 )
 from space_envs.dynamics.rotations import Array, conjugate, logarithm, rotate, z_axis
-from space_envs.policy import PolicyContext
+from space_envs.policy import Knowledge, PolicyContext
 
 GAIN = 0.5  # 1/s, of the end-effectors' error
 SPEED = 0.12  # m/s, largest speed of an end-effector relative to its grapple point
@@ -93,6 +93,7 @@ class ReactionlessRate(BasePolicy):
     The attitude of the satellite stays constant.
     """
 
+    knowledge = Knowledge.MODEL
     needs = RENDEZVOUS
 
     def __init__(self, context: PolicyContext, seed: int = 0) -> None:

@@ -15,7 +15,7 @@ from agents.policies.learned.network import Network
 from agents.policies.learned.policy_file import PolicyFile, load_policy_file
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import PolicyError, unknown_name
-from space_envs.policy import DEFAULT_CONTROL_MODE, Needs, PolicyContext
+from space_envs.policy import DEFAULT_CONTROL_MODE, Knowledge, Needs, PolicyContext
 
 POLICY_FILE = "policy.npz"  # in a run's folder: the best policy on the validation split so far
 _SHIPPED = files("agents") / "data" / "policies"
@@ -143,6 +143,7 @@ def _not_shipped(algorithm: str, context: PolicyContext) -> str | None:
 class ShippedPolicy(LearnedPolicy):
     """A policy that ships with the project; a subclass names it."""
 
+    knowledge = Knowledge.IMITATION
     name: ClassVar[str]
     needs: ClassVar[Needs]
 

@@ -12,6 +12,7 @@ from agents.policies.learned.features import Feature, FeatureView, feature_table
 from agents.policies.learned.network import Network
 from space_envs.control import CONTROL_MODES
 from space_envs.errors import ConfigurationError, PolicyError, SpaceEnvsError, unknown_name
+from space_envs.policy import Knowledge
 from space_envs.robots.robot import Robot
 from space_envs.system.files import write_arrays
 from space_envs.system.reading import parse_json, read_arrays
@@ -52,6 +53,12 @@ class PolicyFile:
     features: tuple[Feature, ...]
     home: tuple[float, ...]
     notes: dict[str, Any]
+
+    @property
+    def knowledge(self) -> Knowledge:
+        """Knowledge that it was trained with, as its notes state."""
+        stated = self.notes.get("knowledge", Knowledge.UNSTATED)
+        return Knowledge(stated) if stated in list(Knowledge) else Knowledge.UNSTATED
 
     def check_robot(self, robot: Robot) -> None:
         """Refuse a robot that the policy is not for.

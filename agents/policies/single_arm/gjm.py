@@ -7,7 +7,7 @@ import numpy as np
 from agents.policies.base import BasePolicy
 from agents.policies.goals import goal_twist
 from space_envs.dynamics.rotations import Array, conjugate, rotate
-from space_envs.policy import Needs, PolicyContext
+from space_envs.policy import Knowledge, Needs, PolicyContext
 from space_envs.tasks.goals.kinds import asked_jacobian
 
 GAIN = 0.6  # 1/s, of the end-effector's error
@@ -64,6 +64,7 @@ class GeneralizedJacobian(BasePolicy):
     It rotates the base and ignores bodies in its path.
     """
 
+    knowledge = Knowledge.MODEL
     needs = Needs(
         fields=("joint_position", "joint_velocity", "base_quaternion", "position_error", "rotation_error"),
         control_modes=("joint_velocity",),

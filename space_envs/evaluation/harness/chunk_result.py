@@ -70,7 +70,8 @@ def evaluate_chunk(chunk: Chunk, apart: bool = False) -> ChunkResult:
             first=chunk.first,
         )
         task = make_task(chunk.task.env_id, chunk.keywords)
-        records = episode_records(rollout, task, chunk.entry, chunk.seed, chunk.first, UNTIMED)
+        knowledge = chunk.policy.knowledge
+        records = episode_records(rollout, task, chunk.entry, chunk.seed, chunk.first, UNTIMED, knowledge)
         return ChunkResult(tuple(records), compact(rollout), perf_counter() - before)
 
 

@@ -117,6 +117,7 @@ def _row(
         task=task,
         policy=policy,
         control_mode=control_mode,
+        knowledge=records[0].knowledge,
         config_hash=hashes[0],
         task_version=records[0].task_version,
         episodes=len(records),

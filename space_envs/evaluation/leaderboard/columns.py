@@ -12,6 +12,7 @@ from space_envs.evaluation.statistics.intervals import Estimate
 from space_envs.evaluation.statistics.resampling import CONFIDENCE
 from space_envs.metric import Better, Display
 
+KNOWLEDGE = "knowledge"  # heading of the column next to the policies' names
 ABLE = 0.9  # success from which a policy competes for the gentlest and the fastest capture
 RULES = (
     "Ranked by the kept-attitude score: the mean over all episodes of captured / (1 + peak attitude / 1 deg),"

@@ -29,6 +29,7 @@ class Row:
     task: EvaluatedTask
     policy: str
     control_mode: str
+    knowledge: str  # that the policy is made of
     config_hash: str
     task_version: int
     episodes: int
@@ -67,6 +68,7 @@ class Row:
             "goal": self.task.goal,
             "policy": self.policy,
             "control_mode": self.control_mode,
+            "knowledge": self.knowledge,
             "config_hash": self.config_hash,
             "task_version": self.task_version,
             "episodes": self.episodes,

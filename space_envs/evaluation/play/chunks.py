@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
 from space_envs.evaluation.play.process.limits import TimeLimits
-from space_envs.policy import Policy, PolicyContext
+from space_envs.policy import Knowledge, Policy, PolicyContext
 from space_envs.registration import find
 from space_envs.robots.robot import Robot
 from space_envs.system.digests import json_digest
@@ -34,6 +34,11 @@ class PolicySource(Protocol):
     @property
     def control_mode(self) -> str:
         """Control mode that it acts in."""
+        ...
+
+    @property
+    def knowledge(self) -> Knowledge:
+        """Knowledge that it is made of."""
         ...
 
     @property

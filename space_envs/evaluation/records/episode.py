@@ -11,11 +11,12 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Self, get_type_hints
 
-from space_envs.errors import ConfigurationError
+from space_envs.errors import ConfigurationError, unknown_name
 from space_envs.evaluation.play.causes import check_cause
 from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
 from space_envs.evaluation.records.timing import Timing
 from space_envs.evaluation.records.values import abbreviated, checked, checked_metrics, checked_timing
+from space_envs.policy import Knowledge
 from space_envs.system.digests import text_digest
 from space_envs.tasks.goals.kinds import checked_kind
 
@@ -38,6 +39,7 @@ class EpisodeRecord:
     robot_digest: str  # first twelve hexadecimal digits
     policy: str
     control_mode: str
+    knowledge: str = field(default=Knowledge.UNSTATED.value, kw_only=True)  # one of Knowledge; as `goal`
     difficulty: str
     split: str
     goal: str = field(default="pose", kw_only=True)  # one of GOAL_KINDS; its key is absent for full poses
@@ -62,6 +64,8 @@ class EpisodeRecord:
         if self.schema != SCHEMA_VERSION:
             raise _other_schema(self.schema)
         checked_kind(self.goal)
+        if self.knowledge not in list(Knowledge):
+            raise unknown_name("kind of knowledge", self.knowledge, list(Knowledge))
         check_cause(self.captured, self.outcome, self.cause)
         metrics = checked_metrics(self.metrics, self.env_id, self.captured, FIELDS)
         object.__setattr__(self, "metrics", metrics)
@@ -100,6 +104,8 @@ class EpisodeRecord:
             values |= self.metrics if name == "metrics" else {name: getattr(self, name)}
         if self.goal == "pose":
             del values["goal"]
+        if self.knowledge == Knowledge.UNSTATED:
+            del values["knowledge"]
         values["timing"] = dict(self.timing)
         return values
 
@@ -155,4 +161,4 @@ _KINDS = get_type_hints(EpisodeRecord)
 FIELDS = tuple(_KINDS)
 PLAIN = {name: kind for name, kind in _KINDS.items() if name not in ("metrics", "timing")}
 MAY_BE_EMPTY = ("reason", "checksum")  # of the texts
-MAY_BE_ABSENT = ("goal",)
+MAY_BE_ABSENT = ("goal", "knowledge")

@@ -8,6 +8,7 @@ from space_envs.evaluation.records.configuration import config_hash
 from space_envs.evaluation.records.episode import SCHEMA_VERSION, EpisodeRecord
 from space_envs.evaluation.records.metrics import episode_metrics
 from space_envs.evaluation.records.timing import UNTIMED, Timing
+from space_envs.policy import Knowledge
 from space_envs.tasks.base import CaptureTask
 from space_envs.tasks.outcome import Outcome
 
@@ -19,8 +20,12 @@ def episode_records(
     seed: int,
     first: int = 0,
     timing: Timing = UNTIMED,
+    knowledge: str = Knowledge.UNSTATED,
 ) -> list[EpisodeRecord]:
-    """Records of episodes, one each; their numbers within the seed begin with `first`."""
+    """Records of episodes, one each; their numbers within the seed begin with `first`.
+
+    `knowledge` is that of the policy.
+    """
     metrics = episode_metrics(episodes, task)
     config = config_hash(entry.task.env_id, entry.control_mode, task)
     return [
@@ -31,6 +36,7 @@ def episode_records(
             robot_digest=entry.task.robot_digest,
             policy=entry.policy,
             control_mode=entry.control_mode,
+            knowledge=knowledge,
             difficulty=entry.task.difficulty,
             split=entry.task.split,
             goal=entry.task.goal,

@@ -21,6 +21,7 @@ from space_envs.evaluation.records.metrics import METRICS
 from space_envs.evaluation.records.timing import Timing
 from space_envs.evaluation.records.values import plain_kind
 from space_envs.metric import Metric
+from space_envs.policy import Knowledge
 from space_envs.tasks.goals.kinds import GOAL_KINDS
 
 SCHEMA_ID = f"urn:space-capture:schema:record:{SCHEMA_VERSION}"
@@ -32,6 +33,7 @@ DESCRIPTIONS = {
     "simulated; those of different robots are not compared.",
     "policy": "Name of the policy, any text.",
     "control_mode": "What the policy's actions are, such as joint_velocity.",
+    "knowledge": "Knowledge that the policy is made of, where it states that.",
     "difficulty": "Size of the goal region.",
     "split": "Set of goals that the goal is from.",
     "goal": "What a capture asks of the end-effector, where that is not the grapple's whole pose: its "
@@ -73,6 +75,7 @@ def record_schema() -> dict[str, Any]:
     properties["schema"] = {"const": SCHEMA_VERSION, **properties["schema"]}
     properties["outcome"] = {"enum": list(OUTCOMES), "description": DESCRIPTIONS["outcome"]}
     properties["goal"] = {"enum": list(GOAL_KINDS[1:]), "description": DESCRIPTIONS["goal"]}
+    properties["knowledge"] = {"enum": list(Knowledge), "description": DESCRIPTIONS["knowledge"]}
     properties["cause"] = {"enum": [None, *CAUSES], "description": DESCRIPTIONS["cause"]}
     properties["checksum"] = {**properties["checksum"], "pattern": "^[0-9a-f]{16}$"}
     of_captures = [metric.name for metric in METRICS if metric.of_captures]

@@ -22,7 +22,7 @@ from agents.policies.single_arm.optimal import drive_limits, further_rows, satel
 from agents.policies.single_arm.reaching import held_rates
 from space_envs.dynamics.rotations import Array
 from space_envs.evaluation.play.causes import PlanState
-from space_envs.policy import PolicyContext
+from space_envs.policy import Knowledge, PolicyContext
 
 SETTLING = 0.5  # s after the rendezvous, after which the arm holds a static goal
 CHECK_PERIOD = 0.3  # s, after which the motion that is followed is checked against the satellite again
@@ -53,6 +53,7 @@ class NMPC(BasePolicy):
     clear, and otherwise the arm brakes, which it can within that time; the next step tries again.
     """
 
+    knowledge = Knowledge.MODEL
     needs = replace(POSE, goals=None, obstacles=False)
     weights = Weights()
     basis = LegendreBasis()

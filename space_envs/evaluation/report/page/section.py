@@ -64,6 +64,7 @@ def make_section(
         "rows": [
             {
                 "name": display_name(row_name(row, rows)),
+                "knowledge": row.knowledge,
                 "look": looks[row.policy],
                 "replay": replayed.index(row.entry) if row.entry in replayed else None,
                 "cells": [

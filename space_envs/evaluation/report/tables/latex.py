@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from space_envs.evaluation.leaderboard.columns import RANK, RULES, Column, columns_of, leaders
+from space_envs.evaluation.leaderboard.columns import KNOWLEDGE, RANK, RULES, Column, columns_of, leaders
 from space_envs.evaluation.leaderboard.row import Row
 from space_envs.evaluation.records.names import latex_name
 from space_envs.evaluation.report.tables.wording import by_task, counts_summary, modes_summary, row_name
@@ -20,13 +20,13 @@ def to_latex(rows: Sequence[Row]) -> str:
         parts += [
             "\\begin{table}\n  \\centering\\small\n",
             f"  \\caption{{{caption}}}\n",
-            f"  \\begin{{tabular}}{{rl{'r' * len(columns)}}}\n    \\toprule\n",
-            f"    {RANK.title} & policy & {' & '.join(heads)} \\\\\n",
-            f"    & & {' & '.join(units)} \\\\\n    \\midrule\n",
+            f"  \\begin{{tabular}}{{rll{'r' * len(columns)}}}\n    \\toprule\n",
+            f"    {RANK.title} & policy & {KNOWLEDGE} & {' & '.join(heads)} \\\\\n",
+            f"    & & & {' & '.join(units)} \\\\\n    \\midrule\n",
         ]
         for row in group:
             cells = [_latex_cell(column, row, group) for column in columns]
-            cells = [RANK.value(row), latex_name(row_name(row, group)), *cells]
+            cells = [RANK.value(row), latex_name(row_name(row, group)), latex_name(row.knowledge), *cells]
             parts.append(f"    {' & '.join(cells)} \\\\\n")
         parts.append("    \\bottomrule\n  \\end{tabular}\n")
         parts.append(f"  \\par\\smallskip\\footnotesize {' '.join(RULES)}\n\\end{{table}}\n")

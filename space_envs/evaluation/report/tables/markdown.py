@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from space_envs.evaluation.leaderboard.columns import NOTE, RULES, columns_of
+from space_envs.evaluation.leaderboard.columns import KNOWLEDGE, NOTE, RULES, columns_of
 from space_envs.evaluation.leaderboard.figures import HEADLINE
 from space_envs.evaluation.leaderboard.row import Row
 from space_envs.evaluation.records.names import markdown_name
@@ -31,12 +31,13 @@ def markdown_table(rows: Sequence[Row], brief: bool = False) -> str:
     """The table of one task, its failures and the rules under it; all columns and intervals, or a few."""
     every = columns_of(rows[0].metrics)
     rank, *others = [column for column in every if not brief or column.display.room != "full"]
-    heads = [rank.heading, "policy", *(column.heading for column in others)]
-    parts = [f"| {' | '.join(heads)} |\n", "| ---: | --- |" + " ---: |" * len(others) + "\n"]
+    heads = [rank.heading, "policy", KNOWLEDGE, *(column.heading for column in others)]
+    parts = [f"| {' | '.join(heads)} |\n", "| ---: | --- | --- |" + " ---: |" * len(others) + "\n"]
     for row in rows:
         bare = {column.key for column in others if brief and column.key not in WITH_INTERVALS}
         cells = [f"{c.value(row)} {'' if c.key in bare else c.interval(row)}".strip() for c in others]
-        parts.append(f"| {' | '.join([rank.value(row), markdown_name(row_name(row, rows)), *cells])} |\n")
+        cells = [rank.value(row), markdown_name(row_name(row, rows)), row.knowledge, *cells]
+        parts.append(f"| {' | '.join(cells)} |\n")
     failed = failure_summaries(rows)
     parts.append("\nFailed:\n\n" if failed else "")
     parts += [f"- {markdown_name(name)}, {failures}\n" for name, failures in failed]

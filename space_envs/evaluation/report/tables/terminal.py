@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from space_envs.evaluation.leaderboard.columns import NOTE, RULES, Column, columns_of
+from space_envs.evaluation.leaderboard.columns import KNOWLEDGE, NOTE, RULES, Column, columns_of
 from space_envs.evaluation.leaderboard.row import Row
 from space_envs.evaluation.records.names import display_name
 from space_envs.evaluation.report.tables.markdown import WITH_INTERVALS
@@ -62,12 +62,15 @@ def _rich_table(rows: Sequence[Row], columns: Sequence[Column], longest: int) ->
     rank, *others = columns
     table.add_column(rank.title, justify="right", vertical="bottom", no_wrap=True)
     table.add_column("policy", vertical="bottom", no_wrap=True)
+    if longest == _TERMINAL_NAME:
+        table.add_column(KNOWLEDGE, vertical="bottom", no_wrap=True)
     for column in others:
         lines = [*wrap(column.title, _TITLE, break_long_words=False, break_on_hyphens=False), column.unit]
         table.add_column(Text("\n".join(lines)), justify="right", vertical="bottom", no_wrap=True)
     for number, row in enumerate(rows):
         name = Text(display_name(row_name(row, rows), longest), style="bold" if number == 0 else "")
-        cells = [Text(rank.value(row)), name]
+        knowledge = [Text(row.knowledge, style="dim")] if longest == _TERMINAL_NAME else []
+        cells = [Text(rank.value(row)), name, *knowledge]
         for column in others:
             # Two intervals are what a terminal has room for; the files have all of them.
             interval = column.interval(row) if column.key in WITH_INTERVALS else ""
