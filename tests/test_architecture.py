@@ -46,7 +46,7 @@ ROOMS = (
     *(f"space_envs.evaluation.{room}" for room in ("harness", "results", "datasets", "report")),
     *("space_envs.robots.check", "space_envs.robots.__main__"),  # a robot in every task, with its report
     "promp",
-    *("agents.planners.common", "agents.planners.single_arm", "agents.planners.dual_arm"),
+    *("agents.planners.common", "agents.planners.single_arm", "agents.planners.dual_arm", "agents.motions"),
     *("agents.policies", "agents.demonstrations", "agents.learning", "agents.commands"),
     *("reproduce", "benchmarks", "docs"),
 )

@@ -99,7 +99,7 @@ class ArmGaps:
         return len(self.robot.arms)
 
     @cached_property
-    def _points(self) -> tuple[NDArray[np.int64], Array]:
+    def fixed_points(self) -> tuple[NDArray[np.int64], Array]:
         """Links (P,) that the points are fixed to, from 0 over all arms, and places (P, 3) in them, m."""
         links, places, first = [], [], 0
         for arm in self.robot.arms:
@@ -188,7 +188,7 @@ class ArmGaps:
 
     def points(self, mechanics: FloatingRobot, q: Array) -> Array:
         """Points (..., P, 3) of the arms in the satellite's frame for joint angles q (..., n) rad, m."""
-        link, place = self._points
+        link, place = self.fixed_points
         k = mechanics.kinematics(q)
         return k.position[..., link, :] + (k.rotation[..., link, :, :] @ place[..., None])[..., 0]
 
