@@ -9,7 +9,7 @@ import benchmarks
 from space_envs.errors import unknown_name
 from space_envs.system.command_line import Parser, exit_status
 
-NOT_COMMANDS = ("__main__", "arguments", "machine", "same_records", "simulated")
+NOT_COMMANDS = ("__main__", "arguments", "machine", "same_records", "shooting_program", "simulated")
 
 
 def names() -> list[str]:

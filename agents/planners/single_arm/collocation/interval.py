@@ -9,11 +9,16 @@ GAUSS = 3  # points on an interval at which twists are evaluated
 ORDER = 4  # number of cubic B-splines that are nonzero on an interval
 
 
-def interval_functions(twist: ca.SX, q: ca.SX, qdot: ca.SX) -> dict[str, ca.Function]:
-    """Functions of `SingleArm.interval`, by the chain rule through the twists at the Gauss points."""
+def interval_functions(twist: ca.SX, q: ca.SX, qdot: ca.SX, explicit: bool = False) -> dict[str, ca.Function]:
+    """Functions of `SingleArm.interval`, by the chain rule through the twists at the Gauss points.
+
+    Args:
+        explicit: whether the attitude at the end that follows from the one at the start is returned in place
+            of the defect; the given one has no effect then.
+    """
     n = q.numel()
     at = smooth_parts("twist", twist, [q, qdot], [])
-    outer, outer_bend = _outer()
+    outer, outer_bend = _outer(explicit)
     combine = _combine(n)
     coefficients = ca.MX.sym("c", n, ORDER)
     r0, r1 = ca.MX.sym("r0", 3), ca.MX.sym("r1", 3)
@@ -50,8 +55,10 @@ def interval_functions(twist: ca.SX, q: ca.SX, qdot: ca.SX) -> dict[str, ca.Func
     }
 
 
-def _outer() -> tuple[ca.Function, ca.Function]:
+def _outer(explicit: bool) -> tuple[ca.Function, ca.Function]:
     """From the twists (6 GAUSS) and the attitudes at both ends to cost (1) and defect (3), with derivatives.
+
+    Explicit, the attitude (3) at the end takes the place of the defect.
 
     The rotation over the interval is the exponential of the integral of the angular velocity with its first
     commutator (Magnus): of fourth order.
@@ -70,8 +77,8 @@ def _outer() -> tuple[ca.Function, ca.Function]:
     square = ca.dot(rotation, rotation)
     gibbs = 0.5 * rotation * (1.0 + square / 12.0 + square * square / 120.0)  # tangent of half the angle
     _, r0, r1 = parts
-    defect = r1 * (1.0 - ca.dot(r0, gibbs)) - (r0 + gibbs + ca.cross(r0, gibbs))
-    result = ca.vertcat(cost, defect)
+    rotated, divisor = r0 + gibbs + ca.cross(r0, gibbs), 1.0 - ca.dot(r0, gibbs)
+    result = ca.vertcat(cost, rotated / divisor if explicit else r1 * divisor - rotated)
     curve, force = ca.hessian(ca.dot(weight, result), z)
     inputs = [*parts, h, c2]
     slope = ca.densify(ca.jacobian(result, z))

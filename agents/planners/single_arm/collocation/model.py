@@ -105,6 +105,19 @@ def rotated(r: ca.SX, x: ca.SX, back: bool = False) -> ca.SX:
     return x + 2.0 / (1.0 + ca.dot(r, r)) * (across + ca.cross(axis, across))
 
 
+def end_pose(symbolic: SymbolicRobot, q: ca.SX, r: ca.SX, com: ca.SX, goal: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Position (3) m of the end-effector and its rotation (3, 3) from the goal's axes, as in `ending`."""
+    _, _, _, _, middle = symbolic.kinematics(q)
+    end_effector, axes = symbolic.end_effector_pose()(q)
+    attitude = ca.horzcat(*[rotated(r, axes[:, i]) for i in range(3)])
+    return com + rotated(r, end_effector - middle), goal.T @ attitude
+
+
+def sines(rotation: ca.SX) -> ca.SX:
+    """Sines (3) of a rotation matrix: its angle's sine times its axis."""
+    return ca.inv_skew(0.5 * (rotation - rotation.T))
+
+
 @built_once
 def _build(robot: FloatingRobot) -> SingleArm:
     if len(robot.end_effector_link) != 1:
@@ -114,13 +127,9 @@ def _build(robot: FloatingRobot) -> SingleArm:
     r, com, centre = (ca.SX.sym(name, 3) for name in ("r", "com", "centre"))
     goal = ca.SX.sym("goal", 3, 3)
     _, origins, _, _, middle = symbolic.kinematics(q)
-    end_effector, axes = symbolic.end_effector_pose()(q)
+    end_effector, _ = symbolic.end_effector_pose()(q)
 
-    position = com + rotated(r, end_effector - middle)
-    attitude = ca.horzcat(*[rotated(r, axes[:, i]) for i in range(3)])
-    deviation = goal.T @ attitude
-    ending = ca.vertcat(position, ca.inv_skew(0.5 * (deviation - deviation.T)))
-
+    position, deviation = end_pose(symbolic, q, r, com, goal)
     ends = ca.horzcat(origins, end_effector)
     at_home = np.asarray(ca.Function("ends", [q], [ends])(robot.home))
     long = np.linalg.norm(np.diff(at_home, axis=1), axis=0) > SHORT
@@ -136,7 +145,7 @@ def _build(robot: FloatingRobot) -> SingleArm:
     ready = compiled(
         {
             **interval_functions(symbolic.base_twist(q, qdot), q, qdot),
-            **smooth_parts("ending", ending, [q, r], [com, goal]),
+            **smooth_parts("ending", ca.vertcat(position, sines(deviation)), [q, r], [com, goal]),
             **smooth_parts("axis_ending", ca.vertcat(position, deviation[:2, 2]), [q, r], [com, goal]),
             **smooth_parts("position_ending", position, [q, r], [com, goal]),
             **smooth_parts("spheres", ca.vertcat(*squares), [q, r], [com, centre]),

@@ -17,7 +17,7 @@ from space_envs.dynamics import FloatingRobot
 
 # The barrier parameter starts low and decreases monotonically: adapted, motions that are nearly feasible are
 # lost.
-_IPOPT = {"print_level": 0, "sb": "yes", "tol": 1e-6, "max_iter": 150, "mu_init": 1e-2}
+IPOPT = {"print_level": 0, "sb": "yes", "tol": 1e-6, "max_iter": 150, "mu_init": 1e-2}
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +55,6 @@ class ReachProgram:
 @built_once
 def _build(robot: FloatingRobot, constraints: OptionalConstraints) -> ReachProgram:
     assembly, n = Assembly(robot, constraints), robot.n_joints
-    solver = assembly.program().solver({"print_time": False, "ipopt": _IPOPT})
+    solver = assembly.program().solver({"print_time": False, "ipopt": IPOPT})
     torques = n * len(sample_times())
     return ReachProgram(solver, n, Layout(MESH, n).free, assembly.linear, torques, assembly.clearances)

@@ -102,17 +102,23 @@ class ReachSolver:
 
     def _solved(self, guess: Array, end_rate: Array) -> ReachSolution | Failure:
         """Solve from variables of the program with joint rates (n,) at the end."""
-        program = self._program()
-        low, high = self._constraint_bounds(program)
-        low_x, high_x = self._variable_bounds(program, len(guess))
+        inputs = self.inputs(guess, end_rate)
+        low, high = inputs.pop("lbg"), inputs.pop("ubg")
         # Ipopt relaxes bounds in proportion to their size.
         size = np.minimum(np.abs(low), np.abs(high))
         scale = np.where(np.isfinite(size), np.maximum(size, 1.0), 1.0)
-        inputs = {"x0": guess, "p": self._parameters(end_rate), "lbx": low_x, "ubx": high_x}
-        found = solved(METHOD, program.solver, (low, high), TOLERANCE, scale, **inputs)
+        found = solved(METHOD, self._program().solver, (low, high), TOLERANCE, scale, **inputs)
         if isinstance(found, Failure):
             return found
         return ReachSolution(found.cost / SCALE / self.reach.duration, found.variables, end_rate)
+
+    def inputs(self, guess: Array, end_rate: Array) -> dict[str, Array]:
+        """Inputs of the program's solver, from its variables and joint rates (n,) at the end, rad/s."""
+        program = self._program()
+        low, high = self._constraint_bounds(program)
+        low_x, high_x = self._variable_bounds(program, len(guess))
+        bounds = {"lbx": low_x, "ubx": high_x, "lbg": low, "ubg": high}
+        return {"x0": guess, "p": self._parameters(end_rate), **bounds}
 
     def _end_rate(self, solution: ReachSolution) -> Array:
         """Smallest joint rates (n,), rad/s, with the goal's twist in the final configuration."""
