@@ -10,8 +10,8 @@ from agents.demonstrations.optimal.library import COUNTS, goals
 from agents.demonstrations.rounds import Motion, RoundsRecipe, Solver, make_library
 from agents.planners.single_arm.library import REACTIONLESS, Library, reactionless_command
 from agents.planners.single_arm.problem import Reach
-from agents.planners.single_arm.reactionless.improvement import PathImprover
-from agents.planners.single_arm.reactionless.paths import FUNCTIONS
+from agents.planners.single_arm.reactionless.improvement import EXHAUSTIVE, PATIENT, Effort, PathImprover
+from agents.planners.single_arm.reactionless.paths import FUNCTIONS, PathSpace
 from agents.planners.single_arm.reactionless.planner import random_starts, space_of
 from agents.policies.single_arm.reactionless.problem import latest_arrival, path_limits
 from space_envs.checks import count
@@ -22,11 +22,10 @@ from space_envs.policy import PolicyContext
 from space_envs.robots.robot import Robot
 
 ENV = "SpaceCapture/SingleArm-v0"
-STARTS = 3  # at random, of each goal
+STARTS = 4  # at random, of each goal
 ROUNDS = 2  # in which the motions of neighbouring goals are tried
 NEIGHBOURS = 5  # of a round
 CHUNK = 10  # goals a file of partial results
-COSTLY = 0.03  # m^2/s, cost of a motion above which more effort is made for another one
 LATE = 1.0  # m^2/s, cost of a motion per second that it takes longer than the task gives
 
 
@@ -66,21 +65,27 @@ def _solver(robot: Robot, seed: int) -> Solver:
         reach = Reach(context.arm.home, goal, duration).checked(context.arm)
         if before is None:
             rng = np.random.default_rng([seed, number])
-            best = np.zeros((context.joints, FUNCTIONS)), np.inf, 0.0
+            best, attempts = (np.zeros((context.joints, FUNCTIONS)), np.inf), 0.0
             starts = list(random_starts(rng, context.joints, STARTS))
         else:
-            best = before.coordinates[number], float(before.cost[number]), float(before.attempts[number])
+            best = before.coordinates[number], float(before.cost[number])
+            attempts = float(before.attempts[number])
             near = before.order(reach)
             starts = [*before.coordinates[near[(near != number) & np.isfinite(before.cost[near])]]]
             starts = starts[:NEIGHBOURS]
         space = space_of(context.arm, reach)
         for start in starts:
-            improved = improver.least_cost if best[1] > COSTLY else improver.cheaper
-            found = improved(space, start, duration)
-            late = max(0.0, found.shortest - duration)
-            cost = np.inf if found.failure is not None else found.cost(duration + late) + LATE * late
-            weights, cost = (found.weights, cost) if cost < best[1] else best[:2]
-            best = weights, cost, best[2] + 1.0
-        return best
+            best = min(best, tried(space, start, PATIENT), key=lambda one: one[1])
+        if starts and np.isfinite(best[1]):
+            best = min(best, tried(space, best[0], EXHAUSTIVE), key=lambda one: one[1])
+        return best[0], best[1], attempts + len(starts)
+
+    def tried(space: PathSpace, start: Array, effort: Effort) -> tuple[Array, float]:
+        """Weights and cost of the motion near a start."""
+        found = improver.least_cost(space, start, duration, effort)
+        late = max(0.0, found.shortest - duration)
+        return found.weights, np.inf if found.failure is not None else found.cost(
+            duration + late
+        ) + LATE * late
 
     return motion

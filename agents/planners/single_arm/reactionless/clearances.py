@@ -8,6 +8,7 @@ import numpy as np
 from agents.planners.common.plans import Cause
 from agents.planners.single_arm.inequalities.spheres import NearestPoints
 from agents.planners.single_arm.reactionless.paths import Samples, Sensitivities
+from agents.planners.single_arm.reactionless.rows import Places, Rows
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
 from space_envs.dynamics.spheres import sphere_gaps
@@ -17,12 +18,12 @@ Gaps = Callable[[Array], Array]
 
 CLEARANCE = 0.005  # m, of plans, or that at the start if it is less
 AIMED_CLEARANCE = 0.015  # m, of the search, likewise
-CLEARANCE_SCALE = 0.02  # m, of missing clearance that counts as a rate at twice its limit does
-SPHERE_CLEARANCE, SPHERE_SCALE = 0.02, 0.1  # m, of the search as the two above, around spheres
+CLEARANCE_SCALE = 0.05  # m, of missing clearance that counts as a rate at twice its limit does
+SPHERE_CLEARANCE, SPHERE_SCALE = 0.012, 0.2  # m, of the search as the two above, around spheres
 _STEP = 1e-6  # rad, of difference quotients
 
 
-class Clearance(Protocol):
+class Clearance(Rows, Protocol):
     """Clearance from some obstacle.
 
     Attributes:
@@ -33,10 +34,6 @@ class Clearance(Protocol):
 
     def missing(self, path: Samples) -> float:
         """Largest clearance that a plan lacks, m, negative if none is."""
-        ...
-
-    def violations(self, path: Samples, by: Sensitivities) -> tuple[Array, Array]:
-        """Clearances missing (k,), the positive ones as shares of a scale, with their slopes (k, m)."""
         ...
 
 
@@ -53,16 +50,18 @@ class SatelliteKeepOut:
         gap = self._gaps(path.angle)
         return float((np.minimum(CLEARANCE, gap[0]) - gap).max())
 
-    def violations(self, path: Samples, by: Sensitivities) -> tuple[Array, Array]:
-        """Clearances missing at the samples, with slopes by difference quotients."""
+    def excess(self, path: Samples) -> Array:
+        """Clearances missing (M + 1, S) at the samples, as shares of a scale."""
         gap = self._gaps(path.angle)
-        missing = np.minimum(AIMED_CLEARANCE, gap[0]) - gap
-        time, capsule = np.nonzero(missing > 0.0)
+        return (np.minimum(AIMED_CLEARANCE, gap[0]) - gap) / CLEARANCE_SCALE
+
+    def slopes(self, path: Samples, by: Sensitivities, at: Places) -> Array:
+        """Derivatives (k, m) of the values at some places, by difference quotients."""
+        time, capsule = at
         moved = path.angle[time, None] + _STEP * np.eye(path.angle.shape[1])
         varied = self._gaps(moved)[np.arange(len(time)), :, capsule]
-        slope = (gap[time, capsule][:, None] - varied) / _STEP  # (k, n)
-        by_missing = (slope[:, None] @ by.angle[time])[:, 0]
-        return missing[time, capsule] / CLEARANCE_SCALE, by_missing / CLEARANCE_SCALE
+        slope = (self._gaps(path.angle[time])[np.arange(len(time)), capsule][:, None] - varied) / _STEP
+        return (slope[:, None] @ by.between_all("angle", time))[:, 0] / CLEARANCE_SCALE
 
 
 class SphereKeepOut:
@@ -82,14 +81,20 @@ class SphereKeepOut:
         """Largest clearance that a plan lacks, m, negative if none is."""
         return float((CLEARANCE - self._gaps(self._ends(path)[0])).max())
 
-    def violations(self, path: Samples, by: Sensitivities) -> tuple[Array, Array]:
-        """Clearances missing at the samples, with slopes by the points of the links nearest to spheres."""
+    def excess(self, path: Samples) -> Array:
+        """Clearances missing (M + 1, n, K) at the samples, as shares of a scale."""
+        return (SPHERE_CLEARANCE - self._gaps(self._ends(path)[0])) / SPHERE_SCALE
+
+    def slopes(self, path: Samples, by: Sensitivities, at: Places) -> Array:
+        """Derivatives (k, m) of the values at some places, by the points of the links nearest to spheres."""
+        time, link, sphere = at
         ends, axes = self._ends(path)
-        missing = SPHERE_CLEARANCE - self._gaps(ends)
-        time, link, sphere = np.nonzero(missing > 0.0)
         near = NearestPoints.of(ends[time], axes[time], link, self._spheres[sphere, :3])
-        by_gap = (near.lever[:, None] @ by.angle[time] + near.out[:, None] @ by.shift[time])[:, 0]
-        return missing[time, link, sphere] / SPHERE_SCALE, -by_gap / SPHERE_SCALE
+        by_gap = (
+            near.lever[:, None] @ by.between_all("angle", time)
+            + near.out[:, None] @ by.between_all("shift", time)
+        )[:, 0]
+        return -by_gap / SPHERE_SCALE
 
     def _ends(self, path: Samples) -> tuple[Array, Array]:
         """Ends of the links (M + 1, n + 1, 3) m and axes of the joints (M + 1, n, 3)."""

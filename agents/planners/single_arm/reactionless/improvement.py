@@ -8,31 +8,35 @@ import numpy as np
 from agents.planners.common.plans import Cause, Failure
 from agents.planners.single_arm.reactionless.clearances import clearance_fault
 from agents.planners.single_arm.reactionless.limits import PathLimits
-from agents.planners.single_arm.reactionless.objectives import (
-    COST_UNIT,
-    Objective,
-    least_disturbance,
-    shortest_duration,
-)
+from agents.planners.single_arm.reactionless.objectives import COST_UNIT, LeastDisturbance, Objective
 from agents.planners.single_arm.reactionless.paths import FUNCTIONS, PathSpace, Samples
-from agents.planners.single_arm.reactionless.search import minimise, to_goal
+from agents.planners.single_arm.reactionless.search import PathProblem, minimise, to_goal
 from space_envs.dynamics.rotations import Array
 
 METHOD = "promp_reactionless"
 NEWTON = 30  # iterations to the goal at most
-ITERATIONS = 12  # of the search for the least cost
-POWERS = 4.0, 4.0, 6.0, 8.0, 12.0  # of searches for a shorter duration, each at the duration of the best
-SHORTENING_ITERATIONS = 8  # of each of them
-SHARES = 0.9, 0.82  # of the limits that a search allows at its nodes, and the next one if it was too much
-FEASIBLE_ITERATIONS = 25  # of the search for a path that is a plan at all
-FEASIBLE_UNIT = 100.0 * COST_UNIT  # m^2/s, of costs in it
-FEASIBLE_SHARE = 0.85  # of the limits at its nodes
-DISTANT = 100.0  # s, duration of starts that are not worth it
-NEARLY = 1.1  # times the duration, of its results that are shortened
+SHARE = 0.985  # of the limits that a search allows
+TIGHTER = 0.995  # of the share that kept the limits between the nodes as well, for the next search
+SEARCHES = 4  # for one plan at most, from the last one's result
+NEARLY = 1.3  # times the duration, above which a result is no start for a further search
+FASTER = 0.95, 0.985  # times the shortest duration so far, for which a search asks next
+SHORTENINGS = 8  # searches with each of these factors
+SHORTENING_UNIT = 100.0 * COST_UNIT  # m^2/s, of eq. 20 times dt in them
 HOPELESS = 1e4  # s, duration of paths that are not worth a search
 POLISHED = 1e-6  # m and rad, pose error of a plan
 POLISHING = 10  # iterations at most
 SPARE = 1.003  # times the shortest duration at the samples, for what lies between them
+
+
+class Effort(NamedTuple):
+    """Effort of a search: iterations at most, and the relative gain below which one is the last."""
+
+    iterations: int
+    gain: float
+
+
+QUICK, PATIENT, EXHAUSTIVE = Effort(10, 3e-3), Effort(40, 3e-3), Effort(100, 1e-4)
+SHORTENING = Effort(6, 0.1)
 
 
 class Candidate(NamedTuple):
@@ -64,76 +68,52 @@ class PathImprover:
     def __init__(self, limits: PathLimits) -> None:
         self._limits, self._free = limits, replace(limits, clearances=())
 
-    def promise(self, space: PathSpace, duration: float) -> Objective:
-        """The objective of `least_cost`, by which starts can be compared."""
-        return least_disturbance(space, self._free, duration, SHARES[0])
+    def problem(self, space: PathSpace, duration: float) -> PathProblem:
+        """The search of `least_cost`, by which starts can be compared."""
+        return self._problem(space, LeastDisturbance(space, duration), self._free, duration, SHARE)
 
-    def least_cost(self, space: PathSpace, weights: Array, duration: float) -> Candidate:
+    def least_cost(self, space: PathSpace, weights: Array, duration: float, effort: Effort) -> Candidate:
         """The path of least cost near weights (n, K) at a duration in s, or one that is nearly as short."""
-        found = self.cheaper(space, weights, duration)
-        return found if found.keeps(duration) else self.shorter(space, found.weights, duration)
+        return self.least(space, LeastDisturbance(space, duration), weights, duration, effort)
 
-    def cheaper(self, space: PathSpace, weights: Array, duration: float) -> Candidate:
-        """The same, without an effort for a path that is too long."""
-        weights = to_goal(space, weights, NEWTON)
-        for limits in (self._free, self._limits):
-            for share in SHARES:
-                found = self._cheaper(space, weights, duration, limits, share)
-                if found.keeps(duration) or found.touches:
-                    break
-                weights = found.weights
-            if not found.touches:
+    def least(
+        self, space: PathSpace, objective: Objective, weights: Array, duration: float, effort: Effort
+    ) -> Candidate:
+        """The same for another objective."""
+        weights, limits, share = to_goal(space, weights, NEWTON), self._free, SHARE
+        for _ in range(SEARCHES):
+            problem = self._problem(space, objective, limits, duration, share)
+            search = minimise(problem, weights, *effort)
+            found = self.polished(space, search.weights)
+            if found.keeps(duration) or not found.shortest < NEARLY * duration:
                 break
+            if search.kept and found.shortest > duration:
+                share *= TIGHTER * (duration / found.shortest) ** 2
+            limits = self._limits if found.touches else limits
+            weights = found.weights
         return found
-
-    def shorter(self, space: PathSpace, weights: Array, duration: float) -> Candidate:
-        """The same, from a path that is shortened first."""
-        short = self.shortest(space, weights, duration)
-        if not short.keeps(duration):
-            return short
-        found = self._cheaper(space, short.weights, duration, self._limits, SHARES[-1])
-        return found if found.keeps(duration) else short
-
-    def feasible(self, space: PathSpace, weights: Array, duration: float) -> Candidate:
-        """A path within all limits near weights, at a cost that is reduced once there is one."""
-        found = self.polished(space, to_goal(space, weights, NEWTON))
-        if not found.shortest < DISTANT:
-            return found
-        objective = least_disturbance(space, self._limits, duration, FEASIBLE_SHARE, FEASIBLE_UNIT)
-        found = self.polished(space, minimise(space, found.weights, objective, FEASIBLE_ITERATIONS).weights)
-        if not found.keeps(duration) and found.shortest < NEARLY * duration:
-            found = self._shortened(space, found.weights, duration, self._limits)
-        if not found.keeps(duration):
-            return found
-        cheaper = self._cheaper(space, found.weights, duration, self._limits, FEASIBLE_SHARE)
-        return cheaper if cheaper.keeps(duration) else found
 
     def shortest(self, space: PathSpace, weights: Array, enough: float = 0.0) -> Candidate:
         """The path with the shortest duration near weights (n, K), or one that is short enough, s."""
-        found = self._shortened(space, to_goal(space, weights, NEWTON), enough, self._free)
-        return self._shortened(space, found.weights, enough, self._limits) if found.touches else found
-
-    def _cheaper(
-        self, space: PathSpace, weights: Array, duration: float, limits: PathLimits, share: float
-    ) -> Candidate:
-        """The path of least cost near weights within a share of the limits."""
-        objective = least_disturbance(space, limits, duration, share)
-        return self.polished(space, minimise(space, weights, objective, ITERATIONS).weights)
-
-    def _shortened(self, space: PathSpace, weights: Array, enough: float, limits: PathLimits) -> Candidate:
-        """The path with the shortest duration near weights, or one that is short enough."""
-        best = self.polished(space, weights)
-        for power in POWERS:
-            if not best.shortest < HOPELESS:
+        best = self.polished(space, to_goal(space, weights, NEWTON))
+        for faster in np.repeat(FASTER, SHORTENINGS):
+            if best.keeps(enough) or not best.shortest < HOPELESS:
                 break
-            objective = shortest_duration(space, limits, best.shortest, power)
-            found = minimise(space, best.weights, objective, SHORTENING_ITERATIONS)
-            candidate = self.polished(space, found.weights)
-            if best.failure is not None or candidate.keeps(best.shortest):
+            candidate = self._shorter(space, best.weights, faster * best.shortest)
+            if candidate.failure is None and (best.failure is not None or candidate.shortest < best.shortest):
                 best = candidate
-            if best.keeps(enough):
-                break
         return best
+
+    def _shorter(self, space: PathSpace, weights: Array, duration: float) -> Candidate:
+        """The path near weights that keeps the limits at a duration in s, or violates them little."""
+        objective = LeastDisturbance(space, duration, SHORTENING_UNIT)
+        problem = self._problem(space, objective, self._limits, duration, SHARE)
+        return self.polished(space, minimise(problem, weights, *SHORTENING).weights)
+
+    def _problem(
+        self, space: PathSpace, objective: Objective, limits: PathLimits, duration: float, share: float
+    ) -> PathProblem:
+        return PathProblem(space, objective, limits.rows(space, duration, share))
 
     def polished(self, space: PathSpace, weights: Array) -> Candidate:
         """Weights whose finely rolled out path ends at the goal."""

@@ -17,15 +17,13 @@ from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.reactionless.goals import PoseRows
 from agents.planners.single_arm.reactionless.improvement import (
     METHOD,
-    NEWTON,
-    SHARES,
     Candidate,
+    Effort,
     PathImprover,
 )
 from agents.planners.single_arm.reactionless.limits import PathLimits
-from agents.planners.single_arm.reactionless.objectives import Objective, least_disturbance
+from agents.planners.single_arm.reactionless.objectives import LeastDisturbance
 from agents.planners.single_arm.reactionless.paths import FUNCTIONS, STEPS, PathSpace, Samples, Sensitivities
-from agents.planners.single_arm.reactionless.search import minimise, to_goal
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array, to_matrix
 
@@ -33,7 +31,7 @@ END = 20  # step of a path at which it meets the goal
 TIMES = 6  # of interception in a window, that are compared first
 NEAREST = 3  # starts that are tried at each of them
 HALVINGS = 2  # of the distance to the times next to the best, afterwards
-ITERATIONS = 15  # of a search
+EFFORT = Effort(15, 1e-2)  # of a search
 TOLERANCE = np.repeat([0.01, np.deg2rad(1.0)], 3)  # m/s and rad/s, of the twist relative to the grapple
 AIMED = 0.7  # share of it, up to which a plan is searched on for
 WEIGHT = 20.0  # of a twist error of the tolerance, next to the root of eq. 20 in its unit
@@ -128,32 +126,32 @@ class Interceptor:
         goal, duration = reach.goal.at(time), whole(time)
         rows = PoseRows(self._robot, goal.position, to_matrix(goal.quaternion), reach.kind)
         space = PathSpace(self._robot, reach.start, rows, END)
-        weights = to_goal(space, weights, NEWTON)
-        for share in SHARES:
-            objective = _matching(space, self._limits, duration, share, goal.twist)
-            candidate = self._improver.polished(
-                space, minimise(space, weights, objective, ITERATIONS).weights
-            )
-            if candidate.keeps(duration):
-                break
-            weights = candidate.weights
+        objective = MatchedTwist(space, duration, goal.twist)
+        candidate = self._improver.least(space, objective, weights, duration, EFFORT)
         error = space.end_twist(candidate.path)[0] / duration - goal.twist
         parts = np.linalg.norm((error / TOLERANCE).reshape(2, 3), axis=1)
         return _Found(time, candidate, float(np.nan_to_num(parts.max(), nan=np.inf)))
 
 
-def _matching(space: PathSpace, limits: PathLimits, duration: float, share: float, twist: Array) -> Objective:
+class MatchedTwist:
     """Least disturbance with the twist (6,) of a grapple, m/s and rad/s, in the sense of least squares."""
-    plain, scale = least_disturbance(space, limits, duration, share), WEIGHT / TOLERANCE
 
-    def residuals(path: Samples, by: Sensitivities) -> tuple[Array, Array]:
-        value, slope = plain(path, by)
-        found, by_angle, by_slope = space.end_twist(path)
+    def __init__(self, space: PathSpace, duration: float, twist: Array) -> None:
+        self._space, self._duration, self._twist = space, duration, twist
+        self._disturbance, self._scale = LeastDisturbance(space, duration), WEIGHT / TOLERANCE
+
+    def residual(self, path: Samples) -> Array:
+        """Residuals (r,) of a path."""
+        found, _, _ = self._space.end_twist(path)
+        wrong = self._scale * (found / self._duration - self._twist)
+        return np.concatenate([self._disturbance.residual(path), wrong])
+
+    def slopes(self, path: Samples, by: Sensitivities) -> Array:
+        """Their derivatives by the weights."""
+        _, by_angle, by_slope = self._space.end_twist(path)
         by_found = by_angle @ by.angle[path.end] + by_slope @ by.slope[path.end]
-        wrong, by_wrong = scale * (found / duration - twist), (scale / duration)[:, None] * by_found
-        return np.concatenate([value, wrong]), np.concatenate([slope, by_wrong])
-
-    return residuals
+        by_wrong = (self._scale / self._duration)[:, None] * by_found
+        return np.concatenate([self._disturbance.slopes(path, by), by_wrong])
 
 
 def _earlier(weights: Array) -> Array:

@@ -1,18 +1,21 @@
-"""Limits of a robot on paths: the duration that they ask for, and how near a path comes to them."""
+"""Limits of a robot on paths: the duration that they ask for, and the rows of a search that keep them."""
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.planners.common.plans import Limits
 from agents.planners.single_arm.reactionless.clearances import Clearance
-from agents.planners.single_arm.reactionless.paths import PathSpace, Samples, Sensitivities
+from agents.planners.single_arm.reactionless.paths import PathSpace, Samples
+from agents.planners.single_arm.reactionless.rows import (
+    AccelerationRows,
+    AngleRows,
+    Braking,
+    RateRows,
+    Rows,
+    TorqueRows,
+)
 from space_envs.dynamics.rotations import Array
-
-ANGLE_MARGIN = 0.02  # rad, to the ends of joint ranges, of the search
-LEAST_ROOM = 1e-3  # rad, to the end of a range, that the braking law counts with
-ANGLE_SCALE = 0.1  # rad, by which an angle beyond its range counts as a rate at twice its limit does
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +34,7 @@ class PathLimits:
     def duration(self, space: PathSpace, path: Samples) -> dict[str, float]:
         """Shortest durations, s, by the limit that asks for them; those without a limit are absent."""
         limits, found = self.limits, {}
-        fastest = self._fastest(path)[0]
+        fastest = self._braking(path.angle.shape[1]).fastest(path)[0]
         found["rate"] = float((np.abs(path.slope) / fastest).max())
         if limits.acceleration is not None:
             found["acceleration"] = float(np.sqrt((np.abs(path.curve) / limits.acceleration).max()))
@@ -46,47 +49,17 @@ class PathLimits:
         """Largest angle beyond its range, rad, negative inside."""
         return float(self.limits.beyond_angles(path.angle).max())
 
-    def shares(
-        self, path: Samples, by: Sensitivities, duration: float, least: float
-    ) -> tuple[Array, Array, NDArray[np.intp]]:
-        """Rates and accelerations at a duration in s as shares (k,) of their limits, those above the least.
+    def rows(self, space: PathSpace, duration: float, share: float) -> tuple[Rows, ...]:
+        """Rows of a search that keeps a share of the limits at a duration in s, and the clearances."""
+        limits, found = self.limits, list[Rows]()
+        found += [AngleRows(limits.angles(space.n)), RateRows(self._braking(space.n), duration, share)]
+        if limits.acceleration is not None:
+            found.append(AccelerationRows(np.asarray(limits.acceleration), duration, share))
+        for limit, accelerated in ((limits.torque, True), (limits.coriolis, False)):
+            if limit is not None:
+                found.append(TorqueRows(space.arm, np.asarray(limit), duration, share, accelerated))
+        return (*found, *self.clearances)
 
-        Returns:
-            The shares, their derivatives (k, m) and their places (k,) among the samples.
-        """
-        fastest, falls = self._fastest(path)
-        rate = np.abs(path.slope) / (duration * fastest)
-        at = np.nonzero(rate > least)
-        slope = (np.sign(path.slope[at]) / (duration * fastest[at]))[:, None] * by.slope[at]
-        slope -= (rate[at] * falls[at] / fastest[at])[:, None] * by.angle[at]
-        if self.limits.acceleration is None:
-            return rate[at], slope, at[0]
-        acceleration = np.abs(path.curve) / (scale := duration**2 * self.limits.acceleration)
-        where = np.nonzero(acceleration > least)
-        curved = (np.sign(path.curve) / scale)[where][:, None] * by.curve[where]
-        shares = np.concatenate([rate[at], acceleration[where]])
-        return shares, np.concatenate([slope, curved]), np.concatenate([at[0], where[0]])
-
-    def violations(self, path: Samples, by: Sensitivities) -> tuple[Array, Array]:
-        """Angles beyond their ranges and clearances missing (k,), positive ones alone, with slopes (k, m)."""
-        limit = self.limits.angles(path.angle.shape[1])
-        low, high = limit[:, 0] + ANGLE_MARGIN - path.angle, path.angle - limit[:, 1] + ANGLE_MARGIN
-        beyond = np.maximum(low, high)
-        time, joint = np.nonzero(beyond > 0.0)
-        sign = np.where(high > low, 1.0, -1.0)[time, joint]
-        value, slope = beyond[time, joint] / ANGLE_SCALE, sign[:, None] * by.angle[time, joint] / ANGLE_SCALE
-        found = [(value, slope), *(clearance.violations(path, by) for clearance in self.clearances)]
-        values, slopes = zip(*found, strict=True)
-        return np.concatenate(values), np.concatenate(slopes)
-
-    def _fastest(self, path: Samples) -> tuple[Array, Array]:
-        """Largest rates (M + 1, n), rad/s, in the direction of motion, and their slopes by the angle."""
-        limit = np.full(path.angle.shape, np.inf if self.limits.rate is None else self.limits.rate)
-        if self.deceleration is None:
-            return limit, np.zeros_like(limit)
-        low, high = self.limits.angles(path.angle.shape[1]).T
-        falling = path.slope < 0.0
-        room = np.where(falling, path.angle - low, high - path.angle)
-        braking = np.sqrt(2.0 * self.deceleration * np.maximum(room, LEAST_ROOM))
-        falls = np.where(falling, 1.0, -1.0) * self.deceleration / braking
-        return np.minimum(braking, limit), np.where(braking < limit, falls, 0.0)
+    def _braking(self, n: int) -> Braking:
+        rate = np.asarray(np.inf if self.limits.rate is None else self.limits.rate)
+        return Braking(rate, self.deceleration, self.limits.angles(n))

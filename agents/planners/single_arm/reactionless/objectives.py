@@ -1,69 +1,43 @@
 """Sums of squares that the search for a path makes small."""
 
-from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 
-from agents.planners.single_arm.reactionless.limits import PathLimits
 from agents.planners.single_arm.reactionless.paths import PathSpace, Samples, Sensitivities
 from space_envs.dynamics.rotations import Array
 
-Objective = Callable[[Samples, Sensitivities], tuple[Array, Array]]
-"""A path and its derivatives -> residuals (r,) and their slopes (r, m)."""
-
-COST_UNIT = 1e-4  # m^2/s, of eq. 20: violations weigh against costs in this unit
-NEGLIGIBLE = 0.2  # share of a limit, below which its power does not count
-PENALTY = 150.0  # of a share above the allowed one, or of a violation, throughout the path; its root in costs
+COST_UNIT = 1e-4  # m^2/s, of eq. 20 times dt
 
 
-def least_disturbance(
-    space: PathSpace, limits: PathLimits, duration: float, share: float, unit: float = COST_UNIT
-) -> Objective:
-    """Eq. 20 times dt of a path at a duration in s, and penalties on more than a share of the limits.
+class Objective(Protocol):
+    """A sum of squares."""
+
+    def residual(self, path: Samples) -> Array:
+        """Residuals (r,) of a path."""
+        ...
+
+    def slopes(self, path: Samples, by: Sensitivities) -> Array:
+        """Their derivatives (r, m) by the weights."""
+        ...
+
+
+class LeastDisturbance:
+    """Eq. 20 times dt of a path at a duration in s: of displacement alone.
 
     Args:
-        unit: m^2/s, of costs; the larger, the more do violations weigh against costs.
+        unit: m^2/s, of costs; the larger, the more do violations weigh against them.
     """
-    weight = np.sqrt(space.series.weight)
-    scale = (weight / np.sqrt(duration * unit))[:, None]
-    to_drift = scale * space.series.even
 
-    def residuals(path: Samples, by: Sensitivities) -> tuple[Array, Array]:
-        drift, by_drift = (scale * path.drift).ravel(), (to_drift @ by.shift.reshape(len(scale), -1))
-        value, slope, time = limits.shares(path, by, duration, share)
-        beyond, by_beyond = (
-            PENALTY * weight[time] * (value - share),
-            (PENALTY * weight[time])[:, None] * slope,
-        )
-        parts = [(drift, by_drift.reshape(-1, space.size)), (beyond, by_beyond)]
-        return _with_violations(space, limits, path, by, parts)
+    def __init__(self, space: PathSpace, duration: float, unit: float = COST_UNIT) -> None:
+        self._scale = np.sqrt(space.series.weight / (duration * unit))[:, None]
+        self._to_drift = self._scale * space.series.even
 
-    return residuals
+    def residual(self, path: Samples) -> Array:
+        """Residuals (3 N + 3,) of a path."""
+        return (self._scale * path.drift).ravel()
 
-
-def shortest_duration(space: PathSpace, limits: PathLimits, duration: float, power: float) -> Objective:
-    """Squares of a power of the shares of limits, at a duration in s near the shortest one.
-
-    The higher the power, the nearer is the result to the path whose largest share is least.
-    """
-    weight = np.sqrt(space.series.weight)
-
-    def residuals(path: Samples, by: Sensitivities) -> tuple[Array, Array]:
-        value, slope, time = limits.shares(path, by, duration, NEGLIGIBLE)
-        by_raised = (power * weight[time] * value ** (power - 1.0))[:, None] * slope
-        return _with_violations(space, limits, path, by, [(weight[time] * value**power, by_raised)])
-
-    return residuals
-
-
-def _with_violations(
-    space: PathSpace,
-    limits: PathLimits,
-    path: Samples,
-    by: Sensitivities,
-    parts: list[tuple[Array, Array]],
-) -> tuple[Array, Array]:
-    value, slope = limits.violations(path, by)
-    factor = PENALTY * np.sqrt(space.series.weight[1])
-    values, slopes = zip(*parts, (factor * value, factor * slope), strict=True)
-    return np.concatenate(values), np.concatenate(slopes)
+    def slopes(self, path: Samples, by: Sensitivities) -> Array:
+        """Their derivatives by the weights."""
+        samples, _, size = by.shift.shape
+        return (self._to_drift @ by.shift.reshape(samples, -1)).reshape(-1, size)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -16,7 +17,6 @@ from space_envs.dynamics.rotations import Array
 FUNCTIONS = 10  # sines that drive each joint
 STEPS = 24  # of a roll-out in the search
 STEEPEST = 1e6  # derivative of an angle by a weight; beyond it a path is lost near a singular configuration
-KEPT = 4  # paths of a search whose derivatives are kept: it returns to the starts that it compares
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +65,45 @@ class Sensitivities:
         """Of d2q/ds2, (N + 1, n, m)."""
         return (self._series.odd @ self.slope.reshape(len(self.slope), -1)).reshape(self.slope.shape)
 
+    def between(self, name: Literal["angle", "slope", "curve", "shift"], time: Array, part: Array) -> Array:
+        """Derivatives (k, m) of components of a quantity, at samples of `Rollout.dense`."""
+        matrix, values = self._between(name)
+        out = np.empty((len(time), values.shape[2]))
+        for column in range(values.shape[1]):
+            at = part == column
+            out[at] = matrix[time[at]] @ values[:, column]
+        return out
+
+    def between_all(self, name: Literal["angle", "slope", "curve", "shift"], time: Array) -> Array:
+        """Derivatives (k, n, m) of all components of a quantity, at samples of `Rollout.dense`."""
+        matrix, values = self._between(name)
+        return (matrix[time] @ values.reshape(len(values), -1)).reshape(-1, *values.shape[1:])
+
+    def _between(self, name: str) -> tuple[Array, Array]:
+        between = self._series.between
+        return {
+            "angle": (between.even, self.angle),
+            "slope": (between.odd, self.slope),
+            "curve": (between.odd_slope, self.slope),
+            "shift": (between.even, self.shift),
+        }[name]
+
+
+class Rollout(NamedTuple):
+    """A path in the search with what its derivatives need.
+
+    Attributes:
+        path, dense: at the ends of its steps, and in the middle between them as well.
+        velocity: (3 n N,) v at the points of the steps. points: (N, 4 n) rad, at which slopes were taken.
+        centre_slope: (N + 1, 3, n) m, derivatives of the centre of mass by the angles.
+    """
+
+    path: Samples
+    dense: Samples
+    velocity: Array
+    points: Array
+    centre_slope: Array
+
 
 class PathSpace:
     """Paths dq/ds = P(q) v(s) with v a sum of sines: weights (n, K) are the amplitudes, rad.
@@ -82,7 +121,6 @@ class PathSpace:
         self._start, self.n, self.size = start, robot.n_joints, robot.n_joints * FUNCTIONS
         self._goal, self.end = goal, end
         self._centre = self._functions.centre(start)[0]
-        self._known: dict[bytes, tuple[Samples, Sensitivities]] = {}
 
     def samples(self, weights: Array) -> Samples:
         """The path of weights (n, K), rolled out finely."""
@@ -98,33 +136,48 @@ class PathSpace:
         angle = self._functions.path(self._start, self._velocity(weights, self.series))[0][self.end - 1]
         return self._goal(PathEnd(angle, self._centre - self._functions.centre(angle)[0])).miss
 
-    def sensitive(self, weights: Array) -> tuple[Samples, Sensitivities]:
-        """The path of weights (n, K) in the search, with its derivatives; the last few are kept."""
-        key = weights.tobytes()
-        if key not in self._known:
-            if len(self._known) == KEPT:
-                self._known.pop(next(iter(self._known)))
-            self._known[key] = self._sensitive(weights)
-        return self._known[key]
-
-    def _sensitive(self, weights: Array) -> tuple[Samples, Sensitivities]:
-        n, series, functions = self.n, self.series, self._functions
+    def rollout(self, weights: Array) -> "Rollout":
+        """The path of weights (n, K) in the search."""
+        series = self.series
         velocity = self._velocity(weights, series)
-        *found, points = functions.path(self._start, velocity)
+        *found, points = self._functions.path(self._start, velocity)
         angle, slope = self._rolled(found)
+        centre, by_angle = self._functions.centre(angle)
+        shift = self._centre - centre
+        miss = self._goal(PathEnd(angle[self.end], shift[self.end])).miss
+        path = Samples(angle, slope, series.odd @ slope, shift, series.even @ shift, miss, self.end)
+        return Rollout(path, self._dense(path), velocity, points, by_angle)
+
+    def _dense(self, path: Samples) -> Samples:
+        """A path at twice as many samples."""
+        to, end = self.series.between, 2 * path.end
+        slope, shift = path.slope, path.shift
+        return Samples(
+            to.even @ path.angle,
+            to.odd @ slope,
+            to.odd_slope @ slope,
+            to.even @ shift,
+            to.even_slope @ shift,
+            path.miss,
+            end,
+        )
+
+    def sensitivities(self, rollout: "Rollout") -> Sensitivities:
+        """Derivatives of a path in the search."""
+        (path, _, velocity, points, by_q), n, functions = rollout, self.n, self._functions
         at_points = velocity.reshape(STEPS, 3, n)[:, [0, 1, 1, 2]].reshape(-1, n)
         slopes = functions.slopes(points.reshape(-1, n), at_points)
         transfer = functions.transfer(*[x.reshape(STEPS, -1) for x in slopes])
-        by_angle, by_slope = functions.chain(transfer, series.points)
-        centre, by_q = self._functions.centre(angle)
-        shift = self._centre - centre
+        by_angle, by_slope = functions.chain(transfer, self.series.points)
         end = self.end
-        miss, slope_angle, slope_shift = self._goal(PathEnd(angle[end], shift[end]))
+        _, slope_angle, slope_shift = self._goal(PathEnd(path.angle[end], path.shift[end]))
         by_miss = (slope_angle - slope_shift @ by_q[end]) @ by_angle[end]
-        return (
-            Samples(angle, slope, series.odd @ slope, shift, series.even @ shift, miss, end),
-            Sensitivities(series, by_angle, by_slope, by_q, by_miss),
-        )
+        return Sensitivities(self.series, by_angle, by_slope, by_q, by_miss)
+
+    def sensitive(self, weights: Array) -> tuple[Samples, Sensitivities]:
+        """The path of weights (n, K) in the search, with its derivatives."""
+        found = self.rollout(weights)
+        return found.path, self.sensitivities(found)
 
     def end_twist(self, path: Samples) -> tuple[Array, Array, Array]:
         """Twist (6,) [v; w] of the end-effector at the goal by the phase, m and rad, and its slopes (6, n) by

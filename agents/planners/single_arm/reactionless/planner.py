@@ -11,11 +11,18 @@ from agents.planners.single_arm.library import Library
 from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.reactionless.clearances import CLEARANCE, SphereKeepOut
 from agents.planners.single_arm.reactionless.goals import PoseRows
-from agents.planners.single_arm.reactionless.improvement import METHOD, NEWTON, Candidate, PathImprover
+from agents.planners.single_arm.reactionless.improvement import (
+    METHOD,
+    NEWTON,
+    PATIENT,
+    QUICK,
+    Candidate,
+    PathImprover,
+)
 from agents.planners.single_arm.reactionless.interception import Interceptor
 from agents.planners.single_arm.reactionless.limits import PathLimits
 from agents.planners.single_arm.reactionless.paths import FUNCTIONS, PathSpace
-from agents.planners.single_arm.reactionless.search import predicted, to_goal
+from agents.planners.single_arm.reactionless.search import promise, to_goal
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array, to_matrix
 from space_envs.dynamics.spheres import link_ends, sphere_gaps
@@ -99,18 +106,16 @@ class ReactionlessPlanner:
             yield from (improver.shortest(space, start) for start in near)
             return
         leading = [to_goal(space, start, NEWTON) for start in near[:RANKED]]
-        objective = improver.promise(space, duration)
-        leading.sort(key=lambda weights: predicted(space, weights, objective))
+        problem = improver.problem(space, duration)
+        leading.sort(key=lambda weights: promise(problem, weights))
         found: list[Candidate] = []
         for start in leading:
-            found.append(improver.cheaper(space, start, duration))
+            found.append(improver.least_cost(space, start, duration, QUICK))
             yield found[-1]
-        if reach.spheres is not None and len(reach.spheres):
-            starts = near if self._library is None else [*near, *self._random_starts()]
-            yield from (improver.feasible(space, start, duration) for start in starts)
-            return
-        yield from (improver.shorter(space, candidate.weights, duration) for candidate in found)
-        yield from (improver.least_cost(space, start, duration) for start in near[RANKED:])
+        starts = [*(candidate.weights for candidate in found), *near[RANKED:]]
+        if reach.spheres is not None and len(reach.spheres) and self._library is not None:
+            starts += self._random_starts()
+        yield from (improver.least_cost(space, start, duration, PATIENT) for start in starts)
 
     def _starts(self, reach: Reach) -> list[Array]:
         """Weights (n, K) of stored motions, the nearest goals first, or random ones without a library."""

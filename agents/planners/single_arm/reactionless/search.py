@@ -1,43 +1,136 @@
-"""Gauss-Newton search for a path to a goal: nonlinear least squares with the goal error as constraint."""
+"""Search for a path to a goal: sequential quadratic programming with Gauss-Newton steps."""
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import get_lapack_funcs
 
 from agents.planners.single_arm.reactionless.objectives import Objective
-from agents.planners.single_arm.reactionless.paths import FUNCTIONS, PathSpace, Samples, Sensitivities
+from agents.planners.single_arm.reactionless.paths import FUNCTIONS, PathSpace, Rollout
+from agents.planners.single_arm.reactionless.program import VIOLATION, Step, StepProgram
+from agents.planners.single_arm.reactionless.rows import Places, Rows
 from space_envs.dynamics.rotations import Array
 
 REACHED = 1e-3  # m and rad, of a path in the search; plans are polished
-CLOSE = 3e-4  # likewise, of a step that needs no correction
+KEPT = 1e-3  # violation of one in the search, as a share of a limit
 LONGEST_MISS = 0.4  # m and rad of the goal error that one iteration takes away
 LONGEST_STEP = 4.0  # rad, of all weights together
-CORRECTIONS = 2  # of second order, of a step
-GAIN = 1e-2  # relative decrease of the objective below which the search ends
-FIRST_DAMPING = 1e-2  # as a fraction of the mean curvature
-_LEAST_DAMPING, _MOST_DAMPING = 1e-4, 1e4  # likewise
-(_solve_positive,) = get_lapack_funcs(("posv",), dtype=np.float64)
+CORRECTIONS = 2  # of a Newton step to the goal
+BAND = 0.35  # below the largest violation, within which rows count in a step
+FIRST_DAMPING = 1e-2  # as a fraction of the objective's mean curvature
+_LEAST_DAMPING, _MOST_DAMPING = 1e-6, 1e4  # likewise
+_REFUSED, _POOR, _CORRECTED, _GOOD = 0.05, 0.25, 0.5, 0.6  # actual decrease by the predicted one
 
 
 class Found(NamedTuple):
-    """End of a search: weights (n, K), the objective, the largest goal error in m or rad, and iterations."""
+    """End of a search: weights (n, K), the objective, the largest violation, and iterations."""
 
     weights: Array
     objective: float
-    miss: float
+    violation: float
     iterations: int
 
+    @property
+    def kept(self) -> bool:
+        """Whether the rows are kept at the samples."""
+        return self.violation < KEPT
 
-class _Point(NamedTuple):
+
+@dataclass(frozen=True, eq=False)
+class PathProblem:
+    """A search: the objective, and rows that a path keeps besides the goal of its space."""
+
+    space: PathSpace
+    objective: Objective
+    rows: tuple[Rows, ...]
+
+    def at(self, weights: Array) -> "_Trial":
+        """The path of weights (n, K)."""
+        rollout = self.space.rollout(weights)
+        excess = tuple(rows.excess(rollout.dense) for rows in self.rows)
+        return _Trial(weights, rollout, self.objective.residual(rollout.path), excess)
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """A path without its derivatives: residuals (r,) and the values of all rows."""
+
     weights: Array
-    path: Samples
-    by: Sensitivities
+    rollout: Rollout
     residual: Array
-    slope: Array
+    excess: tuple[Array, ...]
+
+    @cached_property
+    def violation(self) -> float:
+        return max(0.0, *(float(values.max(initial=0.0)) for values in self.excess))
+
+    @cached_property
+    def objective(self) -> float:
+        return float(self.residual @ self.residual)
+
+    @property
+    def miss(self) -> Array:
+        return self.rollout.path.miss
+
+    @property
+    def feasible(self) -> bool:
+        return self.violation < KEPT and bool(np.abs(self.miss).max() < REACHED)
 
     def merit(self, penalty: float) -> float:
-        return float(self.residual @ self.residual) + penalty * float(np.abs(self.path.miss).sum())
+        """Exact penalty function; infinite where a path is lost."""
+        value = self.objective + penalty * float(np.abs(self.miss).sum()) + VIOLATION * self.violation
+        return value if np.isfinite(value) else np.inf
+
+    def places(self) -> list[Places]:
+        """Places of the rows that count, of each kind."""
+        least = self.violation - BAND
+        return [np.nonzero(values > least) for values in self.excess]
+
+    def chosen(self, places: list[Places]) -> Array:
+        """Values (k,) of the rows at places."""
+        return np.concatenate([values[at] for values, at in zip(self.excess, places, strict=True)])
+
+
+class _Point:
+    """A path with its objective, goal and rows linearised."""
+
+    def __init__(self, problem: PathProblem, trial: _Trial) -> None:
+        self._space, self.trial, path = problem.space, trial, trial.rollout.path
+        by = problem.space.sensitivities(trial.rollout)
+        self.usable = by.usable and np.isfinite(trial.merit(0.0))
+        if not self.usable:
+            return
+        self.equations, self.slope = by.miss, problem.objective.slopes(path, by)
+        self.places = trial.places()
+        rows = zip(problem.rows, self.places, strict=True)
+        self.rows = np.concatenate([kind.slopes(trial.rollout.dense, by, at) for kind, at in rows])
+        self.excess = trial.chosen(self.places)
+        self._square = 2.0 * self.slope.T @ self.slope
+        self._curvature = float(np.trace(self._square)) / len(self._square) + 1e-9
+
+    def program(self, damping: float) -> StepProgram:
+        """The quadratic program of a step."""
+        hessian = self._square.copy()
+        hessian.flat[:: len(hessian) + 1] += (damping + 1e-9) * self._curvature
+        gradient = 2.0 * (self.slope.T @ self.trial.residual)
+        return StepProgram(hessian, gradient, self.equations, self.rows)
+
+    def part(self) -> float:
+        """Part of the goal error that a step takes away."""
+        return min(1.0, LONGEST_MISS / max(float(np.linalg.norm(self.trial.miss)), 1e-12))
+
+    def corrected(self, program: StepProgram, step: Array, trial: _Trial) -> Step | None:
+        """The step of second order, by what a trial of the first one shows of the constraints' curvature."""
+        miss = trial.miss - self.equations @ step
+        return program.solve(miss, trial.chosen(self.places) - self.rows @ step)
+
+    def predicted(self, found: Step, penalty: float) -> float:
+        """Merit that a step promises."""
+        residual = self.trial.residual + self.slope @ found.step
+        left = (1.0 - self.part()) * float(np.abs(self.trial.miss).sum())
+        return float(residual @ residual) + penalty * left + VIOLATION * found.violation
 
 
 def to_goal(space: PathSpace, weights: Array, iterations: int) -> Array:
@@ -62,74 +155,66 @@ def to_goal(space: PathSpace, weights: Array, iterations: int) -> Array:
     return weights
 
 
-def predicted(space: PathSpace, weights: Array, objective: Objective) -> float:
-    """The objective that one step from weights (n, K) promises."""
-    point = _point(space, weights, objective)
-    if not point.by.usable:
+def promise(problem: PathProblem, weights: Array) -> float:
+    """The merit that one step from weights (n, K) promises."""
+    point = _Point(problem, problem.at(weights))
+    if not point.usable:
         return np.inf
-    step, _, _ = _step(space, point, FIRST_DAMPING)
-    residual = point.residual + point.slope @ step.T.ravel()
-    return float(residual @ residual)
+    found = point.program(FIRST_DAMPING).solve(point.part() * point.trial.miss, point.excess)
+    return np.inf if found is None else point.predicted(found, 0.0)
 
 
-def minimise(
-    space: PathSpace, weights: Array, objective: Objective, iterations: int, gain: float = GAIN
-) -> Found:
-    """The least objective among paths to the goal, from weights (n, K)."""
-    point, damping, penalty = _point(space, weights, objective), FIRST_DAMPING, 0.0
-    number = 0
-    while number < iterations and point.by.usable:
+def minimise(problem: PathProblem, weights: Array, iterations: int, gain: float) -> Found:
+    """The least objective among paths to the goal that keep the rows, from weights (n, K).
+
+    Where none keeps them, the largest violation is made small. It ends when an iteration gains less than
+    `gain` of the objective.
+    """
+    point, damping, penalty, number = _Point(problem, problem.at(weights)), FIRST_DAMPING, 0.0, 0
+    while number < iterations and point.usable and damping < _MOST_DAMPING:
         number += 1
-        step, multiplier, correct = _step(space, point, damping)
-        penalty = max(penalty, 2.0 * float(np.abs(multiplier).max()))
-        trial = point.weights + step
-        for _ in range(CORRECTIONS):
-            if np.abs(miss := space.missed(trial)).max() < CLOSE:
-                break
-            trial = trial + _shaped(space, correct @ miss)
-        after = _point(space, trial, objective)
-        before, now = point.merit(penalty), after.merit(penalty)
-        if not now < before:
-            damping = min(10.0 * damping, _MOST_DAMPING)
-            if damping == _MOST_DAMPING:
-                break
+        program = point.program(damping)
+        found = program.solve(point.part() * point.trial.miss, point.excess)
+        if found is None:
+            damping *= 8.0
             continue
-        damping = max(0.2 * damping, _LEAST_DAMPING)
-        done = np.abs(after.path.miss).max() < REACHED and before - now < gain * now
-        point = after
-        if done:
+        penalty = max(penalty, 1.5 * float(np.abs(found.multiplier).max()))
+        before = point.trial.merit(penalty)
+        predicted = max(before - point.predicted(found, penalty), 1e-12)
+        trial, ratio = point.trial, -np.inf
+        for tried in _trials(problem, point, program, found):
+            if tried.merit(penalty) < trial.merit(penalty):
+                trial, ratio = tried, (before - tried.merit(penalty)) / predicted
+            if ratio > _CORRECTED:
+                break
+        if not ratio > _REFUSED:
+            damping = 8.0 * max(damping, 1e-3)
+            continue
+        damping = max(0.2 * damping, _LEAST_DAMPING) if ratio > _GOOD else damping
+        damping = 4.0 * damping if ratio < _POOR else damping
+        point, gained = _Point(problem, trial), before - trial.merit(penalty)
+        if trial.feasible and gained < gain * trial.objective:
             break
-    return Found(
-        point.weights, float(point.residual @ point.residual), float(np.abs(point.path.miss).max()), number
-    )
+    trial = point.trial
+    return Found(trial.weights, trial.objective, trial.violation, number)
 
 
-def _point(space: PathSpace, weights: Array, objective: Objective) -> _Point:
-    path, by = space.sensitive(weights)
-    if not by.usable:
-        return _Point(weights, path, by, np.full(1, np.inf), np.zeros((1, space.size)))
-    return _Point(weights, path, by, *objective(path, by))
-
-
-def _step(space: PathSpace, point: _Point, damping: float) -> tuple[Array, Array, Array]:
-    """Step (n, K), multipliers (r,) of the goal, and the matrix (m, r) from a miss to its correction."""
-    miss, equations = point.path.miss, point.by.miss
-    rows = len(miss)
-    hessian = point.slope.T @ point.slope
-    hessian.flat[:: space.size + 1] += damping * np.trace(hessian) / space.size + 1e-9
-    right = np.column_stack([equations.T, point.slope.T @ point.residual])
-    _, solved, failed = _solve_positive(hessian, right)
-    if failed:  # not positive definite in the digits there are
-        solved = np.linalg.solve(hessian, right)
-    inner = np.linalg.inv(equations @ solved[:, :rows] + 1e-12 * np.eye(rows))
-    part = min(1.0, LONGEST_MISS / max(float(np.linalg.norm(miss)), 1e-12))
-    multiplier = inner @ (part * miss - equations @ solved[:, rows])
-    step = _short(-(solved[:, :rows] @ multiplier) - solved[:, rows])
-    return _shaped(space, step), 2.0 * multiplier, -(solved[:, :rows] @ inner)
+def _trials(problem: PathProblem, point: _Point, program: StepProgram, found: Step) -> Iterator[_Trial]:
+    """Paths after a step, and after its correction unless it is too long."""
+    step = _short(found.step)
+    trial = problem.at(point.trial.weights + _shaped(problem.space, step))
+    yield trial
+    if step is not found.step or not np.isfinite(trial.merit(0.0)):
+        return
+    second = point.corrected(program, step, trial)
+    if second is not None:
+        yield problem.at(point.trial.weights + _shaped(problem.space, _short(second.step)))
 
 
 def _short(step: Array) -> Array:
-    return step * min(1.0, LONGEST_STEP / max(float(np.linalg.norm(step)), 1e-12))
+    """A step of at most the longest length, itself if it is not longer."""
+    length = float(np.linalg.norm(step))
+    return step if length <= LONGEST_STEP else step * (LONGEST_STEP / length)
 
 
 def _shaped(space: PathSpace, flat: Array) -> Array:
