@@ -10,7 +10,7 @@ from agents.demonstrations.optimal.library import COUNTS, goals
 from agents.demonstrations.rounds import Motion, RoundsRecipe, Solver, make_library
 from agents.planners.single_arm.library import REACTIONLESS, Library, reactionless_command
 from agents.planners.single_arm.problem import Reach
-from agents.planners.single_arm.reactionless.improvement import EXHAUSTIVE, PATIENT, Effort, PathImprover
+from agents.planners.single_arm.reactionless.improvement import Effort, PathImprover
 from agents.planners.single_arm.reactionless.paths import FUNCTIONS, PathSpace
 from agents.planners.single_arm.reactionless.planner import random_starts, space_of
 from agents.policies.single_arm.reactionless.problem import latest_arrival, path_limits
@@ -22,10 +22,11 @@ from space_envs.policy import PolicyContext
 from space_envs.robots.robot import Robot
 
 ENV = "SpaceCapture/SingleArm-v0"
-STARTS = 4  # at random, of each goal
+STARTS = 3  # at random, of each goal
 ROUNDS = 2  # in which the motions of neighbouring goals are tried
-NEIGHBOURS = 5  # of a round
+NEIGHBOURS = 4  # of a round
 CHUNK = 10  # goals a file of partial results
+TRIED, EXHAUSTIVE = Effort(25, 1e-2), Effort(100, 1e-4)  # of each start, and of the best motion
 LATE = 1.0  # m^2/s, cost of a motion per second that it takes longer than the task gives
 
 
@@ -75,17 +76,17 @@ def _solver(robot: Robot, seed: int) -> Solver:
             starts = starts[:NEIGHBOURS]
         space = space_of(context.arm, reach)
         for start in starts:
-            best = min(best, tried(space, start, PATIENT), key=lambda one: one[1])
-        if starts and np.isfinite(best[1]):
+            best = min(best, tried(space, start, TRIED), key=lambda one: one[1])
+        if round_number == ROUNDS and np.isfinite(best[1]):
             best = min(best, tried(space, best[0], EXHAUSTIVE), key=lambda one: one[1])
         return best[0], best[1], attempts + len(starts)
 
     def tried(space: PathSpace, start: Array, effort: Effort) -> tuple[Array, float]:
         """Weights and cost of the motion near a start."""
         found = improver.least_cost(space, start, duration, effort)
+        if found.failure is not None:
+            return found.weights, np.inf
         late = max(0.0, found.shortest - duration)
-        return found.weights, np.inf if found.failure is not None else found.cost(
-            duration + late
-        ) + LATE * late
+        return found.weights, found.cost(duration + late) + LATE * late
 
     return motion

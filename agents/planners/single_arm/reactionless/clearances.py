@@ -58,9 +58,12 @@ class SatelliteKeepOut:
     def slopes(self, path: Samples, by: Sensitivities, at: Places) -> Array:
         """Derivatives (k, m) of the values at some places, by difference quotients."""
         time, capsule = at
-        moved = path.angle[time, None] + _STEP * np.eye(path.angle.shape[1])
-        varied = self._gaps(moved)[np.arange(len(time)), :, capsule]
-        slope = (self._gaps(path.angle[time])[np.arange(len(time)), capsule][:, None] - varied) / _STEP
+        if not len(time):
+            return np.zeros((0, by.angle.shape[2]))
+        n = path.angle.shape[1]
+        moved = path.angle[time, None] + _STEP * np.eye(n + 1)[:, :n]  # the last one is where it is
+        gap = self._gaps(moved)[np.arange(len(time)), :, capsule]
+        slope = (gap[:, n:] - gap[:, :n]) / _STEP
         return (slope[:, None] @ by.between_all("angle", time))[:, 0] / CLEARANCE_SCALE
 
 

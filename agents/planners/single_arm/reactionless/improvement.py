@@ -35,7 +35,7 @@ class Effort(NamedTuple):
     gain: float
 
 
-QUICK, PATIENT, EXHAUSTIVE = Effort(10, 3e-3), Effort(40, 3e-3), Effort(100, 1e-4)
+QUICK, PATIENT = Effort(10, 3e-3), Effort(40, 3e-3)
 SHORTENING = Effort(6, 0.1)
 
 

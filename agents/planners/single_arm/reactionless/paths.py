@@ -152,15 +152,9 @@ class PathSpace:
         """A path at twice as many samples."""
         to, end = self.series.between, 2 * path.end
         slope, shift = path.slope, path.shift
-        return Samples(
-            to.even @ path.angle,
-            to.odd @ slope,
-            to.odd_slope @ slope,
-            to.even @ shift,
-            to.even_slope @ shift,
-            path.miss,
-            end,
-        )
+        rates = to.odd @ slope, to.odd_slope @ slope
+        moved = to.even @ shift, to.even_slope @ shift
+        return Samples(to.even @ path.angle, *rates, *moved, path.miss, end)
 
     def sensitivities(self, rollout: "Rollout") -> Sensitivities:
         """Derivatives of a path in the search."""
