@@ -12,7 +12,7 @@ from agents.planners.single_arm.library import find_reactionless_library
 from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.reactionless.flow.chain import StepChain
 from agents.planners.single_arm.reactionless.flow.series import Series
-from agents.planners.single_arm.reactionless.improvement import PathImprover
+from agents.planners.single_arm.reactionless.improvement import PATIENT, PathImprover
 from agents.planners.single_arm.reactionless.paths import FUNCTIONS, PathSpace
 from agents.planners.single_arm.reactionless.planner import ReactionlessPlanner, Timing
 from agents.planners.single_arm.reactionless.planner import space_of as paths_of
@@ -220,5 +220,5 @@ def test_robots_with_too_few_joints_are_refused_with_the_reason() -> None:
 def test_starts_that_lead_nowhere_are_no_plans_and_raise_nothing() -> None:
     improver, space = PathImprover(LIMITS), space_of(0)
     for scale in (30.0, 1e3, 1e200):
-        found = improver.least_cost(space, scale * weights_of(1), 1.0)
+        found = improver.least_cost(space, scale * weights_of(1), 1.0, PATIENT)
         assert not found.keeps(1.0)

@@ -9,7 +9,7 @@ from cluttered_scenes import ENV_ID, make
 from agents.planners.common.plans import Cause, Failure
 from agents.planners.single_arm.library import find_reactionless_library
 from agents.planners.single_arm.problem import Reach, ReachPlan
-from agents.planners.single_arm.reactionless.clearances import SPHERE_SCALE, SphereKeepOut
+from agents.planners.single_arm.reactionless.clearances import SPHERE_CLEARANCE, SPHERE_SCALE, SphereKeepOut
 from agents.planners.single_arm.reactionless.paths import FUNCTIONS
 from agents.planners.single_arm.reactionless.planner import ReactionlessPlanner, space_of
 from agents.policies.clearance import KeepOut
@@ -43,16 +43,19 @@ def test_slopes_of_missing_clearances_are_those_of_differences() -> None:
     keep_out, space = SphereKeepOut(context.arm, wide, reach.link_radius), space_of(context.arm, reach)
     shape, step = (context.arm.n_joints, FUNCTIONS), 1e-6
     weights, way = np.random.default_rng(0).standard_normal((2, *shape)) / np.arange(1, FUNCTIONS + 1)
-    values, slopes = keep_out.violations(*space.sensitive(weights))
-    assert len(values) > 20
-    ends = [keep_out.violations(*space.sensitive(weights + sign * step * way))[0] for sign in (1.0, -1.0)]
-    np.testing.assert_allclose(slopes @ way.T.ravel(), (ends[0] - ends[1]) / (2.0 * step), atol=1e-5)
+    rollout = space.rollout(weights)
+    values = keep_out.excess(rollout.dense)
+    at = np.nonzero(values > 0.0)
+    assert len(at[0]) > 20
+    slopes = keep_out.slopes(rollout.dense, space.sensitivities(rollout), at)
+    moved = [keep_out.excess(space.rollout(weights + sign * step * way).dense)[at] for sign in (1.0, -1.0)]
+    np.testing.assert_allclose(slopes @ way.T.ravel(), (moved[0] - moved[1]) / (2.0 * step), atol=1e-5)
     # The values are those of the numpy mathematics of the whole robot.
     path = space.samples(weights)
     still = np.tile([1.0, 0.0, 0.0, 0.0], (len(path.angle), 1))
     gaps = sphere_gaps(link_ends(context.arm, path.angle, path.shift, still), wide, reach.link_radius)
-    coarse = gaps[:: (len(gaps) - 1) // (len(space.sensitive(weights)[0].angle) - 1)]
-    assert values.max() * SPHERE_SCALE == pytest.approx(0.02 - coarse.min(), abs=1e-3)
+    expected = SPHERE_CLEARANCE - gaps[:: (len(gaps) - 1) // (len(values) - 1)].min()
+    assert values.max() * SPHERE_SCALE == pytest.approx(expected, abs=1e-3)
 
 
 def test_plans_are_clear_of_spheres_between_their_nodes_where_shorter_ones_are_not() -> None:

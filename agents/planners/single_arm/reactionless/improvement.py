@@ -14,13 +14,15 @@ from agents.planners.single_arm.reactionless.search import PathProblem, minimise
 from space_envs.dynamics.rotations import Array
 
 METHOD = "promp_reactionless"
+FAR = 0.3  # m or rad to the goal, from which Newton steps come first
 NEWTON = 30  # iterations to the goal at most
 SHARE = 0.985  # of the limits that a search allows
 TIGHTER = 0.995  # of the share that kept the limits between the nodes as well, for the next search
 SEARCHES = 4  # for one plan at most, from the last one's result
 NEARLY = 1.3  # times the duration, above which a result is no start for a further search
-FASTER = 0.95, 0.985  # times the shortest duration so far, for which a search asks next
-SHORTENINGS = 8  # searches with each of these factors
+FASTER = 0.85  # times the shortest duration so far, for which a search asks next; its root once one fails
+MINUTE = 0.01  # relative shortening that is not worth a search
+SHORTENINGS = 30  # searches at most
 SHORTENING_UNIT = 100.0 * COST_UNIT  # m^2/s, of eq. 20 times dt in them
 HOPELESS = 1e4  # s, duration of paths that are not worth a search
 POLISHED = 1e-6  # m and rad, pose error of a plan
@@ -36,7 +38,7 @@ class Effort(NamedTuple):
 
 
 QUICK, PATIENT = Effort(10, 3e-3), Effort(40, 3e-3)
-SHORTENING = Effort(6, 0.1)
+SHORTENING = Effort(8, 0.1)
 
 
 class Candidate(NamedTuple):
@@ -80,7 +82,9 @@ class PathImprover:
         self, space: PathSpace, objective: Objective, weights: Array, duration: float, effort: Effort
     ) -> Candidate:
         """The same for another objective."""
-        weights, limits, share = to_goal(space, weights, NEWTON), self._free, SHARE
+        limits, share = self._free, SHARE
+        if not np.abs(space.missed(weights)).max() < FAR:
+            weights = to_goal(space, weights, NEWTON)
         for _ in range(SEARCHES):
             problem = self._problem(space, objective, limits, duration, share)
             search = minimise(problem, weights, *effort)
@@ -96,12 +100,18 @@ class PathImprover:
     def shortest(self, space: PathSpace, weights: Array, enough: float = 0.0) -> Candidate:
         """The path with the shortest duration near weights (n, K), or one that is short enough, s."""
         best = self.polished(space, to_goal(space, weights, NEWTON))
-        for faster in np.repeat(FASTER, SHORTENINGS):
+        faster = FASTER
+        for _ in range(SHORTENINGS):
             if best.keeps(enough) or not best.shortest < HOPELESS:
                 break
-            candidate = self._shorter(space, best.weights, faster * best.shortest)
-            if candidate.failure is None and (best.failure is not None or candidate.shortest < best.shortest):
+            asked = max(faster * best.shortest, (1.0 - MINUTE) * enough)
+            candidate = self._shorter(space, best.weights, asked)
+            better = candidate.failure is None and candidate.shortest < (1.0 - MINUTE) * best.shortest
+            if better or best.failure is not None:
                 best = candidate
+            if not better and faster > 1.0 - MINUTE:
+                break
+            faster = faster if better else np.sqrt(faster)
         return best
 
     def _shorter(self, space: PathSpace, weights: Array, duration: float) -> Candidate:

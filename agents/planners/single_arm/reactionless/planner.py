@@ -13,7 +13,6 @@ from agents.planners.single_arm.reactionless.clearances import CLEARANCE, Sphere
 from agents.planners.single_arm.reactionless.goals import PoseRows
 from agents.planners.single_arm.reactionless.improvement import (
     METHOD,
-    NEWTON,
     PATIENT,
     QUICK,
     Candidate,
@@ -22,7 +21,7 @@ from agents.planners.single_arm.reactionless.improvement import (
 from agents.planners.single_arm.reactionless.interception import Interceptor
 from agents.planners.single_arm.reactionless.limits import PathLimits
 from agents.planners.single_arm.reactionless.paths import FUNCTIONS, PathSpace
-from agents.planners.single_arm.reactionless.search import promise, to_goal
+from agents.planners.single_arm.reactionless.search import promise
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array, to_matrix
 from space_envs.dynamics.spheres import link_ends, sphere_gaps
@@ -105,7 +104,7 @@ class ReactionlessPlanner:
         if self._timing == "shortest":
             yield from (improver.shortest(space, start) for start in near)
             return
-        leading = [to_goal(space, start, NEWTON) for start in near[:RANKED]]
+        leading = near[:RANKED]
         problem = improver.problem(space, duration)
         leading.sort(key=lambda weights: promise(problem, weights))
         found: list[Candidate] = []

@@ -70,11 +70,14 @@ class RateRows:
 
     def slopes(self, path: Samples, by: Sensitivities, at: Places) -> Array:
         """Derivatives (k, m) of the values at some places."""
-        fastest, falls = self.braking.fastest(path)
-        value = path.slope[at] / (self.duration * fastest[at])
-        sign, size = np.sign(value), np.abs(value)
-        direct = (sign / (self.duration * fastest[at]))[:, None] * by.between("slope", *at)
-        return direct - (size * falls[at] / fastest[at])[:, None] * by.between("angle", *at)
+        fastest, falls = (values[at] for values in self.braking.fastest(path))
+        rate = path.slope[at]
+        slope = (np.sign(rate) / (self.duration * fastest))[:, None] * by.between("slope", *at)
+        braked = np.flatnonzero(falls)
+        time, joint = (places[braked] for places in at)
+        change = (np.abs(rate) * falls / (self.duration * fastest**2))[braked]
+        slope[braked] -= change[:, None] * by.between("angle", time, joint)
+        return slope
 
 
 @dataclass(frozen=True, eq=False)

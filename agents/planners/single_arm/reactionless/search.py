@@ -18,7 +18,7 @@ KEPT = 1e-3  # violation of one in the search, as a share of a limit
 LONGEST_MISS = 0.4  # m and rad of the goal error that one iteration takes away
 LONGEST_STEP = 4.0  # rad, of all weights together
 CORRECTIONS = 2  # of a Newton step to the goal
-BAND = 0.35  # below the largest violation, within which rows count in a step
+NEAR, BAND = 0.05, 0.35  # below the largest violation, within which all rows, or every other one, count
 FIRST_DAMPING = 1e-2  # as a fraction of the objective's mean curvature
 _LEAST_DAMPING, _MOST_DAMPING = 1e-6, 1e4  # likewise
 _REFUSED, _POOR, _CORRECTED, _GOOD = 0.05, 0.25, 0.5, 0.6  # actual decrease by the predicted one
@@ -85,8 +85,12 @@ class _Trial:
 
     def places(self) -> list[Places]:
         """Places of the rows that count, of each kind."""
-        least = self.violation - BAND
-        return [np.nonzero(values > least) for values in self.excess]
+        found = []
+        for values in self.excess:
+            counts = values > self.violation - NEAR
+            counts[::2] |= values[::2] > self.violation - BAND
+            found.append(np.nonzero(counts))
+        return found
 
     def chosen(self, places: list[Places]) -> Array:
         """Values (k,) of the rows at places."""
