@@ -19,7 +19,6 @@ NEWTON = 30  # iterations to the goal at most
 SHARE = 0.985  # of the limits that a search allows
 TIGHTER = 0.995  # of the share that kept the limits between the nodes as well, for the next search
 SEARCHES = 4  # for one plan at most, from the last one's result
-NEARLY = 1.3  # times the duration, above which a result is no start for a further search
 FASTER = 0.85  # times the shortest duration so far, for which a search asks next; its root once one fails
 MINUTE = 0.01  # relative shortening that is not worth a search
 SHORTENINGS = 30  # searches at most
@@ -31,13 +30,21 @@ SPARE = 1.003  # times the shortest duration at the samples, for what lies betwe
 
 
 class Effort(NamedTuple):
-    """Effort of a search: iterations at most, and the relative gain below which one is the last."""
+    """Effort of a search.
+
+    Attributes:
+        iterations: at most. gain: relative one below which an iteration is the last. nearly: violation, as a
+            share of a limit, up to which a search goes on from its result. clear: whether clearances count
+            from the start; otherwise once a path is found that comes too close.
+    """
 
     iterations: int
     gain: float
+    nearly: float = 0.15
+    clear: bool = True
 
 
-QUICK, PATIENT = Effort(10, 3e-3), Effort(40, 3e-3)
+QUICK, PATIENT = Effort(10, 3e-3, nearly=0.3, clear=False), Effort(40, 3e-3)
 SHORTENING = Effort(8, 0.1)
 
 
@@ -82,14 +89,14 @@ class PathImprover:
         self, space: PathSpace, objective: Objective, weights: Array, duration: float, effort: Effort
     ) -> Candidate:
         """The same for another objective."""
-        limits, share = self._free, SHARE
+        limits, share = self._limits if effort.clear else self._free, SHARE
         if not np.abs(space.missed(weights)).max() < FAR:
             weights = to_goal(space, weights, NEWTON)
         for _ in range(SEARCHES):
             problem = self._problem(space, objective, limits, duration, share)
-            search = minimise(problem, weights, *effort)
+            search = minimise(problem, weights, effort.iterations, effort.gain)
             found = self.polished(space, search.weights)
-            if found.keeps(duration) or not found.shortest < NEARLY * duration:
+            if found.keeps(duration) or search.violation > effort.nearly:
                 break
             if search.kept and found.shortest > duration:
                 share *= TIGHTER * (duration / found.shortest) ** 2
@@ -118,7 +125,7 @@ class PathImprover:
         """The path near weights that keeps the limits at a duration in s, or violates them little."""
         objective = LeastDisturbance(space, duration, SHORTENING_UNIT)
         problem = self._problem(space, objective, self._limits, duration, SHARE)
-        return self.polished(space, minimise(problem, weights, *SHORTENING).weights)
+        return self.polished(space, minimise(problem, weights, SHORTENING.iterations, SHORTENING.gain).weights)
 
     def _problem(
         self, space: PathSpace, objective: Objective, limits: PathLimits, duration: float, share: float
