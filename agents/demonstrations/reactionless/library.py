@@ -22,11 +22,11 @@ from space_envs.policy import PolicyContext
 from space_envs.robots.robot import Robot
 
 ENV = "SpaceCapture/SingleArm-v0"
-STARTS = 3  # at random, of each goal
+STARTS = 2  # at random, of each goal
 ROUNDS = 2  # in which the motions of neighbouring goals are tried
 NEIGHBOURS = 4  # of a round
 CHUNK = 10  # goals a file of partial results
-TRIED, EXHAUSTIVE = Effort(25, 1e-2), Effort(100, 1e-4)  # of each start, and of the best motion
+TRIED, EXHAUSTIVE = Effort(25, 1e-2), Effort(60, 3e-4)  # of each start, and of the best motion
 LATE = 1.0  # m^2/s, cost of a motion per second that it takes longer than the task gives
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from agents.planners.common.plans import Cause
 from agents.planners.single_arm.inequalities.spheres import NearestPoints
 from agents.planners.single_arm.reactionless.paths import Samples, Sensitivities
-from agents.planners.single_arm.reactionless.rows import Places, Rows
+from agents.planners.single_arm.reactionless.rows import PathRows, Places
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
 from space_envs.dynamics.spheres import sphere_gaps
@@ -23,7 +23,7 @@ SPHERE_CLEARANCE, SPHERE_SCALE = 0.012, 0.2  # m, of the search as the two above
 _STEP = 1e-6  # rad, of difference quotients
 
 
-class Clearance(Rows, Protocol):
+class Clearance(PathRows, Protocol):
     """Clearance from some obstacle.
 
     Attributes:

@@ -8,7 +8,7 @@ import numpy as np
 from agents.planners.common.plans import Cause, Failure
 from agents.planners.single_arm.reactionless.clearances import clearance_fault
 from agents.planners.single_arm.reactionless.limits import PathLimits
-from agents.planners.single_arm.reactionless.objectives import COST_UNIT, LeastDisturbance, Objective
+from agents.planners.single_arm.reactionless.objectives import COST_UNIT, LeastDisturbance, PathObjective
 from agents.planners.single_arm.reactionless.paths import FUNCTIONS, PathSpace, Samples
 from agents.planners.single_arm.reactionless.search import PathProblem, minimise, to_goal
 from space_envs.dynamics.rotations import Array
@@ -22,7 +22,7 @@ SEARCHES = 4  # for one plan at most, from the last one's result
 FASTER = 0.85  # times the shortest duration so far, for which a search asks next; its root once one fails
 MINUTE = 0.01  # relative shortening that is not worth a search
 SHORTENINGS = 30  # searches at most
-SHORTENING_UNIT = 100.0 * COST_UNIT  # m^2/s, of eq. 20 times dt in them
+FEASIBLE_UNIT = 100.0 * COST_UNIT  # m^2/s, of eq. 20 times dt where limits come first
 HOPELESS = 1e4  # s, duration of paths that are not worth a search
 POLISHED = 1e-6  # m and rad, pose error of a plan
 POLISHING = 10  # iterations at most
@@ -45,7 +45,7 @@ class Effort(NamedTuple):
 
 
 QUICK, PATIENT = Effort(10, 3e-3, nearly=0.3, clear=False), Effort(40, 3e-3)
-SHORTENING = Effort(8, 0.1)
+CAREFUL, SHORTENING = Effort(20, 3e-3), Effort(8, 0.1)
 
 
 class Candidate(NamedTuple):
@@ -85,8 +85,17 @@ class PathImprover:
         """The path of least cost near weights (n, K) at a duration in s, or one that is nearly as short."""
         return self.least(space, LeastDisturbance(space, duration), weights, duration, effort)
 
+    def feasible(self, space: PathSpace, weights: Array, duration: float) -> Candidate:
+        """A path near weights (n, K) that keeps all limits, its cost made small once there is one."""
+        objective = LeastDisturbance(space, duration, FEASIBLE_UNIT)
+        found = self.least(space, objective, weights, duration, PATIENT)
+        if not found.keeps(duration):
+            return found
+        cheaper = self.least_cost(space, found.weights, duration, CAREFUL)
+        return cheaper if cheaper.keeps(duration) else found
+
     def least(
-        self, space: PathSpace, objective: Objective, weights: Array, duration: float, effort: Effort
+        self, space: PathSpace, objective: PathObjective, weights: Array, duration: float, effort: Effort
     ) -> Candidate:
         """The same for another objective."""
         limits, share = self._limits if effort.clear else self._free, SHARE
@@ -123,12 +132,14 @@ class PathImprover:
 
     def _shorter(self, space: PathSpace, weights: Array, duration: float) -> Candidate:
         """The path near weights that keeps the limits at a duration in s, or violates them little."""
-        objective = LeastDisturbance(space, duration, SHORTENING_UNIT)
+        objective = LeastDisturbance(space, duration, FEASIBLE_UNIT)
         problem = self._problem(space, objective, self._limits, duration, SHARE)
-        return self.polished(space, minimise(problem, weights, SHORTENING.iterations, SHORTENING.gain).weights)
+        return self.polished(
+            space, minimise(problem, weights, SHORTENING.iterations, SHORTENING.gain).weights
+        )
 
     def _problem(
-        self, space: PathSpace, objective: Objective, limits: PathLimits, duration: float, share: float
+        self, space: PathSpace, objective: PathObjective, limits: PathLimits, duration: float, share: float
     ) -> PathProblem:
         return PathProblem(space, objective, limits.rows(space, duration, share))
 

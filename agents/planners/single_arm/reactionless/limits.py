@@ -10,9 +10,9 @@ from agents.planners.single_arm.reactionless.paths import PathSpace, Samples
 from agents.planners.single_arm.reactionless.rows import (
     AccelerationRows,
     AngleRows,
-    Braking,
+    BrakingLimit,
+    PathRows,
     RateRows,
-    Rows,
     TorqueRows,
 )
 from space_envs.dynamics.rotations import Array
@@ -49,9 +49,9 @@ class PathLimits:
         """Largest angle beyond its range, rad, negative inside."""
         return float(self.limits.beyond_angles(path.angle).max())
 
-    def rows(self, space: PathSpace, duration: float, share: float) -> tuple[Rows, ...]:
-        """Rows of a search that keeps a share of the limits at a duration in s, and the clearances."""
-        limits, found = self.limits, list[Rows]()
+    def rows(self, space: PathSpace, duration: float, share: float) -> tuple[PathRows, ...]:
+        """PathRows of a search that keeps a share of the limits at a duration in s, and the clearances."""
+        limits, found = self.limits, list[PathRows]()
         found += [AngleRows(limits.angles(space.n)), RateRows(self._braking(space.n), duration, share)]
         if limits.acceleration is not None:
             found.append(AccelerationRows(np.asarray(limits.acceleration), duration, share))
@@ -60,6 +60,6 @@ class PathLimits:
                 found.append(TorqueRows(space.arm, np.asarray(limit), duration, share, accelerated))
         return (*found, *self.clearances)
 
-    def _braking(self, n: int) -> Braking:
+    def _braking(self, n: int) -> BrakingLimit:
         rate = np.asarray(np.inf if self.limits.rate is None else self.limits.rate)
-        return Braking(rate, self.deceleration, self.limits.angles(n))
+        return BrakingLimit(rate, self.deceleration, self.limits.angles(n))

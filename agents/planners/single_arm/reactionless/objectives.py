@@ -10,7 +10,7 @@ from space_envs.dynamics.rotations import Array
 COST_UNIT = 1e-4  # m^2/s, of eq. 20 times dt
 
 
-class Objective(Protocol):
+class PathObjective(Protocol):
     """A sum of squares."""
 
     def residual(self, path: Samples) -> Array:

@@ -5,6 +5,7 @@ from functools import cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agents.planners.single_arm.reactionless.flow.functions import FINER, FlowFunctions
 from agents.planners.single_arm.reactionless.flow.series import Series
@@ -14,6 +15,8 @@ from agents.planners.single_arm.weights.shapes import INTERVALS
 from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array
 
+Index = NDArray[np.intp]
+Quantity = Literal["angle", "slope", "curve", "shift"]
 FUNCTIONS = 10  # sines that drive each joint
 STEPS = 24  # of a roll-out in the search
 STEEPEST = 1e6  # derivative of an angle by a weight; beyond it a path is lost near a singular configuration
@@ -65,8 +68,8 @@ class Sensitivities:
         """Of d2q/ds2, (N + 1, n, m)."""
         return (self._series.odd @ self.slope.reshape(len(self.slope), -1)).reshape(self.slope.shape)
 
-    def between(self, name: Literal["angle", "slope", "curve", "shift"], time: Array, part: Array) -> Array:
-        """Derivatives (k, m) of components of a quantity, at samples of `Rollout.dense`."""
+    def between(self, name: Quantity, time: Index, part: Index) -> Array:
+        """Derivatives (k, m) of components of a quantity, at samples of `PathRollout.dense`."""
         matrix, values = self._between(name)
         out = np.empty((len(time), values.shape[2]))
         for column in range(values.shape[1]):
@@ -74,12 +77,12 @@ class Sensitivities:
             out[at] = matrix[time[at]] @ values[:, column]
         return out
 
-    def between_all(self, name: Literal["angle", "slope", "curve", "shift"], time: Array) -> Array:
-        """Derivatives (k, n, m) of all components of a quantity, at samples of `Rollout.dense`."""
+    def between_all(self, name: Quantity, time: Index) -> Array:
+        """Derivatives (k, n, m) of all components of a quantity, at samples of `PathRollout.dense`."""
         matrix, values = self._between(name)
         return (matrix[time] @ values.reshape(len(values), -1)).reshape(-1, *values.shape[1:])
 
-    def _between(self, name: str) -> tuple[Array, Array]:
+    def _between(self, name: Quantity) -> tuple[Array, Array]:
         between = self._series.between
         return {
             "angle": (between.even, self.angle),
@@ -89,7 +92,7 @@ class Sensitivities:
         }[name]
 
 
-class Rollout(NamedTuple):
+class PathRollout(NamedTuple):
     """A path in the search with what its derivatives need.
 
     Attributes:
@@ -136,7 +139,7 @@ class PathSpace:
         angle = self._functions.path(self._start, self._velocity(weights, self.series))[0][self.end - 1]
         return self._goal(PathEnd(angle, self._centre - self._functions.centre(angle)[0])).miss
 
-    def rollout(self, weights: Array) -> "Rollout":
+    def rollout(self, weights: Array) -> "PathRollout":
         """The path of weights (n, K) in the search."""
         series = self.series
         velocity = self._velocity(weights, series)
@@ -146,7 +149,7 @@ class PathSpace:
         shift = self._centre - centre
         miss = self._goal(PathEnd(angle[self.end], shift[self.end])).miss
         path = Samples(angle, slope, series.odd @ slope, shift, series.even @ shift, miss, self.end)
-        return Rollout(path, self._dense(path), velocity, points, by_angle)
+        return PathRollout(path, self._dense(path), velocity, points, by_angle)
 
     def _dense(self, path: Samples) -> Samples:
         """A path at twice as many samples."""
@@ -156,7 +159,7 @@ class PathSpace:
         moved = to.even @ shift, to.even_slope @ shift
         return Samples(to.even @ path.angle, *rates, *moved, path.miss, end)
 
-    def sensitivities(self, rollout: "Rollout") -> Sensitivities:
+    def sensitivities(self, rollout: "PathRollout") -> Sensitivities:
         """Derivatives of a path in the search."""
         (path, _, velocity, points, by_q), n, functions = rollout, self.n, self._functions
         at_points = velocity.reshape(STEPS, 3, n)[:, [0, 1, 1, 2]].reshape(-1, n)

@@ -13,7 +13,6 @@ from agents.planners.single_arm.reactionless.clearances import CLEARANCE, Sphere
 from agents.planners.single_arm.reactionless.goals import PoseRows
 from agents.planners.single_arm.reactionless.improvement import (
     METHOD,
-    PATIENT,
     QUICK,
     Candidate,
     PathImprover,
@@ -114,7 +113,7 @@ class ReactionlessPlanner:
         starts = [*(candidate.weights for candidate in found), *near[RANKED:]]
         if reach.spheres is not None and len(reach.spheres) and self._library is not None:
             starts += self._random_starts()
-        yield from (improver.least_cost(space, start, duration, PATIENT) for start in starts)
+        yield from (improver.feasible(space, start, duration) for start in starts)
 
     def _starts(self, reach: Reach) -> list[Array]:
         """Weights (n, K) of stored motions, the nearest goals first, or random ones without a library."""

@@ -13,7 +13,7 @@ _EQUATION = 5  # kind of a row for the solver
 _NONE = 1e30  # stands for no limit
 
 
-class Step(NamedTuple):
+class ProgramStep(NamedTuple):
     """Minimum: step (m,), multipliers (r,) of the equations, and the largest violation that remains."""
 
     step: Array
@@ -39,7 +39,7 @@ class StepProgram:
         self._kinds = np.zeros(len(self._matrix), dtype=np.int32)
         self._kinds[:count] = _EQUATION
 
-    def solve(self, miss: Array, excess: Array) -> Step | None:
+    def solve(self, miss: Array, excess: Array) -> ProgramStep | None:
         """The step that takes a miss (r,) away, from rows with an excess (k,); None if the solver fails."""
         high = np.concatenate([-miss, -excess, [_NONE]])
         low = np.concatenate([-miss, np.full(len(excess), -_NONE), [0.0]])
@@ -48,4 +48,4 @@ class StepProgram:
         )
         if status <= 0:
             return None
-        return Step(found[:-1], information["lam"][: len(miss)], float(found[-1]))
+        return ProgramStep(found[:-1], information["lam"][: len(miss)], float(found[-1]))

@@ -4,13 +4,12 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from agents.planners.single_arm.reactionless.paths import Samples, Sensitivities
+from agents.planners.single_arm.reactionless.paths import Index, Quantity, Samples, Sensitivities
 from agents.planners.single_arm.weights.functions import ArmFunctions
 from space_envs.dynamics.rotations import Array
 
-Places = tuple[NDArray[np.intp], ...]
+Places = tuple[Index, ...]
 """Indices (k,) of rows among the values of one kind, the sample first."""
 
 ANGLE_MARGIN = 0.02  # rad, to the ends of joint ranges
@@ -18,7 +17,7 @@ ANGLE_SCALE = 0.3  # rad beyond its range that count as much as a rate at twice 
 LEAST_ROOM = 1e-3  # rad, to the end of a range, that the braking law counts with
 
 
-class Rows(Protocol):
+class PathRows(Protocol):
     """Inequalities of one kind along a path."""
 
     def excess(self, path: Samples) -> Array:
@@ -31,7 +30,7 @@ class Rows(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Braking:
+class BrakingLimit:
     """Largest rates of joints, also those from which the drives brake them before the ends of their ranges.
 
     Attributes:
@@ -60,7 +59,7 @@ class Braking:
 class RateRows:
     """Rates of a path at a duration in s keep below a share of their limits."""
 
-    braking: Braking
+    braking: BrakingLimit
     duration: float
     share: float
 
@@ -72,7 +71,7 @@ class RateRows:
         """Derivatives (k, m) of the values at some places."""
         fastest, falls = (values[at] for values in self.braking.fastest(path))
         rate = path.slope[at]
-        slope = (np.sign(rate) / (self.duration * fastest))[:, None] * by.between("slope", *at)
+        slope = (np.sign(rate) / (self.duration * fastest))[:, None] * by.between("slope", at[0], at[1])
         braked = np.flatnonzero(falls)
         time, joint = (places[braked] for places in at)
         change = (np.abs(rate) * falls / (self.duration * fastest**2))[braked]
@@ -95,7 +94,7 @@ class AccelerationRows:
     def slopes(self, path: Samples, by: Sensitivities, at: Places) -> Array:
         """Derivatives (k, m) of the values at some places."""
         scale = np.broadcast_to(self.duration**2 * self.limit, path.curve.shape)
-        return (np.sign(path.curve) / scale)[at][:, None] * by.between("curve", *at)
+        return (np.sign(path.curve) / scale)[at][:, None] * by.between("curve", at[0], at[1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +126,7 @@ class TorqueRows:
         weight = np.zeros((len(time), n))
         weight[np.arange(len(time)), joint] = (np.sign(torque) / scale)[at]
         (slope,) = self.arm.torque_slope(path.angle[time], path.slope[time], curve[time], weight)
-        names = ("angle", "slope", "curve") if self.accelerated else ("angle", "slope")
+        names: tuple[Quantity, ...] = ("angle", "slope", "curve") if self.accelerated else ("angle", "slope")
         moved = np.concatenate([by.between_all(name, time) for name in names], axis=1)  # (k, 3 n, m)
         return (slope[:, None, : moved.shape[1]] @ moved)[:, 0]
 
@@ -150,4 +149,4 @@ class AngleRows:
         """Derivatives (k, m) of the values at some places."""
         low, high = self.ranges.T
         sign = np.where(path.angle - high > low - path.angle, 1.0, -1.0)[at]
-        return (sign / ANGLE_SCALE)[:, None] * by.between("angle", *at)
+        return (sign / ANGLE_SCALE)[:, None] * by.between("angle", at[0], at[1])

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.planners.single_arm.reactionless.objectives import Objective
-from agents.planners.single_arm.reactionless.paths import FUNCTIONS, PathSpace, Rollout
-from agents.planners.single_arm.reactionless.program import VIOLATION, Step, StepProgram
-from agents.planners.single_arm.reactionless.rows import Places, Rows
+from agents.planners.single_arm.reactionless.objectives import PathObjective
+from agents.planners.single_arm.reactionless.paths import FUNCTIONS, PathRollout, PathSpace
+from agents.planners.single_arm.reactionless.program import VIOLATION, ProgramStep, StepProgram
+from agents.planners.single_arm.reactionless.rows import PathRows, Places
 from space_envs.dynamics.rotations import Array
 
 REACHED = 1e-3  # m and rad, of a path in the search; plans are polished
@@ -43,8 +43,8 @@ class PathProblem:
     """A search: the objective, and rows that a path keeps besides the goal of its space."""
 
     space: PathSpace
-    objective: Objective
-    rows: tuple[Rows, ...]
+    objective: PathObjective
+    rows: tuple[PathRows, ...]
 
     def at(self, weights: Array) -> "_Trial":
         """The path of weights (n, K)."""
@@ -58,7 +58,7 @@ class _Trial:
     """A path without its derivatives: residuals (r,) and the values of all rows."""
 
     weights: Array
-    rollout: Rollout
+    rollout: PathRollout
     residual: Array
     excess: tuple[Array, ...]
 
@@ -125,12 +125,12 @@ class _Point:
         """Part of the goal error that a step takes away."""
         return min(1.0, LONGEST_MISS / max(float(np.linalg.norm(self.trial.miss)), 1e-12))
 
-    def corrected(self, program: StepProgram, step: Array, trial: _Trial) -> Step | None:
+    def corrected(self, program: StepProgram, step: Array, trial: _Trial) -> ProgramStep | None:
         """The step of second order, by what a trial of the first one shows of the constraints' curvature."""
         miss = trial.miss - self.equations @ step
         return program.solve(miss, trial.chosen(self.places) - self.rows @ step)
 
-    def predicted(self, found: Step, penalty: float) -> float:
+    def predicted(self, found: ProgramStep, penalty: float) -> float:
         """Merit that a step promises."""
         residual = self.trial.residual + self.slope @ found.step
         left = (1.0 - self.part()) * float(np.abs(self.trial.miss).sum())
@@ -203,7 +203,9 @@ def minimise(problem: PathProblem, weights: Array, iterations: int, gain: float)
     return Found(trial.weights, trial.objective, trial.violation, number)
 
 
-def _trials(problem: PathProblem, point: _Point, program: StepProgram, found: Step) -> Iterator[_Trial]:
+def _trials(
+    problem: PathProblem, point: _Point, program: StepProgram, found: ProgramStep
+) -> Iterator[_Trial]:
     """Paths after a step, and after its correction unless it is too long."""
     step = _short(found.step)
     trial = problem.at(point.trial.weights + _shaped(problem.space, step))
