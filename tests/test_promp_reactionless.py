@@ -108,6 +108,37 @@ def test_plans_meet_the_goal_and_keep_every_limit_between_their_nodes(timing: Ti
         assert satellite_gaps(CONTEXT.robot, plan.sample(np.linspace(0.0, LONG, 300))[0]).min() > 0.0
 
 
+def test_slopes_of_limits_are_those_of_differences() -> None:
+    """At the ends of the steps and between them, of limits that the path violates and of those it keeps."""
+    space, weights, step = space_of(0), weights_of(2), 1e-6
+    way = weights_of(3)
+    rollout = space.rollout(weights)
+    by = space.sensitivities(rollout)
+    dense = [space.rollout(weights + sign * step * way).dense for sign in (1.0, -1.0)]
+    rows = LIMITS.rows(space, 19.0, 0.9)
+    assert len(rows) == 6  # ranges, rates, accelerations, torques, those of rates alone, and the satellite
+    for kind in rows:
+        at = np.nonzero(np.abs(kind.excess(rollout.dense)) > 0.02)
+        expected = (kind.excess(dense[0])[at] - kind.excess(dense[1])[at]) / (2.0 * step)
+        found = kind.slopes(rollout.dense, by, at) @ way.T.ravel()
+        # Values have corners, where a joint turns back or another side or edge comes nearest.
+        wrong = np.abs(found - expected) > 1e-4 * (1.0 + np.abs(expected))
+        assert len(wrong) > 50 and wrong.mean() < 0.02, type(kind).__name__
+
+
+def test_limits_of_torques_that_bind_are_kept() -> None:
+    reach, library = reach_of(5, 19.0), find_reactionless_library(CONTEXT.robot)
+    weak = replace(LIMITS.limits, torque=0.15 * np.asarray(LIMITS.limits.torque))
+    used = []
+    for limits in (LIMITS, replace(LIMITS, limits=weak)):
+        plan = ReactionlessPlanner(ROBOT, limits, library, candidates=4).plan(reach)
+        assert isinstance(plan, ReachPlan)
+        excess = check(CONTEXT.model, ROBOT, reach, weak, plan).violation
+        used.append(1.0 + excess["torque"] / weak.torque.max())
+        assert max(excess[name] for name in ("position", "rate", "acceleration", "coriolis")) < 1e-3
+    assert used[0] > 1.5 and 0.9 < used[1] < 1.001
+
+
 def test_moving_grapples_are_met_without_turning_the_base() -> None:
     """At a given time, and at one that the planner chooses."""
     planner = ReactionlessPlanner(ROBOT, LIMITS, find_reactionless_library(CONTEXT.robot))
