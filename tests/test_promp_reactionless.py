@@ -16,6 +16,7 @@ from agents.planners.single_arm.reactionless.improvement import PATIENT, PathImp
 from agents.planners.single_arm.reactionless.paths import FUNCTIONS, PathSpace
 from agents.planners.single_arm.reactionless.planner import ReactionlessPlanner, Timing
 from agents.planners.single_arm.reactionless.planner import space_of as paths_of
+from agents.policies.single_arm.optimal import reaches
 from agents.policies.single_arm.reactionless.policy import PrompReactionless
 from agents.policies.single_arm.reactionless.problem import path_limits
 from space_envs.codegen import libraries
@@ -246,6 +247,20 @@ def test_robots_with_too_few_joints_are_refused_with_the_reason() -> None:
     env = CaptureVectorEnv(ID, 1, robot="ur10")
     reasons = PrompReactionless.needs.missing(PolicyContext.from_env(env))
     assert reasons == ["it needs arms of at least 7 joints, those of 'ur10' have 6"]
+
+
+def test_failures_of_robots_without_a_library_name_the_command_that_makes_it() -> None:
+    env = CaptureVectorEnv(ID, 1, robot="panda")
+    observation, _ = env.reset(seed=0)
+    context = PolicyContext.from_env(env)
+    policy = PrompReactionless(context)
+    policy.planner = ReactionlessPlanner(context.arm, path_limits(context), random=1)
+    (asked,) = reaches(context, observation, keep_attitude=True)
+    far = replace(asked, goal=Grapple.at_rest(np.array([50.0, 0.0, 0.0]), asked.end.quaternion))
+    found, refused = policy.plan([replace(asked, duration=1.0), far])
+    assert isinstance(found, Failure) and isinstance(refused, Failure)
+    assert "`python -m agents.demonstrations.reactionless --robot panda` makes" in found.reason
+    assert "agents.demonstrations" not in refused.reason
 
 
 def test_starts_that_lead_nowhere_are_no_plans_and_raise_nothing() -> None:

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.planners.common.plans import Failure
-from agents.planners.single_arm.library import find_reactionless_library
+from agents.planners.common.plans import Cause, Failure
+from agents.planners.single_arm.library import find_reactionless_library, reactionless_command
 from agents.planners.single_arm.problem import Reach, ReachPlan
 from agents.planners.single_arm.reactionless.planner import ReactionlessPlanner, Timing
 from agents.policies.clearance import KeepOut
@@ -40,10 +40,19 @@ class PrompReactionless(FollowingPolicy):
         super().__init__(context, seed)
         library = find_reactionless_library(context.robot)
         self.planner = ReactionlessPlanner(context.arm, path_limits(context), library, timing)
+        self._stored = library is not None
 
     def plan(self, asked: list[Reach]) -> list[ReachPlan | Failure]:
-        """Plans of all rows."""
-        return [self.planner.plan(reach) for reach in asked]
+        """Plans of all rows; without a library, failures of the search name the command that makes it."""
+        plans = [self.planner.plan(reach) for reach in asked]
+        return plans if self._stored else [self._with_command(plan) for plan in plans]
+
+    def _with_command(self, plan: ReachPlan | Failure) -> ReachPlan | Failure:
+        if not isinstance(plan, Failure) or plan.cause is Cause.OUT_OF_REACH:
+            return plan
+        robot = self.context.robot
+        advice = f"starts were random, `{reactionless_command(robot)}` makes a library of {robot.name!r}"
+        return replace(plan, reason=f"{plan.reason}; {advice}")
 
     def plans(self, observation: Array) -> FollowedPlans:
         """Plans of the episodes that start with observations (N, size), to the end of the episode."""
