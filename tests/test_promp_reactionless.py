@@ -116,7 +116,7 @@ def test_slopes_of_limits_are_those_of_differences() -> None:
     rollout = space.rollout(weights)
     by = space.sensitivities(rollout)
     dense = [space.rollout(weights + sign * step * way).dense for sign in (1.0, -1.0)]
-    rows = LIMITS.rows(space, 19.0, 0.9)
+    rows = LIMITS.rows(space, 17.0)
     assert len(rows) == 6  # ranges, rates, accelerations, torques, those of rates alone, and the satellite
     for kind in rows:
         at = np.nonzero(np.abs(kind.excess(rollout.dense)) > 0.02)

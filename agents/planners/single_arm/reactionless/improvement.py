@@ -16,8 +16,8 @@ from space_envs.dynamics.rotations import Array
 METHOD = "promp_reactionless"
 FAR = 0.3  # m or rad to the goal, from which Newton steps come first
 NEWTON = 30  # iterations to the goal at most
-SHARE = 0.985  # of the limits that a search allows
-TIGHTER = 0.995  # of the share that kept the limits between the nodes as well, for the next search
+ASKED = 0.985  # times the duration, for which a search asks: its samples miss the peaks between them
+TIGHTER = 0.997  # of what would have kept the limits between the samples as well, for the next search
 SEARCHES = 4  # for one plan at most, from the last one's result
 FASTER = 0.85  # times the shortest duration so far, for which a search asks next; its root once one fails
 MINUTE = 0.01  # relative shortening that is not worth a search
@@ -79,7 +79,7 @@ class PathImprover:
 
     def problem(self, space: PathSpace, duration: float) -> PathProblem:
         """The search of `least_cost`, by which starts can be compared."""
-        return self._problem(space, LeastDisturbance(space, duration), self._free, duration, SHARE)
+        return self._problem(space, LeastDisturbance(space, duration), self._free, ASKED * duration)
 
     def least_cost(self, space: PathSpace, weights: Array, duration: float, effort: Effort) -> Candidate:
         """The path of least cost near weights (n, K) at a duration in s, or one that is nearly as short."""
@@ -98,17 +98,17 @@ class PathImprover:
         self, space: PathSpace, objective: PathObjective, weights: Array, duration: float, effort: Effort
     ) -> Candidate:
         """The same for another objective."""
-        limits, share = self._limits if effort.clear else self._free, SHARE
+        limits, asked = self._limits if effort.clear else self._free, ASKED * duration
         if not np.abs(space.missed(weights)).max() < FAR:
             weights = to_goal(space, weights, NEWTON)
         for _ in range(SEARCHES):
-            problem = self._problem(space, objective, limits, duration, share)
+            problem = self._problem(space, objective, limits, asked)
             search = minimise(problem, weights, effort.iterations, effort.gain)
             found = self.polished(space, search.weights)
             if found.keeps(duration) or search.violation > effort.nearly:
                 break
             if search.kept and found.shortest > duration:
-                share *= TIGHTER * (duration / found.shortest) ** 2
+                asked *= TIGHTER * duration / found.shortest
             limits = self._limits if found.touches else limits
             weights = found.weights
         return found
@@ -133,15 +133,15 @@ class PathImprover:
     def _shorter(self, space: PathSpace, weights: Array, duration: float) -> Candidate:
         """The path near weights that keeps the limits at a duration in s, or violates them little."""
         objective = LeastDisturbance(space, duration, FEASIBLE_UNIT)
-        problem = self._problem(space, objective, self._limits, duration, SHARE)
+        problem = self._problem(space, objective, self._limits, ASKED * duration)
         return self.polished(
             space, minimise(problem, weights, SHORTENING.iterations, SHORTENING.gain).weights
         )
 
     def _problem(
-        self, space: PathSpace, objective: PathObjective, limits: PathLimits, duration: float, share: float
+        self, space: PathSpace, objective: PathObjective, limits: PathLimits, duration: float
     ) -> PathProblem:
-        return PathProblem(space, objective, limits.rows(space, duration, share))
+        return PathProblem(space, objective, limits.rows(space, duration))
 
     def polished(self, space: PathSpace, weights: Array) -> Candidate:
         """Weights whose finely rolled out path ends at the goal."""

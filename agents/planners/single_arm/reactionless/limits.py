@@ -49,15 +49,15 @@ class PathLimits:
         """Largest angle beyond its range, rad, negative inside."""
         return float(self.limits.beyond_angles(path.angle).max())
 
-    def rows(self, space: PathSpace, duration: float, share: float) -> tuple[PathRows, ...]:
-        """PathRows of a search that keeps a share of the limits at a duration in s, and the clearances."""
+    def rows(self, space: PathSpace, duration: float) -> tuple[PathRows, ...]:
+        """Rows of a search for paths that keep the limits at a duration in s, and the clearances."""
         limits, found = self.limits, list[PathRows]()
-        found += [AngleRows(limits.angles(space.n)), RateRows(self._braking(space.n), duration, share)]
+        found += [AngleRows(limits.angles(space.n)), RateRows(self._braking(space.n), duration)]
         if limits.acceleration is not None:
-            found.append(AccelerationRows(np.asarray(limits.acceleration), duration, share))
+            found.append(AccelerationRows(np.asarray(limits.acceleration), duration))
         for limit, accelerated in ((limits.torque, True), (limits.coriolis, False)):
             if limit is not None:
-                found.append(TorqueRows(space.arm, np.asarray(limit), duration, share, accelerated))
+                found.append(TorqueRows(space.arm, np.asarray(limit), duration, accelerated))
         return (*found, *self.clearances)
 
     def _braking(self, n: int) -> BrakingLimit:

@@ -72,7 +72,7 @@ class Sensitivities:
         """Derivatives (k, m) of components of a quantity, at samples of `PathRollout.dense`."""
         matrix, values = self._between(name)
         out = np.empty((len(time), values.shape[2]))
-        for column in range(values.shape[1]):
+        for column in np.unique(part):
             at = part == column
             out[at] = matrix[time[at]] @ values[:, column]
         return out

@@ -57,15 +57,14 @@ class BrakingLimit:
 
 @dataclass(frozen=True, eq=False)
 class RateRows:
-    """Rates of a path at a duration in s keep below a share of their limits."""
+    """Rates of a path at a duration in s keep below their limits."""
 
     braking: BrakingLimit
     duration: float
-    share: float
 
     def excess(self, path: Samples) -> Array:
         """Values (M + 1, n) at the samples."""
-        return np.abs(path.slope) / (self.duration * self.braking.fastest(path)[0]) - self.share
+        return np.abs(path.slope) / (self.duration * self.braking.fastest(path)[0]) - 1.0
 
     def slopes(self, path: Samples, by: Sensitivities, at: Places) -> Array:
         """Derivatives (k, m) of the values at some places."""
@@ -81,15 +80,14 @@ class RateRows:
 
 @dataclass(frozen=True, eq=False)
 class AccelerationRows:
-    """Accelerations of a path at a duration in s keep below a share of their limits (n,), rad/s^2."""
+    """Accelerations of a path at a duration in s keep below their limits (n,), rad/s^2."""
 
     limit: Array
     duration: float
-    share: float
 
     def excess(self, path: Samples) -> Array:
         """Values (M + 1, n) at the samples."""
-        return np.abs(path.curve) / (self.duration**2 * self.limit) - self.share
+        return np.abs(path.curve) / (self.duration**2 * self.limit) - 1.0
 
     def slopes(self, path: Samples, by: Sensitivities, at: Places) -> Array:
         """Derivatives (k, m) of the values at some places."""
@@ -99,7 +97,7 @@ class AccelerationRows:
 
 @dataclass(frozen=True, eq=False)
 class TorqueRows:
-    """Torques of a path at a duration in s keep below a share of their limits (n,), N m.
+    """Torques of a path at a duration in s keep below their limits (n,), N m.
 
     They are of second degree in rates. Without accelerations they are those that the rates alone require.
     """
@@ -107,13 +105,12 @@ class TorqueRows:
     arm: ArmFunctions
     limit: Array
     duration: float
-    share: float
     accelerated: bool = True
 
     def excess(self, path: Samples) -> Array:
         """Values (M + 1, n) at the samples."""
         (torque,) = self.arm.torque(path.angle, path.slope, self._curve(path))
-        return np.abs(torque) / (self.duration**2 * self.limit) - self.share
+        return np.abs(torque) / (self.duration**2 * self.limit) - 1.0
 
     def slopes(self, path: Samples, by: Sensitivities, at: Places) -> Array:
         """Derivatives (k, m) of the values at some places."""

@@ -175,20 +175,20 @@ def minimise(problem: PathProblem, weights: Array, iterations: int, gain: float)
     `gain` of the objective.
     """
     point, damping, penalty, number = _Point(problem, problem.at(weights)), FIRST_DAMPING, 0.0, 0
+    trial = point.trial
     while number < iterations and point.usable and damping < _MOST_DAMPING:
         number += 1
         program = point.program(damping)
-        found = program.solve(point.part() * point.trial.miss, point.excess)
+        found = program.solve(point.part() * trial.miss, point.excess)
         if found is None:
             damping *= 8.0
             continue
         penalty = max(penalty, 1.5 * float(np.abs(found.multiplier).max()))
-        before = point.trial.merit(penalty)
+        before, best, ratio = trial.merit(penalty), trial, -np.inf
         predicted = max(before - point.predicted(found, penalty), 1e-12)
-        trial, ratio = point.trial, -np.inf
         for tried in _trials(problem, point, program, found):
-            if tried.merit(penalty) < trial.merit(penalty):
-                trial, ratio = tried, (before - tried.merit(penalty)) / predicted
+            if tried.merit(penalty) < best.merit(penalty):
+                best, ratio = tried, (before - tried.merit(penalty)) / predicted
             if ratio > _CORRECTED:
                 break
         if not ratio > _REFUSED:
@@ -196,10 +196,10 @@ def minimise(problem: PathProblem, weights: Array, iterations: int, gain: float)
             continue
         damping = max(0.2 * damping, _LEAST_DAMPING) if ratio > _GOOD else damping
         damping = 4.0 * damping if ratio < _POOR else damping
-        point, gained = _Point(problem, trial), before - trial.merit(penalty)
-        if trial.feasible and gained < gain * trial.objective:
+        trial, gained = best, before - best.merit(penalty)
+        if number == iterations or (trial.feasible and gained < gain * trial.objective):
             break
-    trial = point.trial
+        point = _Point(problem, trial)
     return Found(trial.weights, trial.objective, trial.violation, number)
 
 
