@@ -26,7 +26,7 @@ STARTS = 2  # at random, of each goal
 ROUNDS = 2  # in which the motions of neighbouring goals are tried
 NEIGHBOURS = 4  # of a round
 CHUNK = 10  # goals a file of partial results
-TRIED, EXHAUSTIVE = Effort(25, 1e-2), Effort(60, 3e-4)  # of each start, and of the best motion
+TRIED, EXHAUSTIVE = Effort(20, 1e-2, clear=False), Effort(40, 1e-3, clear=False)
 LATE = 1.0  # m^2/s, cost of a motion per second that it takes longer than the task gives
 
 
