@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from training_runs import ENV_ID, defaults
+from training_runs import ENV_ID, defaults, installed_algorithms
 
 from agents.commands.train import main
 from agents.commands.training.options import environment_keywords
@@ -23,7 +23,7 @@ from space_envs.tasks.common import Field, ObservationLayout
 
 def test_defaults_of_every_id_survive_json() -> None:
     for env_id in ENTRIES:
-        for algorithm, kind in ALGORITHMS.items():
+        for algorithm, kind in installed_algorithms().items():
             settings, parameters, messages = settle({"algo": algorithm, "env": env_id})
             assert settings == Settings(algorithm, env_id) and not messages
             again = from_json(algorithm, json.loads(json.dumps(to_json(parameters))))
@@ -63,7 +63,7 @@ def test_json_with_foreign_names() -> None:
         from_json("ppo", {name: value for name, value in values.items() if name != "steps"})
 
 
-@pytest.mark.parametrize("algorithm", ALGORITHMS)
+@pytest.mark.parametrize("algorithm", installed_algorithms())
 def test_every_hyperparameter_is_an_option_and_a_dry_run_gives_a_file(
     algorithm: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

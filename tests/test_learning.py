@@ -8,16 +8,19 @@ from typing import Any
 import numpy as np
 import pytest
 import torch as th
-from training_runs import ENV_ID, begin, defaults, history, interrupt, run, same, small
+from stable_baselines3.common.callbacks import CallbackList
+from stable_baselines3.common.logger import configure
+from training_runs import ENV_ID, begin, defaults, history, installed_algorithms, interrupt, run, same, small
 
 from agents.commands.training import ship
 from agents.learning import training
 from agents.learning.reinforcement import Reinforcement
 from agents.learning.runs.folder import RunFolder
-from agents.learning.runs.hyperparameters import ALGORITHMS, BC, PPO
+from agents.learning.runs.hyperparameters import BC, CONTRIB, PPO
 from agents.learning.runs.nested_npz import load_nested, save_nested
 from agents.learning.runs.session import Session
 from agents.learning.runs.settings import Settings
+from agents.learning.sb3 import initial
 from agents.learning.validation import Validator
 from agents.policies.baselines import Hold
 from agents.policies.learned.learned_policy import LearnedPolicy
@@ -44,7 +47,7 @@ def weights(folder: RunFolder) -> tuple[np.ndarray, ...]:
 
 def test_every_id_has_a_model_of_every_algorithm() -> None:
     for env_id in ENTRIES:
-        for algorithm in ALGORITHMS:
+        for algorithm in installed_algorithms():
             parameters = defaults(algorithm, env_id)
             if isinstance(parameters, BC):
                 continue
@@ -55,7 +58,7 @@ def test_every_id_has_a_model_of_every_algorithm() -> None:
                 assert parameters.round % parameters.batch_size == 0
 
 
-@pytest.mark.parametrize("algorithm", ["ppo", "sac", "td3"])
+@pytest.mark.parametrize("algorithm", ["ppo", "sac", "td3", *CONTRIB])
 def test_exported_network_agrees_with_stable_baselines(algorithm: str) -> None:
     learner = Reinforcement(Session(RunFolder(Path()), Settings(algorithm, ENV_ID), small(algorithm)))
     features = np.random.default_rng(0).standard_normal((20, learner.view.size)).astype(np.float32)
@@ -161,13 +164,19 @@ def test_nested_values_come_back_as_they_were(tmp_path: Path) -> None:
 # Reinforcement ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("algorithm", ["ppo", "sac", "td3"])
+@pytest.mark.parametrize(
+    ("algorithm", "start"),
+    [("ppo", True), ("sac", False), ("sac", True), ("td3", True), ("tqc", False), ("crossq", True)],
+)
 def test_interrupted_reinforcement_ends_with_the_same_bits(
-    algorithm: str, cloned: RunFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    algorithm: str, start: bool, cloned: RunFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    if algorithm in CONTRIB:
+        pytest.importorskip("sb3_contrib")
+    monkeypatch.setattr(initial, "IMITATION_STEPS", 20)
     changes: dict[str, Any] = {"steps": 480, "validation_interval": 160, "batch_size": 32}
-    if algorithm == "ppo":
-        changes |= {"init": str(cloned.path), "expert": None, "n_steps": 10, "critic_warm_up": 160}
+    changes |= {"init": str(cloned.path), "critic_warm_up": 160} if start else {}
+    changes |= {"n_steps": 10} if algorithm == "ppo" else {"demonstrations": 80} if start else {}
     whole, cut = (begin(tmp_path / name, algorithm, **changes) for name in ("whole", "cut"))
     run(whole)
     halfway = interrupt(cut, monkeypatch, after=160)
@@ -185,6 +194,30 @@ def test_interrupted_reinforcement_ends_with_the_same_bits(
         rows = before["replay"]["pos"]
         assert 0 < rows < after["replay"]["pos"] and 0 < before["n_updates"] < after["n_updates"]
         assert same(after["replay"]["observations"][:rows], before["replay"]["observations"])
+
+
+@pytest.mark.parametrize("algorithm", ["sac", "td3"])
+def test_an_off_policy_run_starts_as_the_policy_and_stays_near_it(
+    algorithm: str, cloned: RunFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also with another network, and a critic that knows nothing: the cloning term is for that."""
+    monkeypatch.setattr(initial, "IMITATION_STEPS", 400)
+    changes = {"hidden": (32, 32), "demonstrations": 400, "critic_warm_up": 0, "learning_rate": 1e-3}
+    file, differences = load_policy_file(cloned.policy), {}
+    for weight in (0.0, 1e3):
+        parameters = small(algorithm, **changes, steps=800, cloning_weight=weight)
+        learner = Reinforcement(Session(RunFolder(Path()), Settings(algorithm, ENV_ID), parameters))
+        learner.start_from(file.network)
+        seen = learner.model.replay_buffer.observations[:100].reshape(-1, learner.view.size)
+        expected = file.network.actions(seen)
+        differences["start"] = np.abs(learner.network.actions(seen) - expected).mean()
+        assert learner.model.num_timesteps == 400 and not learner.learned
+        callback = CallbackList([])
+        learner.hold_actor()
+        learner.model.set_logger(configure(None, []))
+        learner.model.learn(400, callback, reset_num_timesteps=False)
+        differences[weight] = np.abs(learner.network.actions(seen) - expected).mean()
+    assert differences["start"] < 0.05 and differences[1e3] < 0.05 < differences[0.0], differences
 
 
 def test_a_run_that_only_warmed_up_does_not_pass_as_an_improvement(cloned: RunFolder, tmp_path: Path) -> None:

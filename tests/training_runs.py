@@ -1,6 +1,7 @@
 """Training runs of a second or two, for the tests of everything that happens to a run."""
 
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import pytest
 from agents.learning.progress import Progress
 from agents.learning.runs.defaults import default_hyperparameters
 from agents.learning.runs.folder import RunFolder
-from agents.learning.runs.hyperparameters import AnyHyperparameters
+from agents.learning.runs.hyperparameters import ALGORITHMS, CONTRIB, AnyHyperparameters
 from agents.learning.runs.settings import Settings
 from agents.learning.training import learn
 from space_envs.registration import make_task
@@ -33,8 +34,7 @@ SMALL: dict[str, dict[str, Any]] = {
         "critic_warm_up": 128,
         "expert": "gjm",
     },
-    "sac": _OFF_POLICY,
-    "td3": _OFF_POLICY,
+    **dict.fromkeys(("sac", "td3", "tqc", "crossq"), _OFF_POLICY),
     "bc": {
         "num_envs": 16,
         "steps": 4 * 320,
@@ -44,6 +44,12 @@ SMALL: dict[str, dict[str, Any]] = {
         "expert": "gjm",
     },
 }
+
+
+def installed_algorithms() -> dict[str, type[AnyHyperparameters]]:
+    """Hyperparameters of the algorithms whose packages are installed, by name."""
+    here = find_spec("sb3_contrib") is not None
+    return {name: kind for name, kind in ALGORITHMS.items() if here or name not in CONTRIB}
 
 
 def defaults(algorithm: str, env_id: str = ENV_ID, **changes: Any) -> AnyHyperparameters:

@@ -24,6 +24,7 @@ Train a policy and keep the best one on the validation split (the held-out part 
   train.py --algo bc --expert mpc            behaviour cloning alone, of any expert
   train.py --algo ppo --init runs/my-bc      ppo from a policy that was trained earlier
   train.py --algo ppo --init none            ppo from random weights
+  train.py --algo td3 --init runs/my-bc      off-policy, with the clone's steps in the replay buffer
   train.py --hidden 64 64 --learning-rate 1e-4 --env-kwargs horizon=100 reward=sparse
   train.py --env my_package:Mine/Task-v0     a task of your own
   train.py --resume runs/my-ppo              continue a run that was stopped or killed

@@ -5,10 +5,12 @@ from typing import Any
 import numpy as np
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from agents.learning.progress import Progress
-from agents.learning.runs.hyperparameters import PPO
+from agents.learning.runs.hyperparameters import PPO, OffPolicy
 from agents.learning.runs.session import Session
+from agents.learning.sb3.initial import InitialPolicy
 from agents.learning.sb3.model import actor_parameters, build_model, export_network, import_network
 from agents.learning.sb3.state import model_state, random_state, restore_model, restore_random_state
 from agents.learning.sb3.vec_env import NativeVecEnv
@@ -25,7 +27,7 @@ class Reinforcement:
     that is reached, and a replay buffer that is too large for a checkpoint.
 
     Args:
-        session: of the run, with hyperparameters of PPO, SAC or TD3.
+        session: of the run, with hyperparameters of PPO or OffPolicy.
 
     Raises:
         ConfigurationError: for settings that the environment does not know.
@@ -44,8 +46,9 @@ class Reinforcement:
         rate = self._rate if isinstance(parameters, PPO) else None
         self.episodes = NativeVecEnv(env, self.view)
         self.model: BaseAlgorithm = build_model(parameters, self.episodes, seed, settings.device, rate)
-        self.warm = False  # whether ppo's actor was warm started, and the critic has to catch up first
+        self.warm = False  # whether the actor was warm started, and the critic has to catch up first
         self.learned = False  # whether the actor has been updated
+        self.initial: InitialPolicy | None = None  # of an off-policy model
 
     @property
     def network(self) -> Network:
@@ -54,8 +57,18 @@ class Reinforcement:
 
     def start_from(self, network: Network) -> None:
         """Warm start the actor; errors as in `import_network`."""
-        import_network(self.model, network)
         self.warm = True
+        if isinstance(self.parameters, OffPolicy):
+            self._keep(network).demonstrate()
+        else:
+            import_network(self.model, network)
+
+    def _keep(self, network: Network) -> InitialPolicy:
+        """The initial policy of an off-policy model, to be imitated."""
+        if not isinstance(self.model, OffPolicyAlgorithm) or not isinstance(self.parameters, OffPolicy):
+            raise TypeError(f"{type(self.model).__name__} has no replay buffer")
+        self.initial = InitialPolicy(self.model, network, self.parameters)
+        return self.initial
 
     def state(self) -> dict[str, Any]:
         """State for `restore`."""
@@ -66,6 +79,8 @@ class Reinforcement:
             "warm": self.warm,
             "learned": self.learned,
         }
+        if self.initial is not None:
+            state["initial"] = dict(vars(self.initial.network))
         if self.model._last_obs is not None:  # episodes have been started
             state["episodes"] = self.episodes.snapshot()
             state["seen"] = self.model._last_obs
@@ -75,6 +90,8 @@ class Reinforcement:
     def restore(self, state: dict[str, Any]) -> None:
         """Go back to a checkpoint."""
         restore_model(self.model, state["model"])
+        if "initial" in state:
+            self._keep(Network(**state["initial"]))
         self.start_time, self.warm, self.learned = state["start_time"], state["warm"], state["learned"]
         if "episodes" in state:
             self.episodes.restore(state["episodes"])
@@ -106,8 +123,11 @@ class Reinforcement:
             for parameter in actor_parameters(self.model):
                 parameter.requires_grad_(learns)
             self.learned |= learns
-        else:
-            self.learned = True
+        elif isinstance(self.parameters, OffPolicy):
+            first = self.parameters.demonstrations + self.parameters.critic_warm_up
+            self.learned |= not self.warm or self.model.num_timesteps >= first
+            if self.initial is not None:
+                self.initial.alone = not self.learned
 
     def _rate(self, remaining: float) -> float:
         """Learning rate of ppo, falling linearly with the steps or the time, whichever runs out first."""

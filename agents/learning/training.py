@@ -8,7 +8,7 @@ from agents.learning.progress import Progress
 from agents.learning.reinforcement import Reinforcement
 from agents.learning.runs.defaults import default_hyperparameters
 from agents.learning.runs.folder import RunFolder
-from agents.learning.runs.hyperparameters import BC, PPO, AnyHyperparameters
+from agents.learning.runs.hyperparameters import BC, PPO, AnyHyperparameters, OffPolicy
 from agents.learning.runs.session import Budget, Session
 from agents.learning.runs.settings import Settings
 from agents.learning.runs.warm_start import starting_policy
@@ -22,7 +22,7 @@ Checkpoint = dict[str, Any]
 def learn(folder: RunFolder, episodes: int | None = None, quiet: bool = False) -> dict[str, Any]:
     """Train the run that `RunFolder.create` described, from its checkpoint if there is one.
 
-    ppo first clones its expert, in the folder `clone` of the run, unless it starts from another run.
+    An expert is first cloned, in the folder `clone` of the run, unless it starts from another run.
 
     Args:
         episodes: of the validation split that are played at every interval; None takes the usual number.
@@ -58,7 +58,7 @@ def _learn(session: Session, checkpoint: Checkpoint | None) -> dict[str, Any]:
 
 
 def _learner(session: Session, checkpoint: Checkpoint | None) -> Cloning | Reinforcement:
-    """The learner at its checkpoint; without one ppo is at the network that it starts from."""
+    """The learner at its checkpoint; without one it is at the network that it starts from."""
     start = _start(session) if checkpoint is None else None
     learner = Cloning(session) if isinstance(session.parameters, BC) else Reinforcement(session)
     if checkpoint is not None:
@@ -69,16 +69,16 @@ def _learner(session: Session, checkpoint: Checkpoint | None) -> Cloning | Reinf
 
 
 def _start(session: Session) -> Network | None:
-    """The network that ppo starts from, cloned now if need be."""
+    """The network that learning starts from, cloned now if need be."""
     settings, parameters = session.settings, session.parameters
-    if not isinstance(parameters, PPO):
+    if isinstance(parameters, BC):
         return None
     if settings.init is not None:
         return starting_policy(settings.init, settings.context(), parameters).network
     return None if parameters.expert is None else _clone(session, parameters)
 
 
-def _clone(session: Session, parameters: PPO) -> Network:
+def _clone(session: Session, parameters: PPO | OffPolicy) -> Network:
     """The network that cloning the expert gives; the time that it takes counts."""
     clone = RunFolder(session.folder.path / "clone")
     if finished := clone.summary():
@@ -97,8 +97,8 @@ def _clone(session: Session, parameters: PPO) -> Network:
     return load_policy_file(clone.policy).network
 
 
-def clone_hyperparameters(settings: Settings, parameters: PPO) -> AnyHyperparameters:
-    """Hyperparameters of the cloning that precedes ppo: the id's own, with ppo's network and expert."""
+def clone_hyperparameters(settings: Settings, parameters: PPO | OffPolicy) -> AnyHyperparameters:
+    """Hyperparameters of the cloning that comes first: the id's own, with the run's network and expert."""
     names = ("expert", "hidden", "activation", "features")
     context = settings.context()
     given = {name: getattr(parameters, name) for name in names}

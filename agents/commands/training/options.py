@@ -25,7 +25,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--algo", metavar="NAME", help=f"{', '.join(ALGORITHMS)}; default {DEFAULT_ALGORITHM}")
     add("--env", metavar="ID", help=f"environment id, or module:id; default {DEFAULT_ENV}")
-    add("--init", metavar="RUN", help="ppo: run folder or policy file to start from, or none")
+    add("--init", metavar="RUN", help="run folder or policy file to start from, or none; not for bc")
     add("--seed", type=int, metavar="S", help="of everything random; default 0")
     add("--difficulty", metavar="NAME", help=f"{', '.join(DIFFICULTIES)}; default {Settings.difficulty}")
     add("--control-mode", metavar="NAME", help=f"{', '.join(CONTROL_MODES)}; default {Settings.control_mode}")

@@ -41,6 +41,8 @@ _DUAL_ARM = {
     },
     "sac": {"hidden": (256, 256)},
     "td3": {"hidden": (256, 256)},
+    "tqc": {"hidden": (256, 256)},
+    "crossq": {"hidden": (256, 256)},
 }
 _FEATURES = {
     "SpaceCapture/SingleArm-v0": SINGLE_ARM_FEATURES,

@@ -52,6 +52,11 @@ ActionDeviation = Annotated[
     Range("initial standard deviation of the policy's actions", above=0.0, most=10.0),
 ]
 Expert = Annotated[str | None, Range("policy to clone first, or none")]
+WarmUp = Annotated[
+    int, Range("first steps in which the critic alone learns, after a start from a policy", 0, STEPS)
+]
+PolicyDelay = Annotated[int, Range("updates of the critic for one of the actor", 1, SIZE)]
+Tau = Annotated[float, Range("share of the network in each update of its target", 0.0, 1.0)]
 
 
 @dataclass(frozen=True)
@@ -111,9 +116,7 @@ class PPO(Hyperparameters):
     target_kl: Annotated[float | None, Range("divergence that ends an update early", above=0.0)] = None
     expert: Expert = None
     action_deviation: ActionDeviation = 0.1
-    critic_warm_up: Annotated[
-        int, Range("first steps in which the critic alone learns, after a start from a policy", 0, STEPS)
-    ] = 100_000
+    critic_warm_up: WarmUp = 100_000
     final_rate_ratio: FinalRatio = 0.1
 
     @property
@@ -124,7 +127,11 @@ class PPO(Hyperparameters):
 
 @dataclass(frozen=True)
 class OffPolicy(Hyperparameters):
-    """Hyperparameters that SAC and TD3 share, names as in stable-baselines3."""
+    """Hyperparameters that algorithms with a replay buffer share, names as in stable-baselines3.
+
+    With an initial policy, the replay buffer begins with its steps, the actor learns from the critic only
+    once that has learned from them, and it keeps a cloning term in its loss.
+    """
 
     num_envs: Envs = 16
     learning_rate: LearningRate = 5e-4
@@ -132,9 +139,17 @@ class OffPolicy(Hyperparameters):
     activation: Annotated[str, Range(f"of the hidden layers: {', '.join(ACTIVATIONS)}")] = "relu"
     buffer_size: Annotated[int, Range("steps in the replay buffer", 1, 10**8)] = 200_000
     learning_starts: Annotated[int, Range("steps before the first update", 0, STEPS)] = 5_000
-    tau: Annotated[float, Range("share of the network in each update of its target", 0.0, 1.0)] = 0.005
     train_freq: Annotated[int, Range("control steps of each episode between updates", 1, SIZE)] = 1
     gradient_steps: Annotated[int, Range("steps of Adam in an update", 1, SIZE)] = 8
+    expert: Expert = None
+    demonstrations: Annotated[int, Range("first steps, of the initial policy if there is one", 1, STEPS)] = (
+        20_000
+    )
+    critic_warm_up: WarmUp = 20_000
+    cloning_weight: Annotated[
+        float, Range("of the mean squared difference from the initial policy's action", 0.0, 1e6)
+    ] = 60.0
+    action_deviation: ActionDeviation = 0.1
 
     @property
     def round(self) -> int:
@@ -143,8 +158,8 @@ class OffPolicy(Hyperparameters):
 
 
 @dataclass(frozen=True)
-class SAC(OffPolicy):
-    """Soft actor-critic (Haarnoja et al. 2018) with its entropy coefficient learned.
+class MaximumEntropy(OffPolicy):
+    """Hyperparameters of SAC and its successors, with the entropy coefficient learned.
 
     With stable-baselines3's first coefficient of 1 the entropy outweighs the reward of a step, which is some
     hundredths.
@@ -166,13 +181,37 @@ class SAC(OffPolicy):
 
 
 @dataclass(frozen=True)
+class SAC(MaximumEntropy):
+    """Soft actor-critic (Haarnoja et al. 2018)."""
+
+    tau: Tau = 0.005
+
+
+@dataclass(frozen=True)
+class TQC(SAC):
+    """Truncated quantile critics (Kuznetsov et al. 2020), of sb3-contrib."""
+
+    top_quantiles_to_drop_per_net: Annotated[
+        int, Range("largest quantiles of each critic that a target leaves out", 0, 24)
+    ] = 2
+
+
+@dataclass(frozen=True)
+class CrossQ(MaximumEntropy):
+    """Batch normalisation in place of target networks (Bhatt et al. 2024), of sb3-contrib."""
+
+    policy_delay: PolicyDelay = 3
+
+
+@dataclass(frozen=True)
 class TD3(OffPolicy):
     """Twin delayed deterministic policy gradient (Fujimoto et al. 2018)."""
 
+    tau: Tau = 0.005
     exploration_noise: Annotated[
         float, Range("standard deviation of the noise on actions while collecting", 0.0, 10.0)
     ] = 0.1
-    policy_delay: Annotated[int, Range("updates of the critic for one of the actor", 1, SIZE)] = 2
+    policy_delay: PolicyDelay = 2
     target_policy_noise: Annotated[
         float, Range("standard deviation of the noise on the target's actions", 0.0, 10.0)
     ] = 0.1
@@ -209,11 +248,15 @@ class BC(Hyperparameters):
         return self.num_envs * self.episode_steps
 
 
-AnyHyperparameters = PPO | SAC | TD3 | BC
-ALGORITHMS: dict[str, type[PPO] | type[SAC] | type[TD3] | type[BC]] = {
+CONTRIB = ("tqc", "crossq")  # algorithms of sb3-contrib
+CONTRIB_MISSING = "sb3-contrib: pip install 'space-capture[contrib]'"
+AnyHyperparameters = PPO | SAC | TD3 | TQC | CrossQ | BC
+ALGORITHMS: dict[str, type[AnyHyperparameters]] = {
     "ppo": PPO,
     "sac": SAC,
     "td3": TD3,
+    "tqc": TQC,
+    "crossq": CrossQ,
     "bc": BC,
 }
 

@@ -4,14 +4,17 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from importlib.util import find_spec
 from typing import Any, NamedTuple, get_type_hints
 
 from agents.learning.runs.defaults import default_hyperparameters
 from agents.learning.runs.hyperparameters import (
     ALGORITHMS,
     BC,
-    PPO,
+    CONTRIB,
+    CONTRIB_MISSING,
     AnyHyperparameters,
+    OffPolicy,
     described,
     typed,
 )
@@ -54,10 +57,10 @@ class Settings:
     """Settings of a run that are no hyperparameters.
 
     Attributes:
-        algorithm: ppo, sac, td3 or bc. env_id: registered id, or module:id.
+        algorithm: one of `ALGORITHMS`. env_id: registered id, or module:id.
         control_mode, difficulty: of the environment. env_kwargs: its other keywords, plain values.
         seed: of everything random. device: of torch.
-        init: folder of a run or policy file that ppo starts from; None is none.
+        init: folder of a run or policy file that learning starts from; None is none.
     """
 
     algorithm: str = DEFAULT_ALGORITHM
@@ -127,10 +130,12 @@ def settle(given: Mapping[str, Any]) -> Settled:
     checked_num_envs(parameters.num_envs, settings.task())
     parameters, message = _started(settings, parameters, context, given)
     whole = limited(parameters, own.get("steps"), sooner="validation_interval" not in own)
-    if isinstance(whole, PPO) and "critic_warm_up" not in own and (whole.expert or settings.init):
+    if not isinstance(whole, BC) and (whole.expert or settings.init):
         # Of a short run too the larger part improves the actor.
-        whole = replace(whole, critic_warm_up=min(whole.critic_warm_up, whole.steps // 3))
-    if settings.init is not None and isinstance(whole, PPO):
+        names = {"critic_warm_up", "demonstrations"} if isinstance(whole, OffPolicy) else {"critic_warm_up"}
+        most = whole.steps // (2 * len(names) + 1)
+        whole = replace(whole, **{name: min(getattr(whole, name), most) for name in names - own.keys()})
+    if settings.init is not None and not isinstance(whole, BC):
         starting_policy(settings.init, context, whole)
     return Settled(settings, whole, tuple(filter(None, (message, rounding(whole, own.get("steps"))))))
 
@@ -149,18 +154,18 @@ def _settings(given: Mapping[str, Any]) -> Settings:
     for name in settings.env_kwargs:
         if name in _SET_BY:
             raise ConfigurationError(f"env_kwargs: {name} is set by {_SET_BY[name]}")
-    if "init" in given and settings.algorithm != "ppo":
-        raise ConfigurationError("--init is for ppo alone; the others start from random weights")
+    if "init" in given and settings.algorithm == "bc":
+        raise ConfigurationError("--init is for reinforcement; bc starts from random weights")
     check_device(settings.device)
+    if settings.algorithm in CONTRIB and not find_spec("sb3_contrib"):
+        raise ConfigurationError(f"{settings.algorithm} needs {CONTRIB_MISSING}")
     return settings
 
 
 def _started(
     settings: Settings, parameters: AnyHyperparameters, context: PolicyContext, given: Mapping[str, Any]
 ) -> tuple[AnyHyperparameters, str | None]:
-    """The hyperparameters with the expert that is cloned, and a message where ppo has none."""
-    if not isinstance(parameters, PPO | BC):
-        return parameters, None
+    """The hyperparameters with the expert that is cloned, and a message where there is none."""
     if "init" in given:
         if "expert" in given:
             raise ConfigurationError("give either --init or --expert")
@@ -171,8 +176,8 @@ def _started(
         check_needs(parameters.expert, context)
         return parameters, None
     where = f"{settings.env_id} in control mode {settings.control_mode!r}"
-    if isinstance(parameters, PPO):
-        return parameters, f"no expert is cloned for {where}: ppo starts from random weights"
+    if not isinstance(parameters, BC):
+        return parameters, f"no expert is cloned for {where}: {settings.algorithm} starts from random weights"
     fitting = ", ".join(experts_for(context)) or "none of the registered ones"
     raise ConfigurationError(f"bc needs an --expert for {where}; policies that fit are {fitting}")
 

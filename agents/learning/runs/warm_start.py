@@ -1,6 +1,8 @@
 """Start of training: an expert to clone, or a policy that was trained before."""
 
-from agents.learning.runs.hyperparameters import BC, PPO, AnyHyperparameters
+from typing import Any
+
+from agents.learning.runs.hyperparameters import PPO, AnyHyperparameters, OffPolicy
 from agents.policies.learned.learned_policy import policy_path
 from agents.policies.learned.policy_file import PolicyFile, load_policy_file
 from agents.policies.registry import POLICIES, needs
@@ -23,22 +25,27 @@ def experts_for(context: PolicyContext) -> list[str]:
     return [name for name, row in POLICIES.items() if row.expert and not needs(name).missing(context)]
 
 
-def starting_policy(path: str, context: PolicyContext, parameters: PPO) -> PolicyFile:
-    """The policy of a run's folder or file, checked against what ppo will train.
+def starting_policy(path: str, context: PolicyContext, parameters: PPO | OffPolicy) -> PolicyFile:
+    """The policy of a run's folder or file, checked against what will be trained.
+
+    ppo takes over its weights; the others learn to act like it, so that it may have another network.
 
     Raises:
         PolicyError: if there is none, or it was trained for another task, robot or network.
     """
     file = load_policy_file(policy_path(path))
     file.check_robot(context.robot)
-    for name, got, expected in (
+    checks: list[tuple[str, Any, Any]] = [
         ("environment id", file.env_id, context.env_id),
         ("control mode", file.control_mode, context.control_mode),
         ("features", file.features, parameters.features),
+    ]
+    own = (
         ("hidden layers", tuple(len(bias) for bias in file.network.biases[:-1]), parameters.hidden),
         ("activation", file.network.activation, parameters.activation),
         ("squashing", file.network.squash, False),
-    ):
+    )
+    for name, got, expected in (*checks, *(own if isinstance(parameters, PPO) else ())):
         if got != expected:
             raise PolicyError(f"cannot start from {path}: its {name} is {got!r}, this run has {expected!r}")
     return file
@@ -48,5 +55,4 @@ def knowledge_of(init: str | None, parameters: AnyHyperparameters) -> Knowledge:
     """Knowledge that a run trains with: an expert's, the initial policy's, or that of rewards alone."""
     if init is not None:
         return load_policy_file(policy_path(init)).knowledge
-    cloned = isinstance(parameters, PPO | BC) and parameters.expert is not None
-    return Knowledge.IMITATION if cloned else Knowledge.INTERACTION
+    return Knowledge.INTERACTION if parameters.expert is None else Knowledge.IMITATION

@@ -1,5 +1,6 @@
 """Models of stable-baselines3: built from hyperparameters, their actors as plain networks and back."""
 
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from agents.learning.runs.hyperparameters import AnyHyperparameters
 from agents.policies.learned.network import Network
 from space_envs.errors import PolicyError
 
-_ACTIVATIONS: dict[str, type[nn.Module]] = {  # under the names of agents.policies.learned.network
+ACTIVATION_MODULES: dict[str, type[nn.Module]] = {  # under the names of agents.policies.learned.network
     "tanh": nn.Tanh,
     "relu": nn.ReLU,
     "leaky_relu": nn.LeakyReLU,
@@ -26,9 +27,11 @@ _ACTIVATIONS: dict[str, type[nn.Module]] = {  # under the names of agents.polici
 }
 # Hyperparameters that go to stable-baselines3 under their own names.
 _PPO = "n_steps n_epochs gae_lambda clip_range ent_coef vf_coef max_grad_norm target_kl"
-_OFF_POLICY = "buffer_size learning_starts tau train_freq gradient_steps"
-_SAC = "ent_coef target_entropy"
-_TD3 = "policy_delay target_policy_noise target_noise_clip"
+_OFF_POLICY = "buffer_size learning_starts train_freq gradient_steps"
+_SAC = "tau ent_coef target_entropy"
+_TQC = f"{_SAC} top_quantiles_to_drop_per_net"
+_CROSSQ = "ent_coef target_entropy policy_delay"
+_TD3 = "tau policy_delay target_policy_noise target_noise_clip"
 
 
 def build_model(
@@ -40,7 +43,7 @@ def build_model(
         rate: learning rate by progress remaining; None is constant.
     """
     sizes = list(parameters.hidden)
-    policy: dict[str, Any] = {"activation_fn": _ACTIVATIONS[parameters.activation], "net_arch": sizes}
+    policy: dict[str, Any] = {"activation_fn": ACTIVATION_MODULES[parameters.activation], "net_arch": sizes}
     common: dict[str, Any] = {
         "learning_rate": rate or parameters.learning_rate,
         "batch_size": parameters.batch_size,
@@ -58,6 +61,10 @@ def build_model(
             return PPO("MlpPolicy", env, **common)
         return PPO("MlpPolicy", env, **common, **_values(parameters, _PPO))
     common |= _values(parameters, _OFF_POLICY)
+    if isinstance(parameters, tables.TQC):
+        return import_module("sb3_contrib").TQC("MlpPolicy", env, **common, **_values(parameters, _TQC))
+    if isinstance(parameters, tables.CrossQ):
+        return import_module("sb3_contrib").CrossQ("MlpPolicy", env, **common, **_values(parameters, _CROSSQ))
     if isinstance(parameters, tables.SAC):
         return SAC("MlpPolicy", env, **common, **_values(parameters, _SAC))
     size = env.action_space.shape or (0,)
@@ -75,13 +82,19 @@ def actor_modules(model: BaseAlgorithm) -> tuple[list[nn.Linear], nn.Linear | nn
         policy: Any = model.policy
         return [*_linear(policy.mlp_extractor.policy_net), policy.action_net], policy.log_std
     actor: Any = model.policy.actor
-    if isinstance(model, SAC):
-        return [*_linear(actor.latent_pi), actor.mu], actor.log_std
-    return _linear(actor.mu), None
+    if isinstance(model, TD3):
+        return _linear(actor.mu), None
+    return [*_linear(actor.latent_pi), actor.mu], actor.log_std
 
 
 def _linear(network: nn.Module) -> list[nn.Linear]:
     return [layer for layer in network.children() if isinstance(layer, nn.Linear)]
+
+
+def _normalisations(model: BaseAlgorithm) -> list[nn.Module]:
+    """Normalisations before each linear layer of the actor; none but for CrossQ."""
+    latent = getattr(getattr(model.policy, "actor", None), "latent_pi", nn.Module())
+    return [layer for layer in latent.children() if hasattr(layer, "ra_mean")]
 
 
 def actor_parameters(model: BaseAlgorithm) -> list[nn.Parameter]:
@@ -96,16 +109,17 @@ def actor_parameters(model: BaseAlgorithm) -> list[nn.Parameter]:
 def export_network(model: BaseAlgorithm, activation: str) -> Network:
     """The actor as plain arrays."""
     layers, deviation = actor_modules(model)
-    last = layers[-1]
+    last, normalisations = layers[-1], _normalisations(model) or [None] * len(layers)
+    pairs = [_folded(layer, before) for layer, before in zip(layers, normalisations, strict=True)]
     if isinstance(deviation, nn.Linear):
-        weight, bias = _matrix(deviation), _array(deviation.bias)
+        weight, bias = _folded(deviation, normalisations[-1])
     else:
         weight = np.zeros((last.in_features, last.out_features), dtype=np.float32)
         # TD3 has no deviation of its own: e^-20 is none.
         bias = np.full(last.out_features, -20.0, dtype=np.float32) if deviation is None else _array(deviation)
     return Network(
-        weights=tuple(_matrix(layer) for layer in layers),
-        biases=tuple(_array(layer.bias) for layer in layers),
+        weights=tuple(pair[0] for pair in pairs),
+        biases=tuple(pair[1] for pair in pairs),
         deviation_weight=weight,
         deviation_bias=bias,
         activation=activation,
@@ -132,8 +146,15 @@ def import_network(model: BaseAlgorithm, network: Network) -> None:
             layer.bias.copy_(th.from_numpy(bias))
 
 
-def _matrix(layer: nn.Linear) -> np.ndarray:
-    return np.ascontiguousarray(_array(layer.weight).T)
+def _folded(layer: nn.Linear, normalisation: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Weight (in, out) and bias of a layer, together with what normalises its inputs, if anything does."""
+    weight, bias = np.ascontiguousarray(_array(layer.weight).T), _array(layer.bias)
+    if normalisation is None:
+        return weight, bias
+    mean, variance = _array(normalisation.ra_mean), _array(normalisation.ra_var)
+    scale = _array(normalisation.scale) / np.sqrt(variance + normalisation.eps)
+    shift = _array(normalisation.bias) - scale * mean
+    return (scale[:, None] * weight).astype(np.float32), (bias + shift @ weight).astype(np.float32)
 
 
 def _array(parameter: th.Tensor) -> np.ndarray:
