@@ -80,7 +80,7 @@ def judged(task: CaptureTask, seen: Seen, rate_limit: Array, over: bool) -> Judg
         layout=task.layout,
         limits=task.limits,
     )
-    return Judged(_terms(task, step, length), outcome, last, final, held[every, last])
+    return Judged(_terms(task, step, length, last), outcome, last, final, held[every, last])
 
 
 def _held(inside: NDArray[np.bool_], seen: Seen) -> Array:
@@ -102,15 +102,24 @@ def _touched(task: CaptureTask, sensors: Array) -> NDArray[np.bool_]:
     return touched
 
 
-def _terms(task: CaptureTask, step: StepQuantities, length: Array) -> Array:
-    """Sums (k, t) of the weighted reward terms between M + 1 instants that are length (k, M) apart."""
+def _terms(task: CaptureTask, step: StepQuantities, length: Array, last: NDArray[np.int64]) -> Array:
+    """Sums (k, t) of the weighted reward terms between M + 1 instants that are length (k, M) apart.
+
+    Args:
+        last: (k,) instant of the end.
+    """
     passed = length > 0.0
     lasting = np.zeros((len(length), length.shape[1] + 1))  # control periods, of the value at each instant
     lasting[:, 1:] += 0.5 * (length + passed)
     lasting[:, :-1] += 0.5 * (length - passed)
     once, terms = np.pad(passed, ((0, 0), (1, 0))), np.empty((len(length), len(task.reward_terms)))
+    every, captured = np.arange(len(length)), step.captured.reshape(once.shape)
     for column, term in enumerate(task.reward_terms):
-        first = term.rate(0.0)
-        weight = first * once + (term.rate(task.control_period) - first) * lasting
-        terms[:, column] = (term.function(step).reshape(weight.shape) * weight).sum(axis=1)
+        values, first = term.function(step).reshape(once.shape), term.rate(0.0)
+        if term.per == "change":  # of a potential, which is 0 at a capture
+            end = np.where(captured[every, last], 0.0, values[every, last])
+            terms[:, column] = first * (end - values[:, 0])
+        else:
+            weight = first * once + (term.rate(task.control_period) - first) * lasting
+            terms[:, column] = (values * weight).sum(axis=1)
     return terms
