@@ -71,7 +71,8 @@ class Lookahead:
     def __init__(self, drive: Drive, fields: tuple[str, ...] = ()) -> None:
         self.drive = drive
         simulation, model = drive.simulation, copy.copy(drive.simulation.model)
-        model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_SENSOR)  # which take time
+        off = mujoco.mjtDisableBit  # which take time; there are no constraints
+        model.opt.disableflags |= int(off.mjDSBL_SENSOR) | int(off.mjDSBL_CONSTRAINT)
         self.simulation = Simulation(model, simulation.n, simulation.batch.nthread, fields)
 
     def update(self) -> None:
@@ -142,17 +143,25 @@ class EndEffectorVelocity:
         self.scale = np.tile(np.repeat(END_EFFECTOR_SPEED, 3)[self._rows], self._jacobians.count)
         self.size = len(self.scale)
         self._damping = DAMPING**2 * np.eye(self.size)
+        self._laws = drive.laws_of(drive.rate_limit, self.scale, regularisation=DAMPING**2)
 
     def torques(self, action: Array) -> Array:
-        ahead, b = self._ahead, self.drive.simulation.n_base
+        ahead = self._ahead
         ahead.update()
         jacobian = self._jacobians.current()[:, :, self._rows].reshape(len(action), self.size, -1)
+        if self._laws.compiled:
+            return self.drive.track(self._laws.end_effectors(ahead.simulation.base_rows(), jacobian, action))
+        return self.drive.track(self._rates(jacobian, action))
+
+    def _rates(self, jacobian: Array, action: Array) -> Array:
+        """Joint rates (N, n) for actions (N, m) and Jacobians (N, m, b + n), in numpy."""
+        ahead, b = self._ahead, self.drive.simulation.n_base
         generalized = jacobian[:, :, b:] + jacobian[:, :, :b] @ ahead.base_map()
         square = generalized @ generalized.swapaxes(1, 2) + self._damping
         command = np.linalg.solve(square, (action * self.scale)[..., None])
         rate = (generalized.swapaxes(1, 2) @ command)[..., 0]
         excess = (np.abs(rate) / self.drive.rate_limit).max(axis=1, keepdims=True)
-        return self.drive.track(rate / np.maximum(excess, 1.0))
+        return rate / np.maximum(excess, 1.0)
 
 
 class Reactionless:
@@ -170,11 +179,26 @@ class Reactionless:
         self.scale = drive.rate_limit.copy()
         self._ahead = Lookahead(drive)
         self._away = AWAY * drive.rate_limit
+        self._laws = drive.laws_of(self._away, self.scale, ATTITUDE_GAIN, _REGULARISATION)
 
     def torques(self, action: Array) -> Array:
+        self._ahead.update()
+        acceleration, away = self._compiled(action) if self._laws.compiled else self._in_numpy(action)
+        torque = self.drive.accelerate(acceleration)
+        if away.any():
+            braked = self.drive.track(np.zeros_like(torque))
+            torque = np.where(away[:, None], braked, torque)
+        return torque
+
+    def _compiled(self, action: Array) -> tuple[Array, NDArray[np.bool_]]:
+        drive, simulation = self.drive, self.drive.simulation
+        state = self._ahead.simulation.base_rows(), simulation.base_attitude, simulation.joint_velocity
+        return self._laws.reactionless(*state, action, drive.low, drive.high, drive.late)
+
+    def _in_numpy(self, action: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Joint accelerations (N, n), and which motions (N,) are too far from the null space."""
         simulation = self.drive.simulation
         low, high = self.drive.low, self.drive.high
-        self._ahead.update()
         rotation_map = self._ahead.base_map()[:, simulation.angular]  # (N, 3 or 1, n), base axes
         attitude = simulation.base_attitude
         if simulation.planar:
@@ -202,13 +226,8 @@ class Reactionless:
         change = (rate - present) / self.drive.control_period
         largest = (np.abs(change) / self.drive.acceleration_limit).max(axis=1, keepdims=True)
         correction = (present - now) / self.drive.control_period
-        torque = self.drive.accelerate(correction + change / np.maximum(largest, 1.0))
         excess = np.maximum(present - high, low - present)
-        away = excess > self._away
-        if away.any():
-            braked = self.drive.track(np.zeros_like(now))
-            torque = np.where(away.any(axis=1, keepdims=True), braked, torque)
-        return torque
+        return correction + change / np.maximum(largest, 1.0), (excess > self._away).any(axis=1)
 
 
 MODES: dict[str, Callable[[Drive], ControlMode]] = {

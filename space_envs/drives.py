@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from space_envs.dynamics.rotations import Array
+from space_envs.robots.control_laws import ControlLaws
 from space_envs.robots.models.accelerations import reduced_masses
 from space_envs.robots.robot import Robot
 from space_envs.simulation import Simulation
@@ -58,7 +59,7 @@ class JointStops:
     def rates(self, position: Array) -> tuple[Array, Array]:
         """Least and largest rate (N, n), rad/s, at joint angles (N, n), rad."""
         fastest = np.minimum(np.sqrt(self._twice * self.room(position)), self._fastest)
-        return -fastest[:, 0], fastest[:, 1]
+        return -fastest[:, 0], fastest[:, 1].copy()
 
 
 def braking_shares(simulation: Simulation, stops: JointStops) -> Array:
@@ -96,6 +97,7 @@ class Drive:
         self._stops = JointStops(robot)
         self.extrapolate = True
         self._b = simulation.n_base
+        self.laws = self.laws_of(self.rate_limit, self.rate_limit)
         self._last_mass = np.zeros_like(simulation.mass_entries)
         self._last_bias = np.zeros_like(simulation.bias())
 
@@ -104,6 +106,16 @@ class Drive:
     low: Array  # (N, n) least and largest rate, rad/s, from which each joint can still brake before its limit
     high: Array
     late: NDArray[np.bool_]  # (N, n) whether its rate is not between them
+
+    def laws_of(
+        self, rates: Array, scale: Array, gain: float = 0.0, regularisation: float = 0.0
+    ) -> ControlLaws:
+        """Compiled laws of these drives; arguments as of `ControlLaws`."""
+        coriolis = CORIOLIS_SHARE, CORIOLIS_LOST
+        limits = self.torque_limit, self._fastest, self.acceleration_limit
+        return ControlLaws(
+            self.control_period, self._b, coriolis, *limits, rates, scale, gain, regularisation
+        )
 
     def reset(self, rows: NDArray[np.int64]) -> None:
         """Reset the extrapolation of rows (k,) whose state was set."""
@@ -118,7 +130,7 @@ class Drive:
         mass, bias = self.simulation.mass_entries, self.simulation.bias()
         if self.extrapolate:
             mass, bias = _middle(mass, self._last_mass), _middle(bias, self._last_bias)
-        self._mass, self._bias = self.simulation.dense(mass), bias
+        self._mass, self._bias = self.simulation.dense(mass), np.ascontiguousarray(bias)
 
     def snapshot(self) -> tuple[Array, Array]:
         """Entries of the mass matrix and bias forces of the last period, copies."""
@@ -145,6 +157,8 @@ class Drive:
         stop before their limit brake first, and the others change with the remaining torque.
         """
         now = self.simulation.joint_velocity
+        if self.laws.compiled:
+            return self.laws.accelerate(self._mass, self._bias, now, acceleration, self.late)
         # Products of two columns: those of one column have other last bits.
         inertial = self._mass[:, :, self._b :] @ acceleration[..., None].repeat(2, axis=2)
         inertial[..., 1] = self._bias
@@ -207,9 +221,7 @@ class Drive:
     def protect(self, torque: Array) -> Array:
         """Commanded torques (N, n), replaced in rows where they would violate a rate or position limit."""
         torque = self._within(torque)
-        force = -self._bias
-        force[:, self._b :] += torque
-        acceleration = np.linalg.solve(self._mass, force[..., None])[:, self._b :, 0]
+        acceleration = self._forward(torque)
         rate = self.simulation.joint_velocity + self.control_period * acceleration
         # Faster changes cannot be controlled by a torque that is constant over the period.
         harsh = np.abs(acceleration) > 0.5 * self.rate_limit / self.control_period
@@ -217,6 +229,14 @@ class Drive:
         if not violated.any():
             return torque
         return np.where(violated[:, None], self.track(rate), torque)
+
+    def _forward(self, torque: Array) -> Array:
+        """Joint accelerations (N, n) for torques (N, n)."""
+        if self.laws.compiled:
+            return self.laws.forward(self._mass, self._bias, torque)
+        force = -self._bias
+        force[:, self._b :] += torque
+        return np.linalg.solve(self._mass, force[..., None])[:, self._b :, 0]
 
 
 def _middle(now: Array, last: Array) -> Array:

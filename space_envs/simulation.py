@@ -145,9 +145,13 @@ class Simulation:
             mass *= self._mass_present
         return mass
 
+    def base_rows(self) -> Array:
+        """Rows (N, b, b + n) of the base in the mass matrix, a copy."""
+        return self.mass_entries.take(self._mass_index[: self.n_base], axis=1)
+
     def base_inertias(self) -> tuple[Array, Array]:
         """Base inertia (N, b, b) and coupling inertia (N, b, n): rows of the mass matrix, copies."""
-        rows = self.mass_entries.take(self._mass_index[: self.n_base], axis=1)
+        rows = self.base_rows()
         return rows[:, :, : self.n_base], rows[:, :, self.n_base :]
 
     def bias(self) -> Array:
