@@ -137,8 +137,13 @@ class ControlLaws:
 
 
 def _place(x: NDArray) -> int:
-    """Address of the first number of a contiguous array."""
-    assert x.flags.c_contiguous
+    """Address of the first number of a contiguous array.
+
+    Raises:
+        ValueError: for another array.
+    """
+    if not x.flags.c_contiguous:
+        raise ValueError(f"expected a contiguous array, got strides {x.strides} of shape {x.shape}")
     return x.__array_interface__["data"][0]
 
 
