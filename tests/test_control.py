@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from space_envs.control import CONTROL_MODES
 from space_envs.drives import BRAKING_SHARE, STOP_MARGIN, braking_deceleration
@@ -20,7 +19,6 @@ from space_envs.envs import CaptureVectorEnv
 from space_envs.envs.braking import braking_load
 from space_envs.errors import ConfigurationError
 from space_envs.registration import ENTRIES, make_task
-from space_envs.robots.control_laws import ControlLaws
 from space_envs.robots.robot import StepLimits
 from space_envs.robots.zoo import find_robot
 from space_envs.tasks.common import DIFFICULTIES, SPLITS
@@ -393,19 +391,3 @@ def test_other_masses_of_the_ood_split_are_simulated_and_audited(name):
     assert drift.max() < 1e-5
     # Audited with the nominal mass, the same motion seems to make momentum out of nothing.
     assert momentum_drift(body_motion(env.task.mechanics, qpos, qvel))[0].min() > 1e-2
-
-
-def drawn_motion(env_id: str, mode: str) -> NDArray:
-    """Observations (12, 6, size) under actions that reach the limits of torques and rates."""
-    env = CaptureVectorEnv(env_id, 6, mode, "disabled")
-    env.reset(seed=3)
-    actions = np.random.default_rng(1).choice([-1.0, 0.3, 1.0], (4, *env.action_space.shape))
-    return np.array([env.step(actions[step // 3])[0] for step in range(12)])
-
-
-@pytest.mark.parametrize("env_id", ENTRIES)
-def test_compiled_laws_are_those_in_numpy(env_id: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    compiled = [drawn_motion(env_id, mode) for mode in CONTROL_MODES]
-    monkeypatch.setattr(ControlLaws, "compiled", False)
-    for mode, motion in zip(CONTROL_MODES, compiled, strict=True):
-        np.testing.assert_allclose(motion, drawn_motion(env_id, mode), atol=1e-7, err_msg=mode)
