@@ -23,8 +23,8 @@ from agents.learning.runs.settings import Settings
 from agents.learning.sb3 import initial
 from agents.learning.validation import Validator
 from agents.policies.baselines import Hold
-from agents.policies.learned.learned_policy import LearnedPolicy
 from agents.policies.learned.policy_file import load_policy_file
+from agents.policies.learned.trained import load_trained
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError, PolicyError
 from space_envs.policy import PolicyContext
@@ -90,7 +90,7 @@ def test_cloning_learns_and_its_policy_is_kept_to_the_bit(cloned: RunFolder) -> 
     env = CaptureVectorEnv(num_envs=40)
     context = PolicyContext.from_env(env)
     observation, _ = env.reset(seed=0)
-    policies = [LearnedPolicy.from_path(path, context, seed=1) for path in (cloned.path, cloned.policy, copy)]
+    policies = [load_trained(path, context, seed=1) for path in (cloned.path, cloned.policy, copy)]
     actions = [policy.predict(observation)[0] for policy in policies]
     assert actions[0].shape == (40, 7) and (np.abs(actions[0]) <= 1.0).all()
     assert same(actions[0], actions[1]) and same(actions[0], actions[2])
@@ -121,7 +121,7 @@ def test_policy_of_another_task_or_damaged_file(cloned: RunFolder, tmp_path: Pat
         (tmp_path / "none.npz", context, "no policy file"),
     ):
         with pytest.raises(PolicyError, match=message):
-            LearnedPolicy.from_path(path, where)
+            load_trained(path, where)
     whole = cloned.policy.read_bytes()
     for content in (whole[: len(whole) // 2], b"", b"hello"):
         (tmp_path / "damaged").write_bytes(content)

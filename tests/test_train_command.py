@@ -14,7 +14,7 @@ from training_runs import QUICK, begin
 from agents.commands.train import main
 from agents.learning.runs.folder import RunFolder
 from agents.learning.runs.settings import settle
-from agents.policies.learned.learned_policy import LearnedPolicy
+from agents.policies.learned.trained import load_trained
 from space_envs.envs import CaptureVectorEnv
 from space_envs.policy import PolicyContext
 
@@ -67,7 +67,7 @@ def test_training_around_obstacles(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     assert main([*CLONING, *QUICK, "--steps", "320", "--env", env_id, "--output", str(folder)]) == 0
     env = CaptureVectorEnv(env_id, 2)
-    policy = LearnedPolicy.from_path(folder, PolicyContext.from_env(env))
+    policy = load_trained(folder, PolicyContext.from_env(env))
     observation, _ = env.reset(seed=0)
     moved = observation.copy()
     moved[:, env.task.layout.slices["obstacle_position"]] += 0.1

@@ -35,6 +35,13 @@ SMALL: dict[str, dict[str, Any]] = {
         "expert": "gjm",
     },
     **dict.fromkeys(("sac", "td3", "tqc", "crossq"), _OFF_POLICY),
+    "planner": {
+        "goals": 64,
+        "num_envs": 64,
+        "steps": 4 * 64,
+        "validation_interval": 2 * 64,
+        "reuse": 2,
+    },
     "bc": {
         "num_envs": 16,
         "steps": 4 * 320,

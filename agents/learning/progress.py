@@ -1,7 +1,7 @@
 """Progress of a run: at every interval a validation, the best policy, a checkpoint and a line."""
 
 import sys
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any
 
 from stable_baselines3.common.logger import Logger, configure
@@ -12,9 +12,9 @@ from agents.learning.runs.warm_start import knowledge_of
 from agents.learning.validation import Validation, Validator
 from agents.planners.common.robot_files import variant_name
 from agents.policies.learned.features import FeatureView
-from agents.policies.learned.learned_policy import NetworkPolicy
 from agents.policies.learned.network import Network
-from agents.policies.learned.policy_file import PolicyFile, load_policy_file
+from agents.policies.learned.policy_file import PlanFormat, PolicyFile, load_policy_file
+from agents.policies.learned.trained import trained_policy
 
 
 class Progress:
@@ -24,10 +24,17 @@ class Progress:
         session: of the run.
         view: what the network sees.
         checkpoint: of an earlier session, None if there was none.
+        plans: meaning of the network's outputs; None if they are actions.
     """
 
-    def __init__(self, session: Session, view: FeatureView, checkpoint: dict[str, Any] | None = None) -> None:
-        self.session, self.view = session, view
+    def __init__(
+        self,
+        session: Session,
+        view: FeatureView,
+        checkpoint: dict[str, Any] | None = None,
+        plans: PlanFormat | None = None,
+    ) -> None:
+        self.session, self.view, self._plans = session, view, plans
         self.folder, self.settings, self.budget = session.folder, session.settings, session.budget
         self.history: list[dict[str, Any]] = checkpoint["history"] if checkpoint else []
         self.logger: Logger = configure(str(self.folder.tensorboard), ["tensorboard"])
@@ -52,10 +59,11 @@ class Progress:
         Args:
             candidate: whether it may be saved: not while it is still the policy that the run started from.
         """
-        result = self._validate(NetworkPolicy(self._validate.context, 0, network, self.view))
+        file = self._policy_file(steps, network)
+        result = self._validate(trained_policy(file, self._validate.context))
         if candidate and (self._best is None or result.score > self._best):
             self._best = result.score
-            self._policy_file(steps, network, result).save(self.folder.policy)
+            replace(file, notes={**file.notes, "validation": result.to_json()}).save(self.folder.policy)
         self.history.append({"steps": steps, "wall_s": round(self.budget.wall, 1), **result.to_json()})
         self.folder.write_validation(self.history)
         times = {"wall": self.budget.wall, "cpu": self.budget.cpu}
@@ -105,7 +113,7 @@ class Progress:
         self.bar.close()
         self.logger.close()
 
-    def _policy_file(self, steps: int, network: Network, result: Validation) -> PolicyFile:
+    def _policy_file(self, steps: int, network: Network) -> PolicyFile:
         settings, robot = self.settings, self._validate.env.task.robot
         notes = {
             "algorithm": settings.algorithm,
@@ -114,7 +122,6 @@ class Progress:
             "seed": settings.seed,
             "knowledge": knowledge_of(settings.init, self.session.parameters),
             "steps": steps,
-            "validation": result.to_json(),
         }
         return PolicyFile(
             env_id=self._validate.env.env_id,
@@ -124,4 +131,5 @@ class Progress:
             features=self.view.table,
             home=tuple(self.view.home.tolist()),
             notes=notes,
+            plans=self._plans,
         )

@@ -4,11 +4,12 @@ from dataclasses import replace
 from typing import Any
 
 from agents.learning.cloning import Cloning
+from agents.learning.planners.training import PlannerTraining
 from agents.learning.progress import Progress
 from agents.learning.reinforcement import Reinforcement
 from agents.learning.runs.defaults import default_hyperparameters
 from agents.learning.runs.folder import RunFolder
-from agents.learning.runs.hyperparameters import BC, PPO, AnyHyperparameters, OffPolicy
+from agents.learning.runs.hyperparameters import BC, PPO, AnyHyperparameters, OffPolicy, Planner
 from agents.learning.runs.session import Budget, Session
 from agents.learning.runs.settings import Settings
 from agents.learning.runs.warm_start import starting_policy
@@ -47,7 +48,8 @@ def learn(folder: RunFolder, episodes: int | None = None, quiet: bool = False) -
 
 def _learn(session: Session, checkpoint: Checkpoint | None) -> dict[str, Any]:
     learner = _learner(session, checkpoint)
-    progress = Progress(session, learner.view, checkpoint)
+    plans = learner.plans if isinstance(learner, PlannerTraining) else None
+    progress = Progress(session, learner.view, checkpoint, plans)
     try:
         summary = progress.finish(learner.run(progress))
     finally:
@@ -57,10 +59,11 @@ def _learn(session: Session, checkpoint: Checkpoint | None) -> dict[str, Any]:
     return summary
 
 
-def _learner(session: Session, checkpoint: Checkpoint | None) -> Cloning | Reinforcement:
+def _learner(session: Session, checkpoint: Checkpoint | None) -> Cloning | Reinforcement | PlannerTraining:
     """The learner at its checkpoint; without one it is at the network that it starts from."""
     start = _start(session) if checkpoint is None else None
-    learner = Cloning(session) if isinstance(session.parameters, BC) else Reinforcement(session)
+    kinds = {BC: Cloning, Planner: PlannerTraining}
+    learner = kinds.get(type(session.parameters), Reinforcement)(session)
     if checkpoint is not None:
         learner.restore(checkpoint)
     elif start is not None and isinstance(learner, Reinforcement):
@@ -71,7 +74,7 @@ def _learner(session: Session, checkpoint: Checkpoint | None) -> Cloning | Reinf
 def _start(session: Session) -> Network | None:
     """The network that learning starts from, cloned now if need be."""
     settings, parameters = session.settings, session.parameters
-    if isinstance(parameters, BC):
+    if isinstance(parameters, BC | Planner):
         return None
     if settings.init is not None:
         return starting_policy(settings.init, settings.context(), parameters).network

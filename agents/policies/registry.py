@@ -112,6 +112,26 @@ POLICIES: dict[str, RegisteredPolicy] = {
         "agents.policies.dual_arm.reactionless_rate:ReactionlessRate",
         "resolved rate of both arms with the reactionless constraint, damped",
     ),
+    "planner_network": RegisteredPolicy(
+        "agents.policies.learned.planner_network:PlannerNetwork",
+        "a network plans a motion that ends with the initial attitude; two Gauss-Newton corrections",
+        expert=False,
+    ),
+    "planner_network_alone": RegisteredPolicy(
+        "agents.policies.learned.planner_network:PlannerNetworkAlone",
+        "the same network without corrections",
+        expert=False,
+    ),
+    "reactionless_network": RegisteredPolicy(
+        "agents.policies.learned.reactionless_network:ShippedReactionlessNetwork",
+        "a network gives a path in the reaction null space, corrected; a search where that leads to no plan",
+        expert=False,
+    ),
+    "reactionless_network_alone": RegisteredPolicy(
+        "agents.policies.learned.reactionless_network:ReactionlessNetworkAlone",
+        "the same without that search",
+        expert=False,
+    ),
     "bc": RegisteredPolicy(
         "agents.policies.learned.learned_policy:BehaviourCloning",
         "cloned from an expert (DAgger), shipped, ignores bodies in its path",

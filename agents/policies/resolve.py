@@ -5,10 +5,11 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from agents.policies.learned.learned_policy import LearnedPolicy, policy_path
+from agents.policies.learned.learned_policy import policy_path
 from agents.policies.learned.policy_file import load_policy_file
 from agents.policies.learned.sb3_policy import StableBaselinesPolicy
 from agents.policies.learned.sb3_zip import load_network
+from agents.policies.learned.trained import load_trained
 from agents.policies.registry import POLICIES, control_mode, knowledge, make_policy
 from space_envs.errors import ConfigurationError, no_path, unknown_name
 from space_envs.foreign_code import undisturbed
@@ -47,7 +48,7 @@ class ResolvedPolicy:
             return make_policy(self.source, context, seed)
         if self.source.suffix == ZIP:
             return StableBaselinesPolicy(context, seed, self.source)
-        return LearnedPolicy.from_path(self.source, context, seed)
+        return load_trained(self.source, context, seed)
 
     def factory(self, seed: int) -> Callable[[PolicyContext], Policy]:
         """Function that builds the policy with a seed."""

@@ -13,12 +13,12 @@ from agents.learning.runs.settings import Settings
 from agents.learning.validation import Validator
 from agents.planners.common.robot_files import SHIPPED, shipped_file, variant_name
 from agents.policies.learned.learned_policy import (
-    LearnedPolicy,
     load_shipped,
     shipped_path,
     shipped_policies,
 )
 from agents.policies.learned.policy_file import PolicyFile, load_policy_file
+from agents.policies.learned.trained import trained_policy
 from space_envs.errors import ConfigurationError
 from space_envs.registration import make_task
 from space_envs.robots.robot import Robot
@@ -129,7 +129,7 @@ def _own_robots(env_id: str) -> Iterator[Robot]:
 def _tested(file: PolicyFile, settings: Settings) -> dict[str, Any]:
     """Validation of a policy on the first goals of the test split, as plain JSON values."""
     test = Validator(settings.env_id, TEST_EPISODES, "test", **settings.environment)
-    return test(LearnedPolicy(test.context, 0, file)).to_json()
+    return test(trained_policy(file, test.context)).to_json()
 
 
 def _portable(command: list[str]) -> list[str]:

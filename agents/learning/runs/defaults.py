@@ -7,6 +7,7 @@ from agents.learning.runs.feature_tables import (
     CLUTTERED_FEATURES,
     DUAL_PLANAR_FEATURES,
     DUAL_SPATIAL_FEATURES,
+    PLANNER_FEATURES,
     SINGLE_ARM_FEATURES,
     usual_features,
 )
@@ -44,6 +45,19 @@ _DUAL_ARM = {
     "tqc": {"hidden": (256, 256)},
     "crossq": {"hidden": (256, 256)},
 }
+# Paths in the reaction null space: longer steps in other coordinates, and limits are what is hard.
+REACTIONLESS_PLANNER = {
+    "damping": 1e-3,
+    "position_weight": 100.0,
+    "rotation_weight": 30.0,
+    "limit_weight": 3.0,
+    "rate_share": 0.9,
+    "acceleration_share": 0.86,
+    "num_envs": 256,
+    "steps": 1_500 * 256,
+    "reuse": 6,
+    "validation_interval": 300 * 256,
+}
 _FEATURES = {
     "SpaceCapture/SingleArm-v0": SINGLE_ARM_FEATURES,
     "SpaceCapture/SingleArmCluttered-v0": CLUTTERED_FEATURES,
@@ -72,5 +86,8 @@ def default_hyperparameters(
     if algorithm not in ALGORITHMS:
         raise unknown_name("algorithm", algorithm, ALGORITHMS)
     own = _DIFFERENCES.get(env_id, {}).get(algorithm, {})
-    features = _FEATURES.get(env_id) or usual_features(layout)
+    if algorithm == "planner" and (given or {}).get("kind") == "reactionless":
+        own = REACTIONLESS_PLANNER
+    usual = _FEATURES.get(env_id) or usual_features(layout)
+    features = PLANNER_FEATURES if algorithm == "planner" else usual
     return ALGORITHMS[algorithm](**{"features": features, **own, **(given or {})})

@@ -26,6 +26,11 @@ CLUTTERED_FEATURES = (
     Feature("obstacle_position", "from_base", 1.0),
     Feature("obstacle_radius", "plain", 0.3),
 )
+PLANNER_FEATURES = tuple(
+    Feature(field, kind, scale)
+    for field in ("position_error", "rotation_error")
+    for kind, scale in (("base_axes", 0.5), ("bearing", 0.2), ("root", 0.5))
+)
 DUAL_PLANAR_FEATURES = (
     Feature("joint_position", "from_home", 0.5),
     Feature("joint_velocity", "plain", 0.2),

@@ -13,6 +13,7 @@ from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin, get_
 
 from agents.policies.learned.features import Feature, feature_table
 from agents.policies.learned.network import ACTIVATIONS
+from agents.policies.learned.policy_file import PLAN_KINDS
 from space_envs.errors import ConfigurationError, shown, unknown_name
 
 STEPS, SIZE, WIDTH = 10**12, 2**24, 2**14  # largest counts that are accepted
@@ -78,7 +79,6 @@ class Hyperparameters:
         128,
     )
     activation: Annotated[str, Range(f"of the hidden layers: {', '.join(ACTIVATIONS)}")] = "tanh"
-    gamma: Annotated[float, Range("discount of a control step", above=0.0, most=1.0)] = 0.998
     validation_interval: Interval = 20_000
 
     def __post_init__(self) -> None:
@@ -101,7 +101,14 @@ class Hyperparameters:
 
 
 @dataclass(frozen=True)
-class PPO(Hyperparameters):
+class Discounted(Hyperparameters):
+    """Hyperparameters of algorithms that sum rewards."""
+
+    gamma: Annotated[float, Range("discount of a control step", above=0.0, most=1.0)] = 0.998
+
+
+@dataclass(frozen=True)
+class PPO(Discounted):
     """Proximal policy optimisation (Schulman et al. 2017), names as in stable-baselines3."""
 
     steps: Steps = 1_500_000
@@ -126,7 +133,7 @@ class PPO(Hyperparameters):
 
 
 @dataclass(frozen=True)
-class OffPolicy(Hyperparameters):
+class OffPolicy(Discounted):
     """Hyperparameters that algorithms with a replay buffer share, names as in stable-baselines3.
 
     With an initial policy, the replay buffer begins with its steps, the actor learns from the critic only
@@ -219,7 +226,7 @@ class TD3(OffPolicy):
 
 
 @dataclass(frozen=True)
-class BC(Hyperparameters):
+class BC(Discounted):
     """Behaviour cloning by DAgger (Ross et al. 2011): the expert labels what the learner visits.
 
     An expert that plans ahead (one with a state) drives itself in every round, since it cannot label the
@@ -248,9 +255,47 @@ class BC(Hyperparameters):
         return self.num_envs * self.episode_steps
 
 
+@dataclass(frozen=True)
+class Planner(Hyperparameters):
+    """Self-labelled planning: the network learns its own plans after a Gauss-Newton step, of the train split.
+
+    Goals of all difficulties are trained on, whatever the one that the run is validated with.
+    """
+
+    num_envs: Annotated[int, Range("goals labelled together", 2, 2**16)] = 512
+    steps: Annotated[int, Range("goals labelled, with repetitions", 1, STEPS)] = 2_300 * 512
+    validation_interval: Annotated[int, Range("goals between two validations", 1, STEPS)] = 400 * 512
+    learning_rate: Annotated[float, Range("largest step size of SOAP", above=0.0, most=1e3)] = 3e-3
+    batch_size: BatchSize = 512
+    hidden: Annotated[tuple[int, ...], Range("widths of the hidden layers", 1, WIDTH)] = (256, 256, 256)
+    activation: Annotated[str, Range(f"of the hidden layers: {', '.join(ACTIVATIONS)}")] = "silu"
+    kind: Annotated[str, Range(f"of plans: {', '.join(PLAN_KINDS)}")] = "kept"
+    goals: Annotated[int, Range("of the train split of each difficulty", 1, 2**20)] = 4096
+    reuse: Annotated[int, Range("steps of the optimiser after each labelling", 1, 1000)] = 8
+    memory: Annotated[int, Range("labels that are kept at most", 2, 10**7)] = 16_384
+    damping: Annotated[float, Range("of Gauss-Newton steps, m^2/s per squared coordinate", above=0.0)] = 3e-3
+    position_weight: Annotated[float, Range("of the squared position error, 1/s", above=0.0)] = 10.0
+    rotation_weight: Annotated[float, Range("of the squared rotation error, m^2/(s rad^2)", above=0.0)] = 5.0
+    attitude_weight: Annotated[float, Range("of the squared attitude error, m^2/(s rad^2)", above=0.0)] = 1e3
+    limit_weight: Annotated[float, Range("of squared violations of limits, m^2/s", 0.0)] = 10.0
+    rate_share: Annotated[float, Range("of rate limits that plans are trained to keep", 0.0, 1.0)] = 0.92
+    acceleration_share: Annotated[float, Range("the same of acceleration limits", 0.0, 1.0)] = 0.87
+    averaging: Annotated[float, Range("decay of the parameters' average, of a step", 0.0, 1.0)] = 0.999
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.kind not in PLAN_KINDS:
+            raise unknown_name("kind of plans", self.kind, PLAN_KINDS)
+
+    @property
+    def round(self) -> int:
+        """Goals labelled together."""
+        return self.num_envs
+
+
 CONTRIB = ("tqc", "crossq")  # algorithms of sb3-contrib
 CONTRIB_MISSING = "sb3-contrib: pip install 'space-capture[contrib]'"
-AnyHyperparameters = PPO | SAC | TD3 | TQC | CrossQ | BC
+AnyHyperparameters = PPO | SAC | TD3 | TQC | CrossQ | BC | Planner
 ALGORITHMS: dict[str, type[AnyHyperparameters]] = {
     "ppo": PPO,
     "sac": SAC,
@@ -258,6 +303,7 @@ ALGORITHMS: dict[str, type[AnyHyperparameters]] = {
     "tqc": TQC,
     "crossq": CrossQ,
     "bc": BC,
+    "planner": Planner,
 }
 
 

@@ -15,11 +15,13 @@ from agents.learning.runs.hyperparameters import (
     CONTRIB_MISSING,
     AnyHyperparameters,
     OffPolicy,
+    Planner,
     described,
     typed,
 )
 from agents.learning.runs.warm_start import default_expert, experts_for, starting_policy
 from agents.policies.learned.features import FeatureView
+from agents.policies.learned.planner_network import PlanningNetwork
 from agents.policies.registry import check_needs
 from space_envs.envs import CaptureVectorEnv
 from space_envs.envs.limits import checked_num_envs
@@ -126,16 +128,18 @@ def settle(given: Mapping[str, Any]) -> Settled:
             raise unknown_name(f"option or hyperparameter of {settings.algorithm}", name, [*OPTIONS, *names])
     context = settings.context()
     parameters = default_hyperparameters(context.env_id, settings.algorithm, context.layout, own)
+    if isinstance(parameters, Planner) and (reasons := PlanningNetwork.needs.missing(context)):
+        raise ConfigurationError(f"planner does not fit {context.env_id}: {'; '.join(reasons)}")
     FeatureView(parameters.features, context.layout, context.arm.home)
     checked_num_envs(parameters.num_envs, settings.task())
     parameters, message = _started(settings, parameters, context, given)
     whole = limited(parameters, own.get("steps"), sooner="validation_interval" not in own)
-    if not isinstance(whole, BC) and (whole.expert or settings.init):
+    if not isinstance(whole, BC | Planner) and (whole.expert or settings.init):
         # Of a short run too the larger part improves the actor.
         names = {"critic_warm_up", "demonstrations"} if isinstance(whole, OffPolicy) else {"critic_warm_up"}
         most = whole.steps // (2 * len(names) + 1)
         whole = replace(whole, **{name: min(getattr(whole, name), most) for name in names - own.keys()})
-    if settings.init is not None and not isinstance(whole, BC):
+    if settings.init is not None and not isinstance(whole, BC | Planner):
         starting_policy(settings.init, context, whole)
     return Settled(settings, whole, tuple(filter(None, (message, rounding(whole, own.get("steps"))))))
 
@@ -154,8 +158,10 @@ def _settings(given: Mapping[str, Any]) -> Settings:
     for name in settings.env_kwargs:
         if name in _SET_BY:
             raise ConfigurationError(f"env_kwargs: {name} is set by {_SET_BY[name]}")
-    if "init" in given and settings.algorithm == "bc":
-        raise ConfigurationError("--init is for reinforcement; bc starts from random weights")
+    if "init" in given and settings.algorithm in ("bc", "planner"):
+        raise ConfigurationError(
+            f"--init is for reinforcement; {settings.algorithm} starts from random weights"
+        )
     check_device(settings.device)
     if settings.algorithm in CONTRIB and not find_spec("sb3_contrib"):
         raise ConfigurationError(f"{settings.algorithm} needs {CONTRIB_MISSING}")
@@ -166,6 +172,8 @@ def _started(
     settings: Settings, parameters: AnyHyperparameters, context: PolicyContext, given: Mapping[str, Any]
 ) -> tuple[AnyHyperparameters, str | None]:
     """The hyperparameters with the expert that is cloned, and a message where there is none."""
+    if isinstance(parameters, Planner):
+        return parameters, None
     if "init" in given:
         if "expert" in given:
             raise ConfigurationError("give either --init or --expert")

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from agents.learning.runs.hyperparameters import PPO, AnyHyperparameters, OffPolicy
+from agents.learning.runs.hyperparameters import PPO, AnyHyperparameters, OffPolicy, Planner
 from agents.policies.learned.learned_policy import policy_path
 from agents.policies.learned.policy_file import PolicyFile, load_policy_file
 from agents.policies.registry import POLICIES, needs
@@ -55,4 +55,6 @@ def knowledge_of(init: str | None, parameters: AnyHyperparameters) -> Knowledge:
     """Knowledge that a run trains with: an expert's, the initial policy's, or that of rewards alone."""
     if init is not None:
         return load_policy_file(policy_path(init)).knowledge
+    if isinstance(parameters, Planner):
+        return Knowledge.LEARNED_WITH_MODEL
     return Knowledge.INTERACTION if parameters.expert is None else Knowledge.IMITATION

@@ -16,7 +16,8 @@ from space_envs.dynamics.rotations import Array, conjugate, logarithm, rotate
 from space_envs.errors import ConfigurationError, positive, shown, unknown_name
 from space_envs.tasks.common import ObservationLayout
 
-IN_BASE_AXES = ("base_axes", "from_base", "bearing")
+IN_BASE_AXES = ("base_axes", "from_base", "bearing", "root")
+_TINY = 1e-9  # m or rad
 KINDS = ("plain", "from_home", "rotation", *IN_BASE_AXES)
 
 
@@ -28,8 +29,9 @@ class Feature(NamedTuple):
         kind: plain (x / scale), from_home (minus the home joint angles), rotation (rotation vector of a
             quaternion), base_axes (in the satellite's axes), from_base (a position relative to the
             satellite, in its axes), bearing (x / (scale + |x|) in the satellite's axes: large near the goal,
-            where a plain error is lost among larger inputs). A field may hold a vector for each of several
-            end-effectors.
+            where a plain error is lost among larger inputs), root (x / sqrt(scale |x|) in the satellite's
+            axes: motions that bring the base back grow like it). A field may hold a vector for each of
+            several end-effectors.
         scale: what becomes 1, in the field's unit.
     """
 
@@ -102,10 +104,11 @@ class FeatureView:
             vectors = _rotated_in_plane(vectors, self.layout.read(observation, "base_angle"))
         else:
             vectors = rotate(conjugate(self.layout.read(observation, "base_quaternion"))[:, None], vectors)
-        if kind == "bearing":
-            vectors = vectors / (scale + np.sqrt((vectors * vectors).sum(axis=-1, keepdims=True)))
-        flat = vectors.reshape(value.shape)
-        return flat if kind == "bearing" else flat / scale
+        if kind not in ("bearing", "root"):
+            return vectors.reshape(value.shape) / scale
+        length = np.sqrt((vectors * vectors).sum(axis=-1, keepdims=True))
+        divisor = scale + length if kind == "bearing" else np.sqrt(scale * length) + _TINY
+        return (vectors / divisor).reshape(value.shape)
 
 
 def has_base_axes(layout: ObservationLayout, field: str, kind: str) -> bool:

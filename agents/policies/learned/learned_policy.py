@@ -4,7 +4,7 @@ from dataclasses import replace
 from functools import lru_cache, partial
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -58,26 +58,26 @@ class LearnedPolicy(NetworkPolicy):
     """
 
     def __init__(self, context: PolicyContext, seed: int, file: PolicyFile) -> None:
-        if (context.env_id, context.control_mode) != (file.env_id, file.control_mode):
-            raise PolicyError(
-                f"the policy was trained for {file.env_id} in control mode {file.control_mode!r}, "
-                f"not for {context.env_id} in {context.control_mode!r}"
-            )
-        file.check_robot(context.robot)
+        check_trained_for(file, context)
         if file.network.outputs != len(context.action_scale):
             raise PolicyError(
                 f"the policy gives {file.network.outputs} actions, not {len(context.action_scale)}"
             )
         super().__init__(context, seed, file.network, file.view(context.layout))
 
-    @classmethod
-    def from_path(cls, path: str | Path, context: PolicyContext, seed: int = 0) -> Self:
-        """The policy of a run's folder (the best on the validation split) or of a policy file.
 
-        Raises:
-            PolicyError: if there is none, it is not sound, or it does not fit the environment.
-        """
-        return cls(context, seed, load_policy_file(policy_path(path)))
+def check_trained_for(file: PolicyFile, context: PolicyContext) -> None:
+    """Refuse a context that a policy was not trained for.
+
+    Raises:
+        PolicyError: naming the id, control mode or robot.
+    """
+    if (context.env_id, context.control_mode) != (file.env_id, file.control_mode):
+        raise PolicyError(
+            f"the policy was trained for {file.env_id} in control mode {file.control_mode!r}, "
+            f"not for {context.env_id} in {context.control_mode!r}"
+        )
+    file.check_robot(context.robot)
 
 
 def policy_path(path: str | Path) -> Path:
@@ -125,7 +125,13 @@ def load_shipped(env_id: str, name: str) -> PolicyFile:
     return load_policy_file(shipped_path(env_id, name))
 
 
-def _not_shipped(algorithm: str, context: PolicyContext) -> str | None:
+def shipped_file_of(algorithm: str, context: PolicyContext) -> PolicyFile:
+    """The shipped policy of an algorithm for a context's id and control mode; errors as in `load_shipped`."""
+    return load_shipped(context.env_id, shipped_name(algorithm, context.control_mode))
+
+
+def missing_weights(algorithm: str, context: PolicyContext) -> str | None:
+    """Reason why a shipped policy does not fit a context: there are no weights; None where there are."""
     name, names = shipped_name(algorithm, context.control_mode), shipped_policies(context.env_id)
     if name not in names:
         shipped = f"those that ship are {', '.join(names)}" if names else "none ship for the task"
@@ -149,11 +155,10 @@ class ShippedPolicy(LearnedPolicy):
 
     def __init_subclass__(cls) -> None:
         if "needs" not in vars(cls):
-            cls.needs = Needs(other=partial(_not_shipped, cls.name))
+            cls.needs = Needs(other=partial(missing_weights, cls.name))
 
     def __init__(self, context: PolicyContext, seed: int = 0) -> None:
-        name = shipped_name(self.name, context.control_mode)
-        super().__init__(context, seed, load_shipped(context.env_id, name))
+        super().__init__(context, seed, shipped_file_of(self.name, context))
 
 
 class BehaviourCloning(ShippedPolicy):

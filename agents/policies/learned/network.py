@@ -73,14 +73,26 @@ class Network:
         """Number of actions."""
         return len(self.biases[-1])
 
-    def actions(self, features: NDArray, generator: np.random.Generator | None = None) -> NDArray[np.float32]:
+    def means(self, features: NDArray) -> Floats:
+        """Outputs (N, m) of the last layer for features (N, F), without bounds."""
+        return self._mean(self._hidden(features))
+
+    def actions(self, features: NDArray, generator: np.random.Generator | None = None) -> Floats:
         """Actions (N, m) in [-1, 1] for features (N, F); drawn from the policy where a generator is given."""
-        x = np.ascontiguousarray(features, dtype=np.float32)[:, None, :]
-        for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
-            x = ACTIVATIONS[self.activation](x @ weight + bias)
-        mean = (x @ self.weights[-1] + self.biases[-1])[:, 0]
+        x = self._hidden(features)
+        mean = self._mean(x)
         if generator is not None:
             log = (x @ self.deviation_weight + self.deviation_bias)[:, 0]
             noise = generator.standard_normal(mean.shape, dtype=np.float32)
             mean = mean + np.exp(np.clip(log, *LOG_DEVIATION)) * noise
         return np.tanh(mean) if self.squash else np.clip(mean, -1.0, 1.0)
+
+    def _hidden(self, features: NDArray) -> Floats:
+        """Outputs (N, 1, h) of the last hidden layer."""
+        x = np.ascontiguousarray(features, dtype=np.float32)[:, None, :]
+        for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
+            x = ACTIVATIONS[self.activation](x @ weight + bias)
+        return x
+
+    def _mean(self, x: Floats) -> Floats:
+        return (x @ self.weights[-1] + self.biases[-1])[:, 0]

@@ -4,14 +4,14 @@ import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from agents.policies.learned.features import Feature, FeatureView, feature_table
 from agents.policies.learned.network import Network
 from space_envs.control import CONTROL_MODES
-from space_envs.errors import ConfigurationError, PolicyError, SpaceEnvsError, unknown_name
+from space_envs.errors import ConfigurationError, PolicyError, SpaceEnvsError, positive, shown, unknown_name
 from space_envs.policy import Knowledge
 from space_envs.robots.robot import Robot
 from space_envs.system.files import write_arrays
@@ -19,6 +19,7 @@ from space_envs.system.reading import parse_json, read_arrays
 from space_envs.tasks.common import ObservationLayout
 
 FORMAT = 2
+PLAN_KINDS = ("kept", "reactionless")
 _HEADER = {
     "format": int,
     "env_id": str,
@@ -30,6 +31,19 @@ _HEADER = {
     "squash": bool,
     "notes": dict,
 }
+
+
+class PlanFormat(NamedTuple):
+    """Meaning of a network's outputs as a plan at the start of an episode.
+
+    Attributes:
+        kind: "kept", coordinates of a motion in weight space that ends with the initial attitude, or
+            "reactionless", weights of a path in the reaction null space.
+        duration: of the motion, s.
+    """
+
+    kind: str
+    duration: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +58,7 @@ class PolicyFile:
         features: what the network sees of an observation.
         home: (n,) rad, joint angles that the features are relative to.
         notes: provenance and the validation result; any JSON object.
+        plans: meaning of the network's outputs; None if they are actions.
     """
 
     env_id: str
@@ -53,6 +68,7 @@ class PolicyFile:
     features: tuple[Feature, ...]
     home: tuple[float, ...]
     notes: dict[str, Any]
+    plans: PlanFormat | None = None
 
     @property
     def knowledge(self) -> Knowledge:
@@ -98,6 +114,7 @@ class PolicyFile:
             "activation": self.network.activation,
             "squash": self.network.squash,
             "notes": self.notes,
+            **({} if self.plans is None else {"plans": self.plans}),
         }
         arrays: dict[str, Any] = {"header": np.array(json.dumps(header))}
         for index, (weight, bias) in enumerate(zip(self.network.weights, self.network.biases, strict=True)):
@@ -142,6 +159,7 @@ def load_policy_file(path: str | Path) -> PolicyFile:
             features=feature_table(header["features"]),
             home=tuple(header["home"]),
             notes=header["notes"],
+            plans=_plans(header.get("plans")),
         )
     except SpaceEnvsError as error:
         raise PolicyError(f"{path} is not a sound policy file: {error}") from error
@@ -170,6 +188,17 @@ def _header(text: str) -> dict[str, Any]:
     if not all(type(angle) in (int, float) and math.isfinite(angle) for angle in header["home"]):
         raise PolicyError(f"home must hold finite joint angles, got {header['home']!r}")
     return header
+
+
+def _plans(value: Any) -> PlanFormat | None:
+    """Meaning of outputs as plans, from what JSON made of it; PolicyError if it has another form."""
+    if value is None:
+        return None
+    if not isinstance(value, list) or len(value) != 2 or value[0] not in PLAN_KINDS:
+        raise PolicyError(
+            f"plans must be a kind ({', '.join(PLAN_KINDS)}) and a duration, got {shown(value)}"
+        )
+    return PlanFormat(value[0], positive("duration of plans", value[1]))
 
 
 def _check_names(arrays: dict[str, Any], layers: list[str]) -> None:

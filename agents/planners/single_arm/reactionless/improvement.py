@@ -85,6 +85,13 @@ class PathImprover:
         """The path of least cost near weights (n, K) at a duration in s, or one that is nearly as short."""
         return self.least(space, LeastDisturbance(space, duration), weights, duration, effort)
 
+    def guessed(self, space: PathSpace, weights: Array, duration: float, effort: Effort) -> Candidate:
+        """A path near weights (n, K), polished alone if it then keeps the limits at a duration in s."""
+        found = self.polished(space, weights)
+        if found.keeps(duration) or not effort.iterations:
+            return found
+        return self.least_cost(space, found.weights, duration, effort)
+
     def feasible(self, space: PathSpace, weights: Array, duration: float) -> Candidate:
         """A path near weights (n, K) that keeps all limits, its cost made small once there is one."""
         objective = LeastDisturbance(space, duration, FEASIBLE_UNIT)

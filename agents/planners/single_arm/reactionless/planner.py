@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from agents.planners.single_arm.reactionless.improvement import (
     METHOD,
     QUICK,
     Candidate,
+    Effort,
     PathImprover,
 )
 from agents.planners.single_arm.reactionless.interception import Interceptor
@@ -36,6 +37,14 @@ RANDOM_SCALES = 0.5, 1.6  # rad, standard deviation of their slowest sine; that 
 AT_REST = 1e-9  # rad/s
 # Causes of candidates' failures, from those nearest to a plan; the nearest failure is told.
 NEAREST_FIRST = Cause.INFEASIBLE, Cause.CLEARANCE, Cause.JOINT_LIMIT, Cause.SOLVER
+
+
+class Guess(NamedTuple):
+    """Path that is tried first: weights (n, K), the effort for it, and whether others follow."""
+
+    weights: Array
+    effort: Effort
+    search: bool = True
 
 
 class ReactionlessPlanner:
@@ -66,10 +75,10 @@ class ReactionlessPlanner:
         self._candidates = positive_integer("candidates", candidates, MOST_STARTS)
         self._random = positive_integer("random", random, MOST_STARTS)
 
-    def plan(self, reach: Reach) -> ReachPlan | Failure:
+    def plan(self, reach: Reach, guess: Guess | None = None) -> ReachPlan | Failure:
         """The motion from rest of a problem, whose duration is the longest one.
 
-        A moving grapple is met at the given duration, or at the best time of a window.
+        A moving grapple is met at the given duration, or at the best time of a window; guesses are ignored.
 
         Raises:
             ConfigurationError: for a malformed problem.
@@ -83,7 +92,7 @@ class ReactionlessPlanner:
             reach = replace(reach, duration=reach.window[1])
         space = space_of(self._robot, reach)
         failures: list[Failure] = []
-        for number, found in enumerate(self._candidates_of(space, reach), 1):
+        for number, found in enumerate(self._candidates_of(space, reach, guess), 1):
             if found.keeps(reach.duration):
                 return self._motion(found, reach, f"candidate {number}")
             failures.append(found.failure or _too_long(found.shortest, reach.duration))
@@ -96,9 +105,13 @@ class ReactionlessPlanner:
         keep_out = SphereKeepOut(self._robot, reach.spheres, reach.link_radius)
         return replace(self._limits, clearances=(*self._limits.clearances, keep_out))
 
-    def _candidates_of(self, space: PathSpace, reach: Reach) -> Iterator[Candidate]:
+    def _candidates_of(self, space: PathSpace, reach: Reach, guess: Guess | None) -> Iterator[Candidate]:
         """Paths to the goal until one of them is a plan, from the quickest to find to the others."""
         improver, duration = PathImprover(self._limits_around(reach)), reach.duration
+        if guess is not None:
+            yield improver.guessed(space, guess.weights, duration, guess.effort)
+            if not guess.search:
+                return
         near = self._starts(reach)
         if self._timing == "shortest":
             yield from (improver.shortest(space, start) for start in near)

@@ -42,8 +42,11 @@ class PrompReactionless(FollowingPolicy):
         self.planner = ReactionlessPlanner(context.arm, path_limits(context), library, timing)
         self._stored = library is not None
 
-    def plan(self, asked: list[Reach]) -> list[ReachPlan | Failure]:
-        """Plans of all rows; without a library, failures of the search name the command that makes it."""
+    def plan(self, asked: list[Reach], observation: Array | None = None) -> list[ReachPlan | Failure]:
+        """Plans of all rows, which are of observations (N, size).
+
+        Without a library, failures of the search name the command that makes it.
+        """
         plans = [self.planner.plan(reach) for reach in asked]
         return plans if self._stored else [self._with_command(plan) for plan in plans]
 
@@ -60,7 +63,8 @@ class PrompReactionless(FollowingPolicy):
         time = read(observation, "time")[:, 0]
         latest = np.maximum(latest_arrival(context) - time, context.control_period)
         asked = reaches(context, observation, keep_attitude=True)
-        plans = self.plan([replace(one, duration=t) for one, t in zip(asked, latest, strict=True)])
+        asked = [replace(one, duration=t) for one, t in zip(asked, latest, strict=True)]
+        plans = self.plan(asked, observation)
         count = int(np.ceil(latest.max(initial=context.control_period) / context.control_period))
         times = np.arange(count + 1) * context.control_period
         if asked and asked[0].spheres is not None:  # the planner knows links from joint to joint alone

@@ -1,0 +1,1 @@
+"""Networks that plan, trained on their own corrected plans: without demonstrations or rewards."""
