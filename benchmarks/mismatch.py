@@ -68,7 +68,7 @@ def play(
     }
 
 
-def cells(made: Mapping[str, Array], replanning: bool) -> list[str]:
+def cells(made: Mapping[str, NDArray[Any]], replanning: bool) -> list[str]:
     """Cells of a row of the table, after policy and scale, from what `play` returns.
 
     Args:
