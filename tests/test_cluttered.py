@@ -144,7 +144,7 @@ def test_the_straight_way_ends_in_a_collision_which_is_reported():
             assert (info["outcome"][new] == "collision").all()
             assert all(" and obstacle " in told for told in info["collision"][new])
             assert not info["is_success"][new].any() and not truncated[new].any()
-            np.testing.assert_array_equal(info["reward_terms"]["failure"][new], -20.0)
+            np.testing.assert_array_equal(info["reward_terms"]["failure"][new], -0.5)
         frozen = before != 0
         np.testing.assert_array_equal(env.simulation.qpos[frozen], state[frozen])
         assert (reward[frozen] == 0).all()

@@ -56,14 +56,14 @@ def test_policies_that_are_offered_are_those_that_ship() -> None:
 
 
 @pytest.mark.parametrize(("env_id", "name"), [pair for pair in SHIPPED if pair[1].startswith("ppo")])
-def test_what_ships_beside_a_clone_is_better_than_the_clone(env_id: str, name: str) -> None:
+def test_what_ships_beside_a_clone_captures_as_many_goals_and_sooner(env_id: str, name: str) -> None:
     mode = control_mode(name)
     validator = Validator(env_id, 96, control_mode=mode)
     files = [load_shipped(env_id, each) for each in (name, name.replace(name.split("_")[0], "bc"))]
     weights = [file.network.weights for file in files]
     assert any(not np.array_equal(a, b) for a, b in zip(*weights, strict=False))
-    scores = [validator(LearnedPolicy(validator.context, 0, file)).score for file in files]
-    assert scores[0] > scores[1]
+    own, clone = (validator(LearnedPolicy(validator.context, 0, file)) for file in files)
+    assert own.captured >= clone.captured and own.seconds < clone.seconds
 
 
 def test_shipped_policies_come_from_documented_commands() -> None:

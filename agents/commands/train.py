@@ -128,13 +128,14 @@ def _ending(summary: dict[str, Any], folder: RunFolder) -> str:
     result, start = summary["validation"], summary["start"]
     text = (
         f"best policy, after {summary['best_steps']:,} of {summary['steps']:,} steps: "
-        f"captured {100 * result['captured']:.1f} % of {result['episodes']} validation goals, "
+        f"kept-attitude score {result['score']:.3f}, captured "
+        f"{100 * result['captured']:.1f} % of {result['episodes']} validation goals, "
         f"final attitude {result['final_attitude']:.2f} deg; {summary['wall_s']:.0f} s\n{folder.policy}"
     )
     if summary["improved"] is not False:
         return text
     return (
-        f"{text}\nit is not better than the policy that the run started from, which captured "
-        f"{100 * start['captured']:.1f} % with a return of {start['episode_return']:.2f} "
+        f"{text}\nit is not better than the policy that the run started from, which has a score of "
+        f"{start['score']:.3f} and a return of {start['episode_return']:.2f} "
         f"(here {result['episode_return']:.2f})"
     )

@@ -49,7 +49,7 @@ class Progress:
         self._validate = Validator(self.settings.env_id, session.episodes, **self.settings.environment)
         self._best: tuple[int, float] | None = None
         if self.folder.policy.exists():
-            self._best = Validation(**load_policy_file(self.folder.policy).notes["validation"]).score
+            self._best = Validation(**load_policy_file(self.folder.policy).notes["validation"]).order
 
     def checkpoint(
         self, steps: int, network: Network, state: dict[str, Any], candidate: bool = True
@@ -61,8 +61,8 @@ class Progress:
         """
         file = self._policy_file(steps, network)
         result = self._validate(trained_policy(file, self._validate.context))
-        if candidate and (self._best is None or result.score > self._best):
-            self._best = result.score
+        if candidate and (self._best is None or result.order > self._best):
+            self._best = result.order
             replace(file, notes={**file.notes, "validation": result.to_json()}).save(self.folder.policy)
         self.history.append({"steps": steps, "wall_s": round(self.budget.wall, 1), **result.to_json()})
         self.folder.write_validation(self.history)
@@ -78,7 +78,8 @@ class Progress:
     def _line(self, steps: int, result: Validation) -> str:
         return (
             f"{self.settings.algorithm:>4} {steps:>9,} steps {self.budget.wall:>6.0f} s   "
-            f"captured {100 * result.captured:5.1f} %   return {result.episode_return:6.2f}   "
+            f"score {result.score:.3f}   captured {100 * result.captured:5.1f} %   "
+            f"return {result.episode_return:6.2f}   "
             f"attitude {result.final_attitude:5.2f} deg   "
             f"base disturbance (eq. 20) {1e4 * result.attitude_cost:.1f} cm^2/s   "
             f"{result.seconds:4.1f} s an episode"
@@ -94,7 +95,7 @@ class Progress:
             "best_steps": best["steps"],
             "validation": best["validation"],
             "start": None if start is None else start.to_json(),
-            "improved": None if start is None else Validation(**best["validation"]).score > start.score,
+            "improved": None if start is None else Validation(**best["validation"]).order > start.order,
             "wall_s": round(self.budget.wall, 1),
             "cpu_s": round(self.budget.cpu, 1),
         }

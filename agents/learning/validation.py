@@ -10,10 +10,10 @@ from space_envs.errors import ConfigurationError
 from space_envs.evaluation.play.steps import steps
 from space_envs.policy import Policy, PolicyContext
 from space_envs.tasks.base import CaptureTask
+from space_envs.tasks.outcome import kept_attitude
 
 SPLIT = "validation"
 EPISODES = 256
-_RESOLUTION = 0.02  # of the share captured; what is below it is noise of 256 goals
 
 
 @dataclass(frozen=True)
@@ -21,11 +21,13 @@ class Validation:
     """Means over the episodes.
 
     Attributes:
-        captured: share. episode_return: undiscounted sum of rewards.
+        score: kept-attitude score, of which a failure has 0. captured: share.
+        episode_return: undiscounted sum of rewards.
         final_attitude: deg from the initial attitude at the end. attitude_cost: eq. 20 times dt.
         seconds: length of an episode. episodes: how many.
     """
 
+    score: float
     captured: float
     episode_return: float
     final_attitude: float
@@ -34,9 +36,9 @@ class Validation:
     episodes: int
 
     @property
-    def score(self) -> tuple[int, float]:
-        """Order of policies: captures come first, return decides between policies that capture alike."""
-        return round(self.captured / _RESOLUTION), self.episode_return
+    def order(self) -> tuple[float, float]:
+        """Order of policies: that of the leaderboard; the return decides between equal scores, such as 0."""
+        return self.score, self.episode_return
 
     def to_json(self) -> dict[str, Any]:
         """As plain JSON values."""
@@ -92,7 +94,9 @@ class Validator:
             length += step.running
             attitude = np.where(step.running, step.info["attitude"], attitude)
             captured |= step.info["is_success"]
+        peak = np.rad2deg(env.task.layout.read(env.episodes.observation, "peak_attitude")[:, 0])
         return Validation(
+            score=float(kept_attitude(captured, peak).mean()),
             captured=float(captured.mean()),
             episode_return=float(total.mean()),
             final_attitude=float(attitude.mean()),

@@ -46,6 +46,7 @@ class EpisodeTracker:
         self.index = np.full(n, -1, dtype=np.int64)
         self.split = np.full(n, task.split, dtype=object)
         self.goals: list[Goals | None] = [None] * n
+        self._last: StepQuantities | None = None  # of the last observation, if it ended a control period
 
     @property
     def time(self) -> Array:
@@ -67,7 +68,7 @@ class EpisodeTracker:
 
     def observe_start(self, rows: NDArray[np.int64], observation: Array) -> None:
         """Store observations (k, size) of rows (k,) as initial ones."""
-        self.observation[rows] = observation
+        self.observation[rows], self._last = observation, None
         self.held[rows] = self._task.errors(observation).within(self._task.limits)
 
     def count(self, clipped: NDArray[np.bool_] | None, ended: NDArray[np.bool_] | None) -> None:
@@ -93,6 +94,7 @@ class EpisodeTracker:
             Weighted reward terms (N, k) and attitude (N,) rad.
         """
         task, before = self._task, self.observation
+        beginning = self._state(before) if self._last is None else self._last._replace(beginning=None)
         errors, attitude = task.errors(observation), task.attitude(observation)
         self.held = (self.held + 1) * errors.within(task.limits)
         captured, failed = self._end(
@@ -100,8 +102,19 @@ class EpisodeTracker:
         )
         self.observation = observation
         layout, limits = task.layout, task.limits
-        step = StepQuantities(observation, before, action, errors, attitude, captured, failed, layout, limits)
-        return task.weighted_terms(step), attitude
+        self._last = StepQuantities(
+            observation, before, action, errors, attitude, captured, failed, layout, limits, beginning
+        )
+        return task.weighted_terms(self._last), attitude
+
+    def _state(self, observation: Array) -> StepQuantities:
+        """Quantities of a state (N, size) in which no episode ended."""
+        task, none = self._task, np.zeros(len(observation), dtype=bool)
+        errors, attitude = task.errors(observation), task.attitude(observation)
+        action = np.zeros((len(observation), 0))
+        return StepQuantities(
+            observation, observation, action, errors, attitude, none, none, task.layout, task.limits
+        )
 
     def _end(
         self,
@@ -157,12 +170,13 @@ class EpisodeTracker:
 
     def snapshot(self) -> dict[str, Any]:
         """Copy of the state, for `restore`."""
-        own = {name: value for name, value in vars(self).items() if name != "_task"}
+        own = {name: value for name, value in vars(self).items() if name not in ("_task", "_last")}
         return copy.deepcopy(own)
 
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Restore a snapshot of the same number of episodes of the same task."""
         vars(self).update(snapshot)
+        self._last = None
 
     def stored(self) -> dict[str, Any]:
         """Plain values and arrays for `resume`; goals follow from split and index.
@@ -178,7 +192,7 @@ class EpisodeTracker:
     def resume(self, stored: dict[str, Any]) -> None:
         """Continue as many episodes of the same task as were `stored`."""
         vars(self).update({name: stored["episodes"][name].copy() for name in _STORED})
-        self.split = np.array(stored["split"], dtype=object)
+        self.split, self._last = np.array(stored["split"], dtype=object), None
         self.goals = [
             self._task.goals(split, np.array([index]))
             for split, index in zip(self.split, self.index.tolist(), strict=True)

@@ -76,7 +76,7 @@ class CaptureTask:
     variant: str = cast("str", None)
 
     # Defined by subclasses.
-    version: ClassVar[int] = 2  # of the task in records, raised with every change that affects a metric
+    version: ClassVar[int] = 3  # of the task in records, raised with every change that affects a metric
     own_robot: ClassVar[str]  # name of the robot that is used by default
     frozen_robot: ClassVar[str | None] = None  # of the one whose draws of goals are stored with the package
     arms: ClassVar[int]  # how many the robot must have
@@ -329,11 +329,20 @@ class CaptureTask:
     def _rates(self) -> Array:
         return np.array([term.rate(self.control_period) for term in self.reward_terms])
 
+    @cached_property
+    def _changes(self) -> list[int]:
+        """Columns of the reward terms that are changes of a potential."""
+        return [column for column, term in enumerate(self.reward_terms) if term.per == "change"]
+
     def weighted_terms(self, step: StepQuantities) -> Array:
         """Weighted reward terms (N, k) of a control period, in the order of `reward_terms`; the reward is
         their sum."""
         values = np.empty((len(step.attitude), len(self._rates)))
         for column, term in enumerate(self.reward_terms):
             values[:, column] = term.function(step)
+        if step.captured.any():
+            values[np.ix_(step.captured, self._changes)] = 0.0
+        for column in self._changes:
+            values[:, column] -= self.reward_terms[column].function(step.beginning)
         values *= self._rates
         return values

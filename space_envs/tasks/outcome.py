@@ -1,7 +1,9 @@
-"""Outcomes of an episode: the one list, with the texts that pages and plots show."""
+"""Outcomes of an episode: the one list, with the texts that pages and plots show; and the score of one."""
 
 from enum import StrEnum
 from typing import Self
+
+import numpy as np
 
 
 class Outcome(StrEnum):
@@ -57,3 +59,12 @@ class Outcome(StrEnum):
 
 ENV_OUTCOMES = tuple(outcome for outcome in Outcome if outcome is not Outcome.POLICY_ERROR)
 ENDED = tuple(outcome for outcome in Outcome if outcome is not Outcome.RUNNING)  # outcomes of a record
+
+
+def kept_attitude(captured: np.ndarray, peak: np.ndarray) -> np.ndarray:
+    """Score (n,) of each episode: captured / (1 + peak attitude / 1 deg).
+
+    Captured (n,) bool, peak (n,) deg, +infinity where it does not exist. A failure scores 0, a capture that
+    never rotated the base 1, one that rotated it by at most 1 deg 1/2.
+    """
+    return np.asarray(captured, dtype=bool) / (1.0 + np.asarray(peak, dtype=np.float64))

@@ -1,4 +1,10 @@
-"""Reward terms: pure functions of the quantities of one control period, one row each with its weight."""
+"""Reward terms: pure functions of the quantities of one control period, one row each with its weight.
+
+The terms that shape the reward are changes of a potential, with discount 1: their sum over an episode is the
+difference between its last and its first state, whatever lies between, so that haste is not rewarded. At a
+capture every potential is 0, its value at the goal; at any other end it is that of the last state. So shaping
+gives all captures of a goal the same sum, and a failure the more the nearer it ends to the goal.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,8 +17,9 @@ from space_envs.checks import number
 from space_envs.dynamics.rotations import Array
 from space_envs.errors import ConfigurationError, shown, unknown_name
 from space_envs.tasks.common import CaptureErrors, CaptureLimits, ObservationLayout
+from space_envs.tasks.outcome import kept_attitude
 
-COUNTED = ("second", "once")
+COUNTED = ("second", "once", "change")
 
 
 class StepQuantities(NamedTuple):
@@ -24,6 +31,7 @@ class StepQuantities(NamedTuple):
         errors: of the capture, at the end. attitude: (N,) rad from the initial attitude, at the end.
         captured, failed: (N,) bool, true in the period in which the episode ends with that outcome.
         layout: of the observations. limits: of the capture envelope.
+        beginning: quantities of the state at the beginning of the period, None for a state alone.
     """
 
     observation: Array
@@ -35,6 +43,7 @@ class StepQuantities(NamedTuple):
     failed: NDArray[np.bool_]
     layout: ObservationLayout
     limits: CaptureLimits
+    beginning: "StepQuantities | None" = None
 
     def read(self, name: str) -> Array:
         """View (N, k) of a field of the observation; errors as in `ObservationLayout.read`."""
@@ -47,7 +56,9 @@ class RewardTerm:
 
     Attributes:
         name: of the term. function: from the quantities of a period to values (N,), which are weighted.
-        weight: negative for a penalty. per: `second`, multiplied by the control period, or `once`.
+        weight: negative for a penalty.
+        per: `second`, multiplied by the control period; `once`; or `change`, the difference of a potential
+            between the end and the beginning of the period. The potential is 0 at a capture.
     """
 
     name: str
@@ -90,9 +101,10 @@ def orientation(step: StepQuantities) -> Array:
 
 
 def precision(step: StepQuantities) -> Array:
-    """exp(-r), r the larger ratio of position and angle to their limits in the capture envelope."""
+    """1 - exp(-r), r the larger ratio of position and angle to their limits in the capture envelope."""
     errors, limits = step.errors, step.limits
-    return np.exp(-np.maximum(errors.position / limits.position, errors.orientation / limits.orientation))
+    ratio = np.maximum(errors.position / limits.position, errors.orientation / limits.orientation)
+    return -np.expm1(-ratio)
 
 
 def effort(step: StepQuantities) -> Array:
@@ -100,9 +112,9 @@ def effort(step: StepQuantities) -> Array:
     return (step.action * step.action).sum(axis=1) / step.action.shape[1]
 
 
-def captured(step: StepQuantities) -> Array:
-    """1 in the control period that completes a capture."""
-    return step.captured.astype(np.float64)
+def capture(step: StepQuantities) -> Array:
+    """1 / (1 + peak attitude / 1 deg) in the control period that completes a capture, the score."""
+    return kept_attitude(step.captured, np.rad2deg(step.read("peak_attitude")[:, 0]))
 
 
 def failed(step: StepQuantities) -> Array:
@@ -110,18 +122,17 @@ def failed(step: StepQuantities) -> Array:
     return step.failed.astype(np.float64)
 
 
+_ATTITUDE = RewardTerm("attitude", base_disturbance, -1.0)
+_CAPTURE = RewardTerm("capture", capture, 10.0, "once")
+_FAILURE = RewardTerm("failure", failed, -0.5, "once")
 DENSE = (
-    RewardTerm("attitude", base_disturbance, -1.0),
-    RewardTerm("attitude_angle", attitude_angle, -1.0),
-    RewardTerm("position", position, -1.0),
-    RewardTerm("orientation", orientation, -0.5),
-    RewardTerm("precision", precision, 1.0),
+    _ATTITUDE,
+    RewardTerm("attitude_angle", attitude_angle, -0.1),
+    RewardTerm("position", position, -0.5, "change"),
+    RewardTerm("orientation", orientation, -0.25, "change"),
+    RewardTerm("precision", precision, -0.5, "change"),
     RewardTerm("effort", effort, -0.02),
-    RewardTerm("capture", captured, 10.0, "once"),
-    RewardTerm("failure", failed, -20.0, "once"),
+    _CAPTURE,
+    _FAILURE,
 )
-SPARSE = (
-    RewardTerm("attitude", base_disturbance, -1.0),
-    RewardTerm("capture", captured, 1.0, "once"),
-    RewardTerm("failure", failed, -1.0, "once"),
-)
+SPARSE = (_ATTITUDE, _CAPTURE, _FAILURE)

@@ -160,7 +160,8 @@ def _line(result: RunResult, width: int) -> str:
     summary = result.summary
     validation = summary["validation"]
     return (
-        f"{result.name:{width}}  captured {100 * validation['captured']:5.1f} %   attitude "
+        f"{result.name:{width}}  score {validation['score']:.3f}   captured "
+        f"{100 * validation['captured']:5.1f} %   attitude "
         f"{validation['final_attitude']:5.2f} deg   after {summary['best_steps']:,} of "
         f"{summary['steps']:,} steps   {summary['wall_s']:.0f} s"
     )
@@ -176,12 +177,12 @@ def _report(runs: Sequence[SweepRun], results: Mapping[str, RunResult], output: 
     for run in runs:
         if summary := results[run.name].summary:
             swept = ", ".join(f"{name} = {value}" for name, value in run.values.items() if name != "seed")
-            combinations.setdefault(swept, []).append(summary["validation"]["captured"])
+            combinations.setdefault(swept, []).append(summary["validation"]["score"])
     print()
-    for swept, captured in combinations.items():
-        if len(captured) > 1:
+    for swept, scores in combinations.items():
+        if len(scores) > 1:
             print(
-                f"{swept or 'all'}: captured {100 * np.mean(captured):.1f} % on average over {len(captured)} "
-                f"seeds, between {100 * min(captured):.1f} and {100 * max(captured):.1f} %"
+                f"{swept or 'all'}: score {np.mean(scores):.3f} on average over {len(scores)} seeds, between "
+                f"{min(scores):.3f} and {max(scores):.3f}"
             )
     print(output / SUMMARY)

@@ -25,7 +25,7 @@ from space_envs.evaluation.statistics.intervals import (
 from space_envs.evaluation.statistics.resampling import (
     named_generator,
 )
-from space_envs.evaluation.statistics.scores import kept_attitude
+from space_envs.tasks.outcome import kept_attitude
 
 COSTS = ("final_attitude", "attitude_cost", "time_to_capture")
 COMPARED = (HEADLINE, *COSTS)

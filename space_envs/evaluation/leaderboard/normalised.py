@@ -24,7 +24,8 @@ from space_envs.evaluation.records.episode import EpisodeRecord
 from space_envs.evaluation.statistics.averages import interquartile_mean
 from space_envs.evaluation.statistics.intervals import Estimate, share_bootstrap, stratified_bootstrap
 from space_envs.evaluation.statistics.resampling import named_generator
-from space_envs.evaluation.statistics.scores import ATTITUDE_LIMITS, kept_attitude
+from space_envs.evaluation.statistics.scores import ATTITUDE_LIMITS
+from space_envs.tasks.outcome import kept_attitude
 
 # Name of a rate -> the record's field and the limit on it, deg.
 RATES: Mapping[str, tuple[str, float]] = {

@@ -7,6 +7,7 @@ import numpy as np
 from space_envs.errors import ConfigurationError
 from space_envs.evaluation.statistics.averages import mean
 from space_envs.evaluation.statistics.intervals import Estimate, stratified_bootstrap, wilson_interval
+from space_envs.tasks.outcome import kept_attitude
 
 ATTITUDE_LIMITS = (5.0, 1.0, 0.1)  # deg: of the final attitude for capture@5deg, of the peak for kept@5deg
 
@@ -25,15 +26,6 @@ def capture_rate(
             raise ConfigurationError("a limit needs the attitude of each episode")
         counted = counted & (np.asarray(attitude) <= limit)
     return wilson_interval(int(counted.sum()), counted.size)
-
-
-def kept_attitude(captured: np.ndarray, peak: np.ndarray) -> np.ndarray:
-    """Score (n,) of each episode: captured / (1 + peak attitude / 1 deg).
-
-    Captured (n,) bool, peak (n,) deg, +infinity where it does not exist. A failure scores 0, a capture that
-    never rotated the base 1, one that rotated it by at most 1 deg 1/2.
-    """
-    return np.asarray(captured, dtype=bool) / (1.0 + np.asarray(peak, dtype=np.float64))
 
 
 def kept_attitude_score(
