@@ -39,7 +39,7 @@ FAILED = [
 
 
 class StoredEpisodes(NamedTuple):
-    """What a reward needs of E episodes, one after the other, S states in all.
+    """Inputs of a reward from E episodes, one after the other, S states in all.
 
     Attributes:
         position, orientation, base_speed, attitude, peak_attitude: (S,) in m, rad and m/s, first the state at

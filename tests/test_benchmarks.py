@@ -28,6 +28,7 @@ NUMBERS = {
     "reactionless_collocation": ("--goals",),
     "reactionless_energies": ("--goals",),
     "reactionless_paths": ("--goals", "--horizon"),
+    "returns": (),
     "robot_figures": (),
     "robots": ("--goals",),
     "shooting": ("--goals",),

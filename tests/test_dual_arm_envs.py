@@ -196,7 +196,7 @@ def ends(env_id, steps=12, keywords=None, **changes):
         over.append(terminated)
         assert info["is_success"] == terminated == (info["outcome"] == "captured")
         if terminated:
-            assert info["reward_terms"]["capture"] == 10.0
+            assert info["reward_terms"]["capture"] == pytest.approx(10.0, abs=1e-6)  # at rest
             break
     return over, errors
 
@@ -371,7 +371,7 @@ def test_axis_errors_turn_the_approach_axes_onto_the_ways_in():
 def test_reward_terms_are_of_the_worst_end_effector(env_id):
     env = gym.make(env_id, position_tolerance=0.04, linear_velocity_tolerance=0.02)
     task = env.unwrapped.task
-    env.reset(seed=0)
+    start, _ = env.reset(seed=0)
     action = filled(env, 0.3)
     observation, reward, *_, info = env.step(action)
     terms, width = info["reward_terms"], 2 if task.kind == "planar" else 3
@@ -385,13 +385,15 @@ def test_reward_terms_are_of_the_worst_end_effector(env_id):
         [[position], [speed], [0.0]],
         atol=1e-12,
     )
-    assert terms["position"] == pytest.approx(-0.1 * position)
+    before = task.errors(start[None])
+    assert terms["position"] == pytest.approx(-0.5 * (position - before.position[0]))
     assert terms["effort"] == pytest.approx(-0.1 * 0.02 * 0.09)
-    ratio = position / 0.04
+    ratio, ratio_before = position / 0.04, before.position[0] / 0.04
     if task.kind == "spatial":
         angle = np.linalg.norm(field("axis_error"), axis=-1).max()
-        assert terms["orientation"] == pytest.approx(-0.1 * 0.5 * angle)
+        assert terms["orientation"] == pytest.approx(-0.25 * (angle - before.orientation[0]))
         ratio = max(ratio, angle / np.deg2rad(5.0))
-    assert terms["precision"] == pytest.approx(0.1 * np.exp(-ratio))
+        ratio_before = max(ratio_before, before.orientation[0] / np.deg2rad(5.0))
+    assert terms["precision"] == pytest.approx(0.5 * (np.exp(-ratio) - np.exp(-ratio_before)))
     assert ("orientation" in terms) == (task.kind == "spatial")
     assert reward == pytest.approx(sum(terms.values()), abs=1e-12)

@@ -21,7 +21,7 @@ _GOAL_KINDS = (
     "`rotation_error` and the records too; `goal_quaternion` is that of the pose that the goal was drawn as. "
     "The observation keeps its size, so that trained agents can be loaded."
 )
-COUNTED_TEXT = {"second": "per s", "once": "once"}
+COUNTED_TEXT = {"second": "per s", "once": "once", "change": "its change"}
 
 
 def observations_section(env: CaptureVectorEnv) -> str:
@@ -60,7 +60,11 @@ def rewards_section(env: CaptureVectorEnv) -> str:
             "## Reward",
             "The reward is the sum of named terms; the keyword `reward` selects their weights.",
             "The sum of `attitude` over an episode is minus the base disturbance (eq. 20 of shyam2020) times "
-            "dt. Terms per second are multiplied by the control period.",
+            "dt. Terms per second are multiplied by the control period. A term that counts a change is the "
+            "change of a potential, with discount 1: its sum over an episode depends on the first and the "
+            "last state alone, so that haste is not rewarded. At a capture the potential is 0; at any other "
+            "end it is that of the last state. The term `capture` is ten times the score of the leaderboard, "
+            "so that [the return ranks policies as the leaderboard does](../evaluating.md#returns).",
             *(
                 ["Errors are those of the arm with the larger error."]
                 if len(env.task.mechanics.end_effector_link) > 1
