@@ -47,7 +47,7 @@ class Progress:
             disable=session.quiet or not sys.stderr.isatty(),
         )
         self._validate = Validator(self.settings.env_id, session.episodes, **self.settings.environment)
-        self._best: tuple[int, float] | None = None
+        self._best: tuple[float, float] | None = None
         if self.folder.policy.exists():
             self._best = Validation(**load_policy_file(self.folder.policy).notes["validation"]).order
 
