@@ -27,7 +27,7 @@ from space_envs.tasks.single_arm import SingleArmTask
 
 COUNTS = {"easy": 120, "medium": 900, "hard": 180}  # goals of the train split
 ENV_ID = "SpaceCapture/SingleArm-v0"  # whose train split gives the goals
-ROUNDS = 3  # in which the solutions of neighbouring goals are tried
+ROUNDS = 5  # in which the solutions of neighbouring goals are tried
 CHUNK = 30  # goals a file of partial results
 
 
@@ -130,8 +130,9 @@ def _solver(recipe: LibraryRecipe) -> Solver:
     ) -> Motion:
         goal = Grapple.at_rest(position, quaternion)
         reach = Reach(robot.home, goal, duration, keep_attitude=recipe.keep_attitude).checked(robot)
+        rng = np.random.default_rng([recipe.seed, number, round_number])
         if before is None:
-            return first_motion(planner, reach, np.random.default_rng([recipe.seed, number]))
-        return improved_motion(planner, reach, before, number, round_number == ROUNDS)
+            return first_motion(planner, reach, rng)
+        return improved_motion(planner, reach, before, number, round_number == ROUNDS, rng)
 
     return motion

@@ -4,13 +4,15 @@ import numpy as np
 
 from agents.planners.single_arm.library import Library
 from agents.planners.single_arm.problem import Reach
-from agents.planners.single_arm.promp.optimal import VIOLATION_TOLERANCE, OptimalPlanner
+from agents.planners.single_arm.promp.optimal import OptimalPlanner
+from agents.planners.single_arm.promp.starts import VIOLATION_TOLERANCE
 from agents.planners.single_arm.weights.ranking import predicted_costs
 from agents.planners.single_arm.weights.sqp import GOAL_TOLERANCE, SqpResult, minimise
 from space_envs.dynamics.rotations import Array
 
-NEIGHBOURS = 16  # goals whose motions are compared in a round
-TRIED = 4  # number of them that are improved
+NEIGHBOURS = 48  # nearest goals, of whose motions some are drawn in a round
+COMPARED = 16  # number of them that are compared
+TRIED = 5  # number of them that are improved
 STEP_COST = 1e-5  # m^2/rad^2 per unit of the integral of a step's squared rate, in predicted costs
 COST_RATIO = 0.99  # predicted cost ratio below which a neighbour's motion is tried
 STARTS = 3  # around the motion that is easiest to find, in the first round
@@ -38,14 +40,22 @@ def first_motion(
 
 
 def improved_motion(
-    planner: OptimalPlanner, reach: Reach, before: Library, number: int, last: bool
+    planner: OptimalPlanner,
+    reach: Reach,
+    before: Library,
+    number: int,
+    last: bool,
+    rng: np.random.Generator,
 ) -> tuple[Array, float, float]:
-    """The best so far, or the result from a neighbouring goal's solution whose predicted cost is lower."""
+    """The best so far, or the result from a neighbouring goal's solution whose predicted cost is lower.
+
+    Neighbours are drawn, so that every round tries others.
+    """
     problem = planner.setting(reach)
     y, cost = before.coordinates[number], float(before.cost[number])
     neighbours = before.order(reach)
     neighbours = neighbours[(neighbours != number) & np.isfinite(before.cost[neighbours])][:NEIGHBOURS]
-    starts = before.coordinates[neighbours]
+    starts = before.coordinates[rng.permutation(neighbours)[:COMPARED]]
     predicted = predicted_costs(problem[0], starts, reach.keep_attitude, STEP_COST)
     order = np.argsort(predicted, kind="stable")[:TRIED]
     chosen = starts[order[predicted[order] < COST_RATIO * cost]]

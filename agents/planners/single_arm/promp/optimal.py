@@ -12,9 +12,11 @@ from agents.planners.single_arm.inequalities.torques import Torques
 from agents.planners.single_arm.interception import at_best_time
 from agents.planners.single_arm.library import Library
 from agents.planners.single_arm.problem import Reach, ReachPlan
+from agents.planners.single_arm.promp.starts import Problem, Starts, best_solution, raced
 from agents.planners.single_arm.weights.bounds import Bounds, lower_and_upper
 from agents.planners.single_arm.weights.end_rates import matching_rates
 from agents.planners.single_arm.weights.ranking import ranked
+from agents.planners.single_arm.weights.shapes import Basis, in_basis
 from agents.planners.single_arm.weights.sqp import GOAL_TOLERANCE, Ending, Rows, SqpResult, minimise
 from agents.planners.single_arm.weights.weight_space import WeightSpace
 from promp import GaussianBasis
@@ -25,21 +27,21 @@ from space_envs.errors import positive_integer
 METHOD = "promp_optimal"
 CANDIDATES = 24  # stored motions whose predicted costs are compared
 LIMITED_CANDIDATES = 12  # the same within limits for a pose with the attitude free, where optima are alike
-IMPROVED = 1  # candidates that are improved; the others follow where none of them leads to the goal
+IMPROVED, WIDE_IMPROVED = 1, 3  # candidates that are improved: usually, and for no more than the goal
 MOST_CANDIDATES = 10_000
-RACED, RACE = 4, 4  # candidates without limits that are compared again after so many iterations
-RACE_PENALTY = 3e-3  # m^2/s per m or rad, of the terminal errors that are left then
+RACED, WIDE_RACED = 4, 12  # candidates without limits that race: with the final attitude constrained, or not
 MOST_IMPROVED = 5  # candidates that are improved where none of them leads to the goal
-BARE = 9  # candidates that are then improved without nonlinear inequalities first
+MOST_STARTED = 12  # candidates from which iterations in stages start where none of them leads to the goal
 MAX_IMPROVED = 2  # candidates that are improved where costs are high
 RETRY_COST_RATIO = 1.3  # of a cost to the least predicted cost, above which a second candidate is improved
-VIOLATION_TOLERANCE = 1e-2  # fraction of a torque, or m, of a solution in sum over the motion
-PERTURBED = (
-    6  # initial guesses around the attitude-unconstrained motion, where no stored one leads to the goal
-)
+# Initial guesses around the attitude-unconstrained motion, where no stored one leads to the goal.
+PERTURBED = 6
 FURTHER = 6  # initial guesses around a motion that violates further inequalities, with growing perturbations
 MORE_PERTURBED = 24  # others without a library, farther and farther, until one leads to the goal
 PERTURBATION = 0.1  # in coordinates (root of the integral of a joint's squared rate, per function)
+# Where ten functions a joint are too few.
+FINER = GaussianBasis(tuple(np.linspace(-0.15, 1.15, 14).tolist()), 0.17)
+REFINED = 4  # motions that are improved in it
 NODES = 101  # of a plan
 MATCHING_ROUNDS = 8  # of joint rates at the end, to a moving goal
 RATE_TOLERANCE = 1e-4  # rad/s, of these rates
@@ -59,7 +61,8 @@ class OptimalPlanner:
         robot: of one arm. limits: of plans. library: of stored motions to start from; None starts from rest,
             or around the attitude-unconstrained motion. basis: of the weights. candidates: number of stored
             motions whose predicted costs are compared; None for 12 or 24. improved: number of them that are
-            improved, by predicted cost; the others follow where none of these leads to the goal.
+            improved, by predicted cost, None for 1 or 3; the others follow where none of these leads to the
+            goal.
         further: inequalities of a space of motions that are imposed where a plan without them violates
             them; None for none.
     """
@@ -71,14 +74,14 @@ class OptimalPlanner:
         library: Library | None = None,
         basis: GaussianBasis = GaussianBasis(),
         candidates: int | None = None,
-        improved: int = IMPROVED,
+        improved: int | None = None,
         further: Callable[[WeightSpace], tuple[Rows, ...]] | None = None,
     ) -> None:
         self._robot, self._limits, self._library, self._basis = robot, limits.checked(robot), library, basis
-        self._candidates = candidates
-        if candidates is not None:
-            positive_integer("candidates", candidates, MOST_CANDIDATES)
-        self._improved = positive_integer("improved", improved, MOST_CANDIDATES)
+        self._candidates, self._improved = candidates, improved
+        for name, value in ("candidates", candidates), ("improved", improved):
+            if value is not None:
+                positive_integer(name, value, MOST_CANDIDATES)
         self._further = further
 
     def plan(self, reach: Reach) -> ReachPlan | Failure:
@@ -97,14 +100,17 @@ class OptimalPlanner:
         """
         if (failure := self._out_of_reach(reach)) is not None:
             return failure
-        space, bounds, rows = self.setting(reach)
-        found = self._from_library(space, bounds, rows, reach, thorough)
-        best = _best(found)
+        problem = space, bounds, rows = self.setting(reach)
+        found = self._from_library(problem, reach, thorough)
+        best = best_solution(found)
         # Guesses around another motion lead past spheres, but hardly ever to a goal that stored ones miss.
         perturb = not reach.keep_attitude or reach.spheres is not None
         if best is None and (not found or (thorough and perturb)):
             found += self._from_rest(space, bounds, rows, reach.keep_attitude)
-            best = _best(found)
+            best = best_solution(found)
+        if best is None and thorough and reach.keep_attitude:
+            best, problem = self._refined(reach, space, found)
+            space, bounds, rows = problem
         if best is None:
             return _failure(found, reach.duration)
         if reach.goal.moves:
@@ -118,6 +124,20 @@ class OptimalPlanner:
             best = _improved(space, bounds, (*rows, *further), reach.keep_attitude, best)
         return self.motion(space, best)
 
+    def _refined(
+        self, reach: Reach, space: WeightSpace, found: Sequence[SqpResult]
+    ) -> tuple[SqpResult | None, Problem]:
+        """Best solution in a finer basis, if any, from the motions that came nearest, and its problem."""
+        finer = self._space(reach, np.zeros(self._robot.n_joints), FINER)
+        problem = finer, *self._inequalities(finer, reach)
+        starts = Starts(problem, reach.keep_attitude, in_stages=True)
+        for end in sorted(found, key=lambda end: end.goal_error)[:REFINED]:
+            starts.add(finer.coordinates(in_basis(FINER, self._basis, space.weights(end.y))))
+            if starts.best is not None:
+                break
+        starts.resume()
+        return starts.best, problem
+
     def _matched(self, reach: Reach, space: WeightSpace, y: Array) -> Solved | Failure:
         """The motion that ends as fast as the goal, from one to the same pose that ends at another rate.
 
@@ -126,10 +146,10 @@ class OptimalPlanner:
         rate = np.zeros(self._robot.n_joints)
         for _ in range(MATCHING_ROUNDS):
             before, rate = rate, matching_rates(self._robot, reach, space, y)
-            space = self._space(reach, rate)
+            space = self._space(reach, rate, space.shapes.basis)
             bounds, rows = self._inequalities(space, reach)
             found = minimise(space, bounds, y, reach.keep_attitude, rows)
-            if _best([found]) is None:
+            if best_solution([found]) is None:
                 return _failure([found], reach.duration)
             y = found.y
             if np.abs(rate - before).max() < RATE_TOLERANCE:
@@ -137,16 +157,16 @@ class OptimalPlanner:
         reason = f"joint rates at the end change by {np.abs(rate - before).max():.3g} rad/s in the last round"
         return Failure(METHOD, Cause.SOLVER, reason)
 
-    def setting(self, reach: Reach) -> tuple[WeightSpace, Bounds, tuple[Rows, ...]]:
+    def setting(self, reach: Reach) -> Problem:
         """Return the motions that end at rest, bounds and nonlinear inequalities of a checked problem."""
-        space = self._space(reach, np.zeros(self._robot.n_joints))
+        space = self._space(reach, np.zeros(self._robot.n_joints), self._basis)
         return space, *self._inequalities(space, reach)
 
-    def _space(self, reach: Reach, end_rate: Array) -> WeightSpace:
+    def _space(self, reach: Reach, end_rate: Array, basis: Basis) -> WeightSpace:
         """Motions that end with given joint rates (n,), rad/s."""
         return WeightSpace(
             self._robot,
-            self._basis,
+            basis,
             reach.start,
             np.zeros_like(reach.start) if reach.rate is None else reach.rate,
             reach.duration,
@@ -172,7 +192,7 @@ class OptimalPlanner:
 
     def solve(
         self,
-        problem: tuple[WeightSpace, Bounds, tuple[Rows, ...]],
+        problem: Problem,
         guess: Array,
         keep_attitude: bool,
         **options: Any,
@@ -188,48 +208,39 @@ class OptimalPlanner:
     def motion(self, space: WeightSpace, solution: SqpResult) -> ReachPlan:
         """Return the plan of a solution."""
         phase = np.linspace(0.0, 1.0, NODES)
-        columns, t = space.weights(solution.y).T, space.duration
+        columns, t, basis = space.weights(solution.y).T, space.duration, space.shapes.basis
         return ReachPlan(
             METHOD,
             phase * t,
-            self._basis.value(phase) @ columns,
-            self._basis.derivative(phase) @ columns / t,
-            self._basis.second_derivative(phase) @ columns / t**2,
+            basis.value(phase) @ columns,
+            basis.derivative(phase) @ columns / t,
+            basis.second_derivative(phase) @ columns / t**2,
             float(space.dense_cost(solution.y[None])[0]),
             notes=f"{solution.iterations} iterations",
         )
 
-    def _from_library(
-        self,
-        space: WeightSpace,
-        bounds: Bounds,
-        rows: tuple[Rows, ...],
-        reach: Reach,
-        thorough: bool,
-    ) -> list[SqpResult]:
+    def _from_library(self, problem: Problem, reach: Reach, thorough: bool) -> list[SqpResult]:
         """Solutions from the stored motions with the least predicted costs."""
         if self._library is None:
             return []
-        keep = reach.keep_attitude
+        (space, bounds, rows), keep = problem, reach.keep_attitude
         alike = bounds.any and reach.kind == "pose" and not keep
         candidates = self._candidates or (LIMITED_CANDIDATES if alike else CANDIDATES)
         guesses, predicted = ranked(space, bounds, self._library.nearest(reach, candidates), keep)
+        improved = self._improved or IMPROVED
         if not bounds.any:
-            guesses = np.concatenate([_raced(space, bounds, guesses[:RACED], keep), guesses[RACED:]])
+            count = RACED if keep else WIDE_RACED
+            guesses = np.concatenate([raced(problem, guesses[:count], keep), guesses[count:]])
+            improved = self._improved or (IMPROVED if keep else WIDE_IMPROVED)
         found: list[SqpResult] = []
-        most = max(MOST_IMPROVED if thorough else MAX_IMPROVED, self._improved)
-        for number, guess in enumerate(guesses[:most]):
-            if number >= self._improved and (best := _best(found)) is not None:
-                if number >= MAX_IMPROVED or best.cost <= RETRY_COST_RATIO * predicted:
-                    break
-            found.append(minimise(space, bounds, guess, keep, rows))
-        for guess in guesses[:BARE] if rows and thorough else ():
-            if _best(found) is not None:
+        # With the attitude free nearly every start leads to the goal.
+        for in_stages in (True,) if keep else (False, True):
+            starts = Starts(problem, keep, in_stages)
+            most = max(improved, (MOST_STARTED if in_stages else MOST_IMPROVED) if thorough else MAX_IMPROVED)
+            _run(starts, guesses[:most], improved, predicted)
+            found += starts.ends
+            if starts.best is not None or not (thorough and rows):
                 break
-            # Nonlinear inequalities are imposed after the goal has been reached without them.
-            bare = minimise(space, bounds, guess, keep)
-            if bare.goal_error < GOAL_TOLERANCE:
-                found.append(minimise(space, bounds, bare.y, keep, rows))
         return found
 
     def _from_rest(
@@ -248,7 +259,7 @@ class OptimalPlanner:
         guesses = free.y + PERTURBATION * rng.standard_normal((PERTURBED, *rest.shape))
         found = [minimise(space, bounds, guess, True, rows) for guess in guesses]
         for number in range(MORE_PERTURBED if self._library is None else 0):
-            if _best(found) is not None:
+            if best_solution(found) is not None:
                 break
             spread = PERTURBATION * (1.0 + number / PERTURBED)
             guess = free.y + spread * rng.standard_normal(rest.shape)
@@ -266,14 +277,16 @@ class OptimalPlanner:
         return Failure(METHOD, Cause.OUT_OF_REACH, reason)
 
 
-def _raced(space: WeightSpace, bounds: Bounds, guesses: Array, keep_attitude: bool) -> Array:
-    """Coordinates (S, n, m) after a few iterations, the most promising first.
-
-    Without limits motions run so far from their initial guesses that predictions of one step mislead.
-    """
-    ends = [minimise(space, bounds, guess, keep_attitude, iterations=RACE) for guess in guesses]
-    ends.sort(key=lambda end: end.cost + RACE_PENALTY * end.goal_error)
-    return np.stack([end.y for end in ends])
+def _run(starts: Starts, guesses: Array, improved: int, predicted: float) -> None:
+    """Improve guesses in their order, at least `improved`, until enough of them have led to the goal."""
+    for number, guess in enumerate(guesses, start=1):
+        starts.add(guess)
+        best = starts.best
+        if best is None or number < improved:
+            continue
+        if number >= MAX_IMPROVED or best.cost <= RETRY_COST_RATIO * predicted:
+            return
+    starts.resume()
 
 
 def _improved(
@@ -284,17 +297,9 @@ def _improved(
     for number in range(FURTHER):
         shift = PERTURBATION * number * rng.standard_normal(best.y.shape)
         found = minimise(space, bounds, best.y + shift, keep_attitude, rows)
-        if _best([found]) is not None:
+        if best_solution([found]) is not None:
             return found
     return best
-
-
-def _best(found: Sequence[SqpResult]) -> SqpResult | None:
-    """Solution of least cost that reaches its goal."""
-    usable = [
-        one for one in found if one.goal_error < 10.0 * GOAL_TOLERANCE and one.violation < VIOLATION_TOLERANCE
-    ]
-    return min(usable, key=lambda solution: solution.cost, default=None)
 
 
 def _failure(found: Sequence[SqpResult], duration: float) -> Failure:

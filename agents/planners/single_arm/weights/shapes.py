@@ -79,3 +79,9 @@ def _shapes(basis: Basis, intervals: int, samples: int) -> Shapes:
         even=at(np.linspace(0.0, 1.0, samples)),
         end=basis.value(1.0),
     )
+
+
+def in_basis(basis: Basis, other: Basis, weights: Array) -> Array:
+    """Weights (n, nb) in a basis of the motion nearest to one with weights (n, nb) in another."""
+    phase = np.linspace(0.0, 1.0, _FINE)
+    return np.linalg.lstsq(basis.value(phase), other.value(phase) @ weights.T, rcond=None)[0].T
