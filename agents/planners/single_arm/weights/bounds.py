@@ -61,10 +61,9 @@ class Bounds:
     def linear(self, y: Array, chosen: set[tuple[int, int]]) -> tuple[Array, Array, Array]:
         """Rows (k, n m) with lower and upper limits on a step from y (n, m), for chosen bounds."""
         row, joint = np.array(sorted(chosen)).T
-        matrix = np.zeros((len(row), y.size))
-        columns = joint[:, None] * self._m + np.arange(self._m)
-        scale = self._scale[row, joint]
-        matrix[np.arange(len(row))[:, None], columns] = self._rows[row] / scale[:, None]
-        value = (self._rows[row] * y[joint]).sum(axis=1) / scale
+        matrix = np.zeros((len(row), *y.shape))
+        rows, scale = self._rows[row], self._scale[row, joint]
+        matrix[np.arange(len(row)), joint] = rows / scale[:, None]
+        value = (rows * y[joint]).sum(axis=1) / scale
         low, high = self._low[row, joint] - value, self._high[row, joint] - value
-        return matrix, low, high
+        return matrix.reshape(len(row), y.size), low, high

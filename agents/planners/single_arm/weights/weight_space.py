@@ -97,6 +97,7 @@ class WeightSpace:
         per_time = duration ** -np.arange(3.0)[:, None, None]
         gauss, even = shapes.gauss * per_time, shapes.even * per_time
         self._gauss = gauss[:2] @ shapes.free  # (2, 2 K, m)
+        self._tiled = np.tile(self._gauss, self._n)[:, :, None]  # (2, 2 K, 1, n m), the same for every joint
         self._gauss_fixed = gauss[:2] @ self.fixed.T  # (2, 2 K, n)
         self.even, self.even_fixed = even @ shapes.free, even @ self.fixed.T
         self._end, self._end_fixed = shapes.end @ shapes.free, self.fixed @ shapes.end
@@ -155,9 +156,12 @@ class WeightSpace:
         xi, slope = self.functions.slopes(*self._states(y))
         pose, propagation = self._chain(xi)
         residual = (xi * self._scale).reshape(s, 12 * INTERVALS)
-        by_angle, by_rate = self._gauss[:, :, None, None, :]  # (2 K, 1, 1, m)
         scaled = slope * self._scale[:, None]
-        change = scaled[..., :n, None] * by_angle + scaled[..., n:, None] * by_rate  # (S, 2 K, 6, n, m)
+        change = scaled[..., :n].repeat(m, axis=-1)  # (S, 2 K, 6, n m)
+        change *= self._tiled[0]
+        by_rate = scaled[..., n:].repeat(m, axis=-1)
+        by_rate *= self._tiled[1]
+        change += by_rate
         propagation = propagation.reshape(s, 2 * INTERVALS, 6, 6)
         influence = propagation @ slope
         goal_error, ending = self._ending(y, pose[:, -1])
