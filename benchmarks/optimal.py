@@ -153,11 +153,9 @@ def table_of_goals(goals: dict[str, int], split: str, jobs: int, collocation: bo
             for keep_attitude in (False, True):
                 setting = ReachSetting(difficulty, keep_attitude, limited)
                 reaches = setting.reaches(split, count)
-                planner = OptimalPlanner(
-                    SingleArmTask().mechanics,
-                    setting.limits,
-                    library_of(SingleArmTask().robot, keep_attitude, limited),
-                )
+                task = SingleArmTask()
+                library, wide = (library_of(task.robot, keep_attitude, x) for x in (limited, False))
+                planner = OptimalPlanner(task.mechanics, setting.limits, library, reserve=wide)
                 plans, times = timed(planner.plan, reaches)
                 work = (
                     delayed(best_known)(setting, reach, number, collocation)

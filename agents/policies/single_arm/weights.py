@@ -32,8 +32,9 @@ class PrompOptimal(OptimalPolicy):
     def __init__(self, context: PolicyContext, seed: int = 0) -> None:
         super().__init__(context, seed)
         library = find_library(context.robot, self.keep_attitude)
+        reserve = find_library(context.robot, self.keep_attitude, limited=False)
         further = further_rows(context)
-        self.planner = OptimalPlanner(context.arm, self.limits, library, further=further)
+        self.planner = OptimalPlanner(context.arm, self.limits, library, further=further, reserve=reserve)
 
 
 class PrompOptimalKept(PrompOptimal):

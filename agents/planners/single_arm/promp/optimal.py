@@ -65,6 +65,8 @@ class OptimalPlanner:
             goal.
         further: inequalities of a space of motions that are imposed where a plan without them violates
             them; None for none.
+        reserve: motions to start from with the attitude constrained where those of the library lead nowhere,
+            such as motions without limits.
     """
 
     def __init__(
@@ -76,13 +78,14 @@ class OptimalPlanner:
         candidates: int | None = None,
         improved: int | None = None,
         further: Callable[[WeightSpace], tuple[Rows, ...]] | None = None,
+        reserve: Library | None = None,
     ) -> None:
         self._robot, self._limits, self._library, self._basis = robot, limits.checked(robot), library, basis
         self._candidates, self._improved = candidates, improved
         for name, value in ("candidates", candidates), ("improved", improved):
             if value is not None:
                 positive_integer(name, value, MOST_CANDIDATES)
-        self._further = further
+        self._further, self._reserve = further, reserve
 
     def plan(self, reach: Reach) -> ReachPlan | Failure:
         """Plan the motion of least cost among all optima found; with a window, as `at_best_time` chooses."""
@@ -101,7 +104,9 @@ class OptimalPlanner:
         if (failure := self._out_of_reach(reach)) is not None:
             return failure
         problem = space, bounds, rows = self.setting(reach)
-        found = self._from_library(problem, reach, thorough)
+        found = self._from_library(self._library, problem, reach, thorough)
+        if thorough and reach.keep_attitude and best_solution(found) is None:
+            found += self._from_library(self._reserve, problem, reach, thorough)
         best = best_solution(found)
         # Guesses around another motion lead past spheres, but hardly ever to a goal that stored ones miss.
         perturb = not reach.keep_attitude or reach.spheres is not None
@@ -219,14 +224,16 @@ class OptimalPlanner:
             notes=f"{solution.iterations} iterations",
         )
 
-    def _from_library(self, problem: Problem, reach: Reach, thorough: bool) -> list[SqpResult]:
+    def _from_library(
+        self, library: Library | None, problem: Problem, reach: Reach, thorough: bool
+    ) -> list[SqpResult]:
         """Solutions from the stored motions with the least predicted costs."""
-        if self._library is None:
+        if library is None:
             return []
         (space, bounds, rows), keep = problem, reach.keep_attitude
         alike = bounds.any and reach.kind == "pose" and not keep
         candidates = self._candidates or (LIMITED_CANDIDATES if alike else CANDIDATES)
-        guesses, predicted = ranked(space, bounds, self._library.nearest(reach, candidates), keep)
+        guesses, predicted = ranked(space, bounds, library.nearest(reach, candidates), keep)
         improved = self._improved or IMPROVED
         if not bounds.any:
             count = RACED if keep else WIDE_RACED
