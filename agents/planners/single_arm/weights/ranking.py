@@ -47,13 +47,17 @@ def predicted_costs(
     constrained = space.constrained(keep_attitude)
     at = space.disturbance(guesses)
     jacobian, equations = at.residual_slope, at.goal_slope[:, :constrained]
-    size, count = space.size, len(guesses)
-    matrix = np.zeros((count, size + constrained, size + constrained))
-    matrix[:, :size, :size] = jacobian.swapaxes(1, 2) @ jacobian + step_cost * np.eye(size)
-    matrix[:, size:, :size], matrix[:, :size, size:] = equations, equations.swapaxes(1, 2)
-    pull = (at.residual[:, None] @ jacobian)[:, 0]
-    right = np.concatenate([-pull, -at.goal_error[:, :constrained]], axis=1)
-    step = np.linalg.solve(matrix, right[..., None])[:, :size]
+    size = space.size
+    hessian = jacobian.swapaxes(1, 2) @ jacobian
+    hessian[:, np.arange(size), np.arange(size)] += step_cost
+    pull = at.residual[:, None] @ jacobian
+    # Multipliers of the equations first: a smaller system than with them.
+    right = np.concatenate([pull, equations], axis=1).swapaxes(1, 2)
+    solved = np.linalg.solve(hessian, right)
+    free, by_equation = solved[..., :1], solved[..., 1:]
+    missing = at.goal_error[:, :constrained, None] - equations @ free
+    multipliers = np.linalg.solve(equations @ by_equation, missing)
+    step = -free - by_equation @ multipliers
     remaining = at.residual + (jacobian @ step)[..., 0]
     return (remaining * remaining).sum(axis=1) + step_cost * (step * step).sum(axis=(1, 2))
 
