@@ -54,7 +54,7 @@ class Starts:
 
     @property
     def ends(self) -> list[SqpResult]:
-        """Where the iterations from all guesses are, also of those that wait, nearest to the goal first."""
+        """Last iterates of all guesses, also of those that wait, nearest to the goal first."""
         waiting = [descent.run(TRIAL) for _, _, descent in self._waiting]
         return sorted([*self.found, *waiting], key=lambda end: end.goal_error)
 
