@@ -39,7 +39,7 @@ class ReactionlessNetwork(PrompReactionless):
     knowledge = Knowledge.LEARNED_WITH_MODEL
 
     def __init__(
-        self, context: PolicyContext, seed: int, file: PolicyFile, corrections: int = 3, search: bool = False
+        self, context: PolicyContext, seed: int, file: PolicyFile, corrections: int = 6, search: bool = False
     ) -> None:
         super().__init__(context, seed)
         check_trained_for(file, context)

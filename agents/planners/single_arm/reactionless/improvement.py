@@ -90,7 +90,7 @@ class PathImprover:
         found = self.polished(space, weights)
         if found.keeps(duration) or not effort.iterations:
             return found
-        return self.least_cost(space, found.weights, duration, effort)
+        return self.least_cost(space, weights, duration, effort)
 
     def feasible(self, space: PathSpace, weights: Array, duration: float) -> Candidate:
         """A path near weights (n, K) that keeps all limits, its cost made small once there is one."""
