@@ -18,7 +18,7 @@ from agents.planners.single_arm.amortised.steps import MotionLoss, Penalties
 from agents.planners.single_arm.reactionless.goals import PoseRows
 from agents.planners.single_arm.reactionless.paths import PathSpace
 from agents.planners.single_arm.weights.weight_space import WeightSpace
-from agents.policies.learned.planner_network import PlanningNetwork, remainder
+from agents.policies.learned.planner_network import PlannerNetwork, PlanningNetwork, remainder
 from agents.policies.learned.policy_file import load_policy_file
 from agents.policies.learned.reactionless_network import ReactionlessNetwork
 from agents.policies.learned.trained import load_trained
@@ -26,6 +26,7 @@ from space_envs.dynamics import roll_out_base
 from space_envs.dynamics.rotations import angle_between, from_matrix, multiply, rotate, to_matrix
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError, PolicyError
+from space_envs.evaluation.play.steps import steps
 from space_envs.policy import PolicyContext
 from space_envs.registration import make_task
 
@@ -251,3 +252,22 @@ def test_planner_solves_what_a_network_would() -> None:
     assert all(failure.cause is Cause.INACCURATE for failure in found.failures)
     found = planner.plan(planner.batch(given), coordinates(4, 3.0))
     assert all(failure.residual > 0.0 for failure in found.failures)
+
+
+def test_shipped_network_keeps_the_attitude_also_where_its_plans_are_corrected_on_the_way() -> None:
+    n = 12
+    for replan, scale in (((6.0, 12.0), 1.0), ((), 1.1)):
+        env = CaptureVectorEnv(ENV_ID, n, split="test", autoreset_mode="disabled")
+        observation, _ = env.reset(seed=0, options={"index": np.arange(n)})
+        rows = np.arange(n)
+        env.simulation.scale_base(rows, np.full(n, scale))
+        env.simulation.refresh(rows)
+        env.drive.reset(rows)
+        policy = PlannerNetwork(PolicyContext.from_env(env), 0, replan=replan)
+        found = list(steps(policy, env, observation))
+        assert (found[-1].info["outcome"] == "captured").all()
+        assert (found[-1].state.start > 0.0).all() == bool(replan)
+        final = np.zeros(n)
+        for step in found:
+            final = np.where(step.running, np.rad2deg(env.task.attitude(step.observation)), final)
+        assert (final < 0.1).mean() > 0.9

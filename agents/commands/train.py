@@ -22,6 +22,7 @@ Train a policy and keep the best one on the validation split (the held-out part 
 
   train.py                                   ppo: clones an expert for half a minute, then improves the clone
   train.py --algo bc --expert mpc            behaviour cloning alone, of any expert
+  train.py --algo planner                    a network that plans, trained on its own corrected plans
   train.py --algo ppo --init runs/my-bc      ppo from a policy that was trained earlier
   train.py --algo ppo --init none            ppo from random weights
   train.py --algo td3 --init runs/my-bc      off-policy, with the clone's steps in the replay buffer

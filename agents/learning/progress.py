@@ -60,7 +60,7 @@ class Progress:
             candidate: whether it may be saved: not while it is still the policy that the run started from.
         """
         file = self._policy_file(steps, network)
-        result = self._validate(trained_policy(file, self._validate.context))
+        result = self._validate(trained_policy(file, self._validate.context, search=False))
         if candidate and (self._best is None or result.order > self._best):
             self._best = result.order
             replace(file, notes={**file.notes, "validation": result.to_json()}).save(self.folder.policy)

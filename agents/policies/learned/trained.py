@@ -10,16 +10,23 @@ from agents.policies.learned.reactionless_network import ReactionlessNetwork
 from space_envs.policy import PolicyContext
 
 
-def trained_policy(file: PolicyFile, context: PolicyContext, seed: int = 0) -> BasePolicy:
+def trained_policy(
+    file: PolicyFile, context: PolicyContext, seed: int = 0, search: bool = True
+) -> BasePolicy:
     """The policy of a file.
+
+    Args:
+        search: whether the search of `promp_reactionless` follows where a network that gives paths in the
+            reaction null space leads to no plan.
 
     Raises:
         PolicyError: if it was trained for another id, control mode or robot.
     """
     if file.plans is None:
         return LearnedPolicy(context, seed, file)
-    kind = ReactionlessNetwork if file.plans.kind == "reactionless" else PlanningNetwork
-    return kind(context, seed, file)
+    if file.plans.kind == "reactionless":
+        return ReactionlessNetwork(context, seed, file, search=search)
+    return PlanningNetwork(context, seed, file)
 
 
 def load_trained(path: str | Path, context: PolicyContext, seed: int = 0) -> BasePolicy:
