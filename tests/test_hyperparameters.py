@@ -24,6 +24,8 @@ from space_envs.tasks.common import Field, ObservationLayout
 def test_defaults_of_every_id_survive_json() -> None:
     for env_id in ENTRIES:
         for algorithm, kind in installed_algorithms().items():
+            if algorithm == "planner" and env_id != ENV_ID:
+                continue  # it is for static poses of one arm without obstacles
             settings, parameters, messages = settle({"algo": algorithm, "env": env_id})
             assert settings == Settings(algorithm, env_id) and not messages
             again = from_json(algorithm, json.loads(json.dumps(to_json(parameters))))
@@ -71,6 +73,7 @@ def test_every_hyperparameter_is_an_option_and_a_dry_run_gives_a_file(
     changed, options = asdict(defaults(algorithm)), []
     for name in described(ALGORITHMS[algorithm]):
         given: Any = {"hidden": [8, 4], "activation": "elu", "expert": "mpc", "ent_coef": 0.01}.get(name)
+        given = "reactionless" if name == "kind" else given
         if name == "features":
             given, words = [("joint_position", "plain", 2.0)], ["joint_position:plain:2"]
         else:
@@ -90,8 +93,8 @@ def test_every_hyperparameter_is_an_option_and_a_dry_run_gives_a_file(
     file.write_text(text)
     assert main(["--config", str(file), "--dry-run"]) == 0
     assert capsys.readouterr().out == text
-    assert main(["--config", str(file), "--gamma", "0.5", "--dry-run"]) == 0
-    assert tomllib.loads(capsys.readouterr().out) == printed | {"gamma": 0.5}
+    assert main(["--config", str(file), "--learning-rate", "0.5", "--dry-run"]) == 0
+    assert tomllib.loads(capsys.readouterr().out) == printed | {"learning_rate": 0.5}
 
 
 def test_a_start_from_random_weights_is_said_and_an_expert_is_asked_for() -> None:

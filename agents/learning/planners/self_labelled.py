@@ -146,7 +146,7 @@ class SelfLabelled:
         new = {"rows": rows, "target": target.astype(np.float32), "error_by": error_by.astype(np.float32)}
         if not self._memory or len(self._memory["rows"]) < self._kept(self.rounds + 1):
             for name, value in new.items():
-                old = self._memory.get(name, value[:0])
+                old = self._memory[name] if name in self._memory else value[:0]
                 self._memory[name] = np.concatenate([old[self._next :], old[: self._next], value])
             self._next = 0
             return

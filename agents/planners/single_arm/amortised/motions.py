@@ -6,9 +6,10 @@ nb - 3 functions a joint are free: the coordinates y (n, nb - 3). `WeightSpace` 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agents.planners.single_arm.weights.functions import ArmFunctions
 from agents.planners.single_arm.weights.shapes import Basis, Shapes
@@ -50,7 +51,7 @@ class Problems:
         columns = [to_matrix(each).swapaxes(1, 2).reshape(s, 9) for each in (quaternion, unit)]
         return cls(start, rate, duration, np.concatenate([position, *columns], axis=1))
 
-    def rows(self, chosen: Array) -> "Problems":
+    def rows(self, chosen: NDArray[Any]) -> "Problems":
         """Problems of some rows, by number or mask."""
         return Problems(self.start[chosen], self.rate[chosen], self.duration[chosen], self.goal[chosen])
 
