@@ -16,7 +16,7 @@ from agents.commands.training import ship
 from agents.learning import training
 from agents.learning.reinforcement import Reinforcement
 from agents.learning.runs.folder import RunFolder
-from agents.learning.runs.hyperparameters import BC, CONTRIB, PPO
+from agents.learning.runs.hyperparameters import BC, CONTRIB, PPO, Planner
 from agents.learning.runs.nested_npz import load_nested, save_nested
 from agents.learning.runs.session import Session
 from agents.learning.runs.settings import Settings
@@ -49,7 +49,7 @@ def test_every_id_has_a_model_of_every_algorithm() -> None:
     for env_id in ENTRIES:
         for algorithm in installed_algorithms():
             parameters = defaults(algorithm, env_id)
-            if isinstance(parameters, BC):
+            if isinstance(parameters, BC | Planner):
                 continue
             learner = Reinforcement(Session(RunFolder(Path()), Settings(algorithm, env_id), parameters))
             assert learner.network.inputs == learner.view.size
