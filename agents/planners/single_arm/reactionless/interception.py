@@ -31,7 +31,7 @@ END = 20  # step of a path at which it meets the goal
 TIMES = 6  # of interception in a window, that are compared first
 NEAREST = 3  # starts that are tried at each of them
 HALVINGS = 2  # of the distance to the times next to the best, afterwards
-EFFORT = Effort(15, 1e-2)  # of a search
+EFFORT = Effort(20, 1e-2, nearly=0.3, clear=False)  # of a search
 TOLERANCE = np.repeat([0.01, np.deg2rad(1.0)], 3)  # m/s and rad/s, of the twist relative to the grapple
 AIMED = 0.7  # share of it, up to which a plan is searched on for
 WEIGHT = 20.0  # of a twist error of the tolerance, next to the root of eq. 20 in its unit
