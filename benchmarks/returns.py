@@ -31,7 +31,8 @@ from space_envs.tasks.rewards import StepQuantities
 
 FILE = Path(__file__).resolve().parents[1] / "tests" / "data" / "returns.npz"
 SPLIT, EPISODES = "validation", 16
-DISCOUNTS = (1.0, 0.999)
+DISCOUNTS = (1.0, 0.9995)
+DIGITS = 3  # of a mean score, as in leaderboards; policies that share them are tied
 CAPTURED = [Outcome.CAPTURED.code]
 FAILED = [
     outcome.code for outcome in Outcome if outcome.flag == "terminated" and outcome.code not in CAPTURED
@@ -173,10 +174,11 @@ def means(env_id: str, discount: float, task: CaptureTask | None = None) -> dict
 
 
 def rank_correlation(env_id: str, discount: float, task: CaptureTask | None = None) -> Correlation:
-    """Rank correlations of mean return and mean score over all policies; arguments as of `means`."""
+    """Rank correlations of mean return and rounded mean score over all policies; arguments as of `means`."""
     score, mean_return = zip(*means(env_id, discount, task).values(), strict=True)
+    tied = np.round(score, DIGITS)
     return Correlation(
-        float(spearmanr(score, mean_return).statistic), float(kendalltau(score, mean_return).statistic)
+        float(spearmanr(tied, mean_return).statistic), float(kendalltau(tied, mean_return).statistic)
     )
 
 

@@ -169,14 +169,14 @@ def test_the_return_ranks_policies_as_the_leaderboard_does(env_id: str, discount
 
 
 def test_a_reward_with_other_weights_ranks_policies_differently():
-    """So the test above can fail: with the attitude angle as heavy as the score, or shaping by the second."""
+    """So the test above can fail: with a heavy attitude angle, shaping by the second, a cheap capture."""
     env_id = "SpaceCapture/SingleArm-v0"
 
     def weighted(**changes: Any) -> tuple[RewardTerm, ...]:
         return tuple(replace(term, **changes.get(term.name, {})) for term in SingleArmTask.dense_reward)
 
     for changes in (
-        {"attitude_angle": {"weight": -1.0}},
+        {"attitude_angle": {"weight": -3.0}},
         {"position": {"per": "second", "weight": -1.0}},
         {"capture": {"weight": 0.5}},
     ):

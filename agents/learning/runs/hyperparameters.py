@@ -104,7 +104,7 @@ class Hyperparameters:
 class Discounted(Hyperparameters):
     """Hyperparameters of algorithms that sum rewards."""
 
-    gamma: Annotated[float, Range("discount of a control step", above=0.0, most=1.0)] = 0.999
+    gamma: Annotated[float, Range("discount of a control step", above=0.0, most=1.0)] = 0.9995
 
 
 @dataclass(frozen=True)
