@@ -44,7 +44,7 @@ class Effort(NamedTuple):
     clear: bool = True
 
 
-QUICK, PATIENT = Effort(10, 3e-3, nearly=0.3, clear=False), Effort(40, 3e-3)
+QUICK, PATIENT = Effort(10, 5e-3, nearly=0.3, clear=False), Effort(40, 3e-3)
 CAREFUL, SHORTENING = Effort(20, 3e-3), Effort(8, 0.1)
 
 
