@@ -34,7 +34,7 @@ class TimedPolicy(PrompReactionless):
         super().__init__(context)
         self.known, self.times = known, list[float]()
 
-    def plan(self, asked: list[Reach]) -> list[ReachPlan | Failure]:
+    def plan(self, asked: list[Reach], observation: Array | None = None) -> list[ReachPlan | Failure]:
         """Plans of all rows."""
         for reach in asked:
             if (key := reach.end.position.tobytes() + reach.end.quaternion.tobytes()) not in self.known:
