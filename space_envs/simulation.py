@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from space_envs.dynamics.rotations import Array
+from space_envs.dynamics.rotations import Array, to_matrix
 from space_envs.dynamics.tree import base_kind
 from space_envs.system.forking import Pool, notify_after_fork
 
@@ -24,6 +24,8 @@ _VIEWS = {
     "mass_entries": "M",
     "_bias": "qfrc_bias",
 }
+# Fields of a batch that may differ between simulations.
+_OWN_FIELDS = ("body_mass", "body_inertia", "dof_damping", "dof_frictionloss", "dof_armature", "site_pos")
 _ONE_THREAD_UP_TO = 8  # simulations; below this, handing work to threads costs more than it saves
 
 
@@ -42,6 +44,8 @@ class Simulation:
         mocap_pos (N, k, 3), mocap_quat (N, k, 4): likewise, of the k mocap bodies.
         sensors (N, ns): live, current after `step` and `refresh`.
         mass_entries (N, k): likewise, stored entries of the mass matrix, of which `dense` makes matrices.
+        mass_factor (N, n + 1): factors on the masses and inertias of the base and the links, as last set.
+        moments (N, n + 1, 3): their principal moments of inertia at factor 1, kg m^2; None are the model's.
         watch: called after every step of the simulation.
 
     Args:
@@ -66,10 +70,13 @@ class Simulation:
         self._attitude = slice(2, 3) if self.planar else slice(3, 7)  # in qpos
         self._open(threads)
         self._mass_index, self._mass_present = _dense_index(model, self.n_base + self.n_joints)
-        self._nominal = (model.body_mass.copy(), model.body_inertia.copy())
+        self._bodies = np.flatnonzero(model.body_rootid == self._base)
+        self.mass_factor, self.moments = np.ones((n, len(self._bodies))), None
         self._warned, self._all_warned = np.zeros(n, dtype=np.int64), 0
         self.watch: Callable[[], None] | None = None
 
+    mass_factor: Array
+    moments: Array | None
     batch: Pool
     qpos: Array
     qvel: Array
@@ -192,14 +199,54 @@ class Simulation:
         self._warned[rows] = self.batch.warning[rows, :, 1].sum(axis=1)
         self._all_warned = self._warned.sum()
 
+    def inertia(self) -> Array | None:
+        """Inertias (N, n + 1, 3, 3) of the base and the links at factor 1, in the bodies' axes, kg m^2; None
+        if they are the model's."""
+        if self.moments is None:
+            return None
+        axes = to_matrix(self.model.body_iquat[self._bodies])
+        return axes @ (self.moments[..., None] * axes.swapaxes(1, 2))
+
+    @property
+    def nominal_moments(self) -> Array:
+        """Principal moments of inertia (n + 1, 3) of the base and the links in the model, kg m^2."""
+        return self.model.body_inertia[self._bodies]
+
     def scale_base(self, rows: Rows, scale: Array) -> None:
         """Multiply the satellite's mass and inertia of rows (k,) by scale (k,), from the model's values."""
         if self.batch.expanded("body_mass") is None and (scale == 1.0).all():
             return
-        base = self._base
-        mass, inertia = self.batch.expand("body_mass"), self.batch.expand("body_inertia")
-        mass[rows, base] = self._nominal[0][base] * scale
-        inertia[rows, base] = self._nominal[1][base] * scale[:, None]
+        factor = np.ones((len(rows), len(self._bodies)))
+        factor[:, 0] = scale
+        self.set_masses(rows, factor)
+
+    def set_masses(self, rows: Rows, factor: Array, moments: Array | None = None) -> None:
+        """Give the base and the links of rows (k,) other masses and inertias than the model's.
+
+        Args:
+            factor: (k, n + 1) on masses and inertias. moments: (k, n + 1, 3) principal moments of inertia at
+                the factor 1, kg m^2; None are the model's.
+        """
+        self.mass_factor[rows] = factor
+        nominal = self.nominal_moments
+        if moments is not None:
+            if self.moments is None:
+                self.moments = np.tile(nominal, (self.n, 1, 1))
+            self.moments[rows] = nominal = moments
+        at = rows[:, None], self._bodies
+        self.batch.expand("body_mass")[at] = self.model.body_mass[self._bodies] * factor
+        self.batch.expand("body_inertia")[at] = nominal * factor[..., None]
+        self.batch.set_const(rows)
+
+    def set_joints(self, rows: Rows, viscous: Array, dry: Array, inertia: Array) -> None:
+        """Give the joints of rows (k,) friction and inertia in addition to the model's.
+
+        Args:
+            viscous, dry, inertia: (k, n) N m s/rad, N m and kg m^2.
+        """
+        joints = np.arange(self.n_base, self.n_base + self.n_joints)
+        for name, values in (("dof_damping", viscous), ("dof_frictionloss", dry), ("dof_armature", inertia)):
+            self.batch.expand(name)[rows[:, None], joints] = getattr(self.model, name)[joints] + values
         self.batch.set_const(rows)
 
     def warned(self) -> bool:
@@ -225,7 +272,7 @@ class Simulation:
     def snapshot(self) -> dict[str, Array]:
         """State from which `restore` continues bitwise identically."""
         state = {"state": np.stack([self.state(row) for row in range(self.n)])}
-        for name in ("body_mass", "body_inertia", "site_pos"):
+        for name in _OWN_FIELDS:
             own = self.batch.expanded(name)
             if own is not None:
                 state[name] = own.copy()
@@ -235,10 +282,10 @@ class Simulation:
         """Restore a snapshot of the same number of simulations of the same model."""
         rows = np.arange(self.n)
         data = mujoco.MjData(self.model)
-        for name in ("body_mass", "body_inertia", "site_pos"):
-            if name in snapshot:
-                self.batch.expand(name)[:] = snapshot[name]
-        if "body_mass" in snapshot:
+        own = [name for name in _OWN_FIELDS if name in snapshot]
+        for name in own:
+            self.batch.expand(name)[:] = snapshot[name]
+        if own:
             self.batch.set_const(rows)
         for row, state in enumerate(snapshot["state"]):
             mujoco.mj_setState(self.model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)

@@ -36,6 +36,7 @@ ROOMS = (
         "space_envs.simulation",
         "space_envs.drives",
         "space_envs.control",
+        "space_envs.perturbations",
         "space_envs.step_limits",
         "space_envs.metric",
         "space_envs.tasks",

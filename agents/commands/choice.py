@@ -14,6 +14,7 @@ from space_envs.control import CONTROL_MODES
 from space_envs.envs import CaptureVectorEnv
 from space_envs.errors import ConfigurationError, PolicyError, UnfitRobotError, unknown_name
 from space_envs.evaluation.play.process.policy_process import PolicyProcess
+from space_envs.perturbations.amounts import PRESETS, Perturbation
 from space_envs.policy import PolicyContext
 from space_envs.registration import ENTRIES, find, make_task
 from space_envs.tasks.goals.kinds import GOAL_KINDS
@@ -29,6 +30,18 @@ def add_task_options(parser: argparse.ArgumentParser) -> None:
     add("--control-mode", metavar="MODE", help=what)
     cores = len(os.sched_getaffinity(0))
     add("--jobs", type=int, default=cores, metavar="N", help=f"processes (default {cores}, the cores)")
+
+
+def add_perturb(parser: argparse.ArgumentParser, several: bool = False) -> None:
+    """Add `--perturb`, which may be given several times where `several` perturbations can be played."""
+    what = (
+        f"a robot that differs from the model that policies know: {', '.join(PRESETS)}, or amounts as "
+        f"NAME=VALUE, also after a preset: {', '.join(field.name for field in fields(Perturbation))} "
+        "(docs/robustness.md)"
+    )
+    again = "; may be given again, each as tasks of their own" if several else ""
+    action = "append" if several else "store"
+    parser.add_argument("--perturb", nargs="+", action=action, metavar="WORD", help=what + again)
 
 
 def task_keywords(options: argparse.Namespace, env_id: str) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from agents.commands.choice import (
+    add_perturb,
     add_task_options,
     check_fit,
     choose_ids,
@@ -83,6 +84,7 @@ def parser() -> argparse.ArgumentParser:
     what = f"{', '.join(DIFFICULTIES)}, or the task's own (default: the task's, usually medium)"
     add("--difficulty", metavar="NAME", help=what)
     add_task_options(out)
+    add_perturb(out)
     add("--episodes", type=int, default=100, metavar="N", help="different goals (default 100)")
     what = "of the goals, their order and the policy (default 0)"
     add("--seed", type=int, default=0, help=what)
@@ -146,6 +148,7 @@ def _requests(options: argparse.Namespace) -> list[DatasetRequest]:
     formats = tuple(name for name in FORMATS if name in options.format)
     keywords = {env_id: task_keywords(options, env_id) for env_id in env_ids}
     chosen = {"split": options.split, **({"difficulty": options.difficulty} if options.difficulty else {})}
+    chosen |= {"perturbation": " ".join(options.perturb)} if options.perturb else {}
     tasks = {env_id: make_task(env_id, {**keywords[env_id], **chosen}) for env_id in env_ids}
     requests = [
         DatasetRequest(

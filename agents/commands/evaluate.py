@@ -8,6 +8,7 @@ from importlib import import_module
 from pathlib import Path
 
 from agents.commands.choice import (
+    add_perturb,
     add_task_options,
     check_fit,
     choose_ids,
@@ -25,6 +26,7 @@ from space_envs.evaluation.harness.evaluation import Evaluation
 from space_envs.evaluation.harness.runner import EVALUATION
 from space_envs.evaluation.play.entry import EvaluatedTask
 from space_envs.evaluation.play.process.limits import TimeLimits
+from space_envs.perturbations.amounts import NOMINAL, Perturbation
 from space_envs.registration import ENTRIES, make_task
 from space_envs.robots.robot import Robot
 from space_envs.robots.zoo import robot_names, robot_summary
@@ -40,6 +42,8 @@ LaTeX) and a self-contained HTML report.
 
   evaluate.py --policy gjm promp runs/mine my_package.planner:Planner --episodes 200
   evaluate.py --env all --split test ood --seeds 0-4 --jobs 8
+  evaluate.py ... --perturb mild --perturb mass=0.1 action_delay=2
+                                        with a robot that differs from the model that policies know
   evaluate.py ... --resume              continue an evaluation that was stopped or killed
   evaluate.py ... --overwrite           replace the evaluation that the folder holds
 
@@ -84,6 +88,7 @@ def parser() -> argparse.ArgumentParser:
     what = f"{', '.join(DIFFICULTIES)}, or the task's own (default: the task's, usually medium)"
     add("--difficulty", action=AppendValues, nargs="+", default=[], metavar="NAME", help=what)
     add_task_options(out)
+    add_perturb(out, several=True)
     add("--episodes", type=int, default=100, help="different goals of each split, a seed (default 100)")
     what = "of goals and policies, such as 3, 0-4 or 0,2,5-7; strata of the intervals (default 0)"
     add("--seeds", "--seed", default="0", metavar="LIST", help=what)
@@ -183,13 +188,18 @@ def _checked(options: argparse.Namespace, arguments: list[str]) -> tuple[Evaluat
 
 
 def _tasks(env_id: str, options: argparse.Namespace) -> dict[EvaluatedTask, Robot]:
-    """An id's tasks with their robots, by difficulty and then by split; errors as in `make_task`."""
+    """An id's tasks with their robots, by difficulty, split and perturbation; errors as in `make_task`."""
     keywords = task_keywords(options, env_id)
     difficulties = options.difficulty or [make_task(env_id, keywords).difficulty]
+    perturbations = [Perturbation.of(" ".join(words)) for words in options.perturb or [[NOMINAL]]]
+    distinct("perturbation", [perturbation.text for perturbation in perturbations])
     made = [
-        make_task(env_id, {**keywords, "difficulty": difficulty, "split": split})
+        make_task(
+            env_id, {**keywords, "difficulty": difficulty, "split": split, "perturbation": perturbation}
+        )
         for difficulty in difficulties
         for split in options.split
+        for perturbation in perturbations
     ]
     return {EvaluatedTask.of(env_id, task): task.robot for task in made}
 

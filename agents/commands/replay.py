@@ -36,6 +36,7 @@ _CHOICES: dict[str, tuple[str, str, type]] = {
     "difficulty": ("difficulty", "difficulty", str),
     "split": ("split", "split", str),
     "goal": ("goal", "kind of goal", str),
+    "perturbation": ("perturbation", "perturbation", str),
     "policy": ("policy", "policy", str),
     "control-mode": ("control_mode", "control mode", str),
     "seed": ("seed", "seed", int),

@@ -97,20 +97,22 @@ def of_tasks(records: Sequence[EpisodeRecord], words: Sequence[str]) -> list[Epi
     """Records of the named tasks: words of one kind are alternatives, and all kinds must match.
 
     Args:
-        words: ids, with or without the part before the slash, robots, difficulties, splits and goals.
+        words: ids, with or without the part before the slash, robots, difficulties, splits, goals and
+            perturbations.
 
     Raises:
         ConfigurationError: for a word that is not in the records, or if no record matches.
     """
-    kinds: tuple[dict[str, set[Any]], ...] = ({}, {}, {}, {}, {})
+    kinds: tuple[dict[str, set[Any]], ...] = ({}, {}, {}, {}, {}, {})
     for record in records:
-        ids, robots, difficulties, splits, goals = kinds
+        ids, robots, difficulties, splits, goals, perturbations = kinds
         for word in (record.env_id, record.env_id.rpartition("/")[2]):
             ids.setdefault(word, set()).add(record.env_id)
         robots.setdefault(record.robot, set()).add(record.robot)
         difficulties.setdefault(record.difficulty, set()).add(record.difficulty)
         splits.setdefault(record.split, set()).add(record.split)
         goals.setdefault(record.goal, set()).add(record.goal)
+        perturbations.setdefault(record.perturbation, set()).add(record.perturbation)
     for word in words:
         if not any(word in kind for kind in kinds):
             raise unknown_name("task", word, dict.fromkeys(name for kind in kinds for name in kind))
@@ -127,4 +129,5 @@ def of_tasks(records: Sequence[EpisodeRecord], words: Sequence[str]) -> list[Epi
 
 
 def _words(record: EpisodeRecord) -> tuple[str, ...]:
-    return record.env_id, record.robot, record.difficulty, record.split, record.goal
+    goals = record.difficulty, record.split, record.goal
+    return record.env_id, record.robot, *goals, record.perturbation

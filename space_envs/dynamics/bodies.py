@@ -31,7 +31,11 @@ class BodyMotion:
 
 
 def body_motion(
-    robot: FloatingRobot, qpos: Array, qvel: Array, base_scale: Array | float = 1.0
+    robot: FloatingRobot,
+    qpos: Array,
+    qvel: Array,
+    factor: Array | None = None,
+    inertia: Array | None = None,
 ) -> BodyMotion:
     """Momenta of all bodies.
 
@@ -39,7 +43,9 @@ def body_motion(
         qpos: (..., 7 + n) base position m, base quaternion, joint angles rad.
         qvel: (..., 6 + n) base velocity in inertial axes m/s, base angular velocity in base axes rad/s, joint
             rates rad/s (MuJoCo's convention for a free joint).
-        base_scale: (...,) factor on the base's mass and inertia.
+        factor: (..., n + 1) on the bodies' masses and inertias; None is 1.
+        inertia: (..., n + 1, 3, 3) at factor 1, about the centre of mass, in the body's axes, kg m^2; None is
+            the robot's.
     """
     position, quaternion, q = qpos[..., :3], qpos[..., 3:7], qpos[..., 7:]
     spin, rates = qvel[..., 3:6], qvel[..., 6:]
@@ -56,9 +62,10 @@ def body_motion(
     )
     at_origin = np.concatenate([np.zeros((*q.shape[:-1], 1, 3)), carried @ moving], axis=-2)
     speed = at_origin + velocity[..., None, :] + cross(omega, com)
-    inertia = rotation @ robot.inertia @ rotation.swapaxes(-1, -2)
+    inertia = rotation @ (robot.inertia if inertia is None else inertia) @ rotation.swapaxes(-1, -2)
     scale = np.ones((*q.shape[:-1], len(robot.mass), 1))
-    scale[..., 0, 0] = base_scale
+    if factor is not None:
+        scale[..., 0] = factor
     own = scale * (inertia @ omega[..., None])[..., 0]
     linear = scale * robot.mass[:, None] * speed
     energy = 0.5 * (linear * speed).sum(axis=(-1, -2)) + 0.5 * (own * omega).sum(axis=(-1, -2))

@@ -1,6 +1,7 @@
 """Simulations of a task's robot under a control mode: the dynamics of an environment."""
 
-from typing import Any
+from dataclasses import replace
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +10,11 @@ from space_envs.control import MODES
 from space_envs.drives import Drive
 from space_envs.dynamics.rotations import Array, base_rotation
 from space_envs.envs.starts import Start
+from space_envs.perturbations.brakes import BRAKE_INERTIA, BrakedDrive
+from space_envs.perturbations.delays import Delay
+from space_envs.perturbations.draws import EpisodeDraws, episode_draws
+from space_envs.perturbations.masses import perturbed_moments
+from space_envs.perturbations.sensors import SensorErrors
 from space_envs.simulation import Simulation
 from space_envs.tasks.base import CaptureTask
 
@@ -20,17 +26,19 @@ class ControlledSimulation:
         simulation: N simulations. drive: joint drives. mode: control mode.
     """
 
+    _drive: ClassVar[type[Drive]] = Drive
+
     def __init__(self, task: CaptureTask, n: int, control_mode: str, threads: int | None) -> None:
         self._task, self._peak = task, task.layout.slices["peak_attitude"].start
         self.simulation = Simulation(task.model, n, threads)
-        self.drive = Drive(self.simulation, task.control_period, task.robot)
+        self.drive = self._drive(self.simulation, task.control_period, task.robot)
         self.mode = MODES[control_mode](self.drive)
 
     def begin(self, rows: NDArray[np.int64], start: Start) -> None:
         """Set rows (k,) to the state of k starts."""
         simulation = self.simulation
         simulation.reset(rows)
-        simulation.scale_base(rows, start.goals.mass_scale)
+        self._set_robots(rows, start)
         self._task.place(simulation, rows, start.goals)
         simulation.joint_position[rows] = start.goals.joint_position
         if start.joint_velocity is not None:
@@ -38,6 +46,14 @@ class ControlledSimulation:
             simulation.set_base_velocity(rows)
         simulation.refresh(rows)
         self.drive.reset(rows)
+
+    def _set_robots(self, rows: NDArray[np.int64], start: Start) -> None:
+        """Give the robots of rows (k,) the masses of k starts."""
+        self.simulation.scale_base(rows, start.goals.mass_scale)
+
+    def seen(self, observation: Array) -> Array:
+        """What policies get for the true observations (N, size), a copy."""
+        return observation.copy()
 
     def advance(
         self, action: Array, running: NDArray[np.int64] | None, watched: bool
@@ -94,3 +110,110 @@ class ControlledSimulation:
         """Restore a snapshot of the same number of simulations of the same task."""
         self.simulation.restore(snapshot["simulation"])
         self.drive.restore(snapshot["drive"])
+
+
+class PerturbedSimulation(ControlledSimulation):
+    """N simulations of robots that differ from the model that policies know, by the task's perturbation.
+
+    Observations are true ones: outcomes, rewards and metrics follow from them. `seen` gives what is measured.
+    """
+
+    _drive = BrakedDrive
+    drive: BrakedDrive
+    _draws: EpisodeDraws  # of the rows that are being set
+
+    def __init__(self, task: CaptureTask, n: int, control_mode: str, threads: int | None) -> None:
+        super().__init__(task, n, control_mode, threads)
+        amounts, model = task.perturbation, task.model
+        self.drive.locked = np.zeros((n, self.simulation.n_joints), dtype=bool)
+        self._errors = SensorErrors(model, n, amounts.noise, amounts.bias)
+        self._commanded = Delay(amounts.action_delay, n, self.mode.size)
+        self._measured = Delay(amounts.observation_delay, n, model.nsensordata)
+        self._seen, self._bound = np.zeros((n, task.layout.size)), task.layout.bound
+
+    def begin(self, rows: NDArray[np.int64], start: Start) -> None:
+        """Set rows (k,) to the state of k starts, with perturbations drawn by their keys."""
+        simulation = self.simulation
+        bodies, joints = simulation.mass_factor.shape[1], simulation.n_joints
+        self._draws = episode_draws(self._task.perturbation, start.keys, bodies, joints)
+        self.drive.locked[rows] = self._draws.locked
+        if start.joint_velocity is not None:
+            start = replace(start, joint_velocity=np.where(self._draws.locked, 0.0, start.joint_velocity))
+        super().begin(rows, start)
+        self._errors.begin(rows, start.keys)
+        self._commanded.begin(rows, 0.0)
+        sensors = self._errors.measured(simulation.sensors[rows], np.zeros_like(rows), rows)
+        self._measured.begin(rows, sensors)
+        self._seen[rows, self._peak] = 0.0
+        self._seen[rows] = self._look(sensors, np.zeros(len(rows)), rows)
+        self._seen[rows, self._peak] = 0.0
+
+    def _set_robots(self, rows: NDArray[np.int64], start: Start) -> None:
+        """Give the robots of rows (k,) the masses, friction and locked joints that were drawn."""
+        draws, robot, simulation = self._draws, self._task.robot, self.simulation
+        factor = draws.mass.copy()
+        factor[:, 0] *= start.goals.mass_scale
+        moments = None
+        if self._task.perturbation.inertia:
+            moments = perturbed_moments(simulation.nominal_moments, draws.inertia)
+        simulation.set_masses(rows, factor, moments)
+        viscous = draws.viscous_friction * robot.torque_limit / robot.rate_limit
+        dry = draws.dry_friction * robot.torque_limit
+        simulation.set_joints(rows, viscous, dry, BRAKE_INERTIA * draws.locked)
+
+    def _look(self, sensors: Array, time: Array, rows: NDArray[np.int64]) -> Array:
+        """Observations (k, size) of rows (k,) from measured sensors (k, s) and times (k,), s."""
+        seen = self._task.observe(sensors, time, self._seen[rows, self._peak])
+        seen[:, self._peak] = np.maximum(seen[:, self._peak], self._task.attitude(seen))
+        return np.clip(seen, -self._bound, self._bound)
+
+    def seen(self, observation: Array) -> Array:
+        """What policies get for the true observations (N, size), a copy."""
+        return self._seen.copy()
+
+    def advance(
+        self, action: Array, running: NDArray[np.int64] | None, watched: bool
+    ) -> tuple[NDArray[np.int64] | None, Array]:
+        """Simulate a control period with the delayed actions; see the base class."""
+        return super().advance(self._commanded.passed(action), running, watched)
+
+    def observe(
+        self, time: Array, rotation: Array, previous: Array, ended: NDArray[np.bool_] | None
+    ) -> tuple[Array, NDArray[np.bool_] | None]:
+        """True observations, as in the base class; what is measured is `seen` afterwards."""
+        observation, diverged = super().observe(time, rotation, previous, ended)
+        rows = np.arange(self.simulation.n)
+        steps = np.rint(time / self._task.control_period).astype(np.int64)
+        sensors = self._measured.passed(self._errors.measured(self.simulation.sensors, steps, rows))
+        before, self._seen = self._seen, self._look(sensors, time, rows)
+        for frozen in (ended, diverged):
+            if frozen is not None:
+                self._seen[frozen] = before[frozen]
+        return observation, diverged
+
+    def snapshot(self) -> dict[str, Any]:
+        """State for `restore`."""
+        own = {
+            "locked": self.drive.locked.copy(),
+            "commanded": self._commanded.snapshot(),
+            "measured": self._measured.snapshot(),
+            "seen": self._seen.copy(),
+        }
+        return {**super().snapshot(), "perturbed": own, "errors": self._errors.snapshot()}
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Restore a snapshot of the same number of simulations of the same task."""
+        super().restore(snapshot)
+        own = snapshot["perturbed"]
+        self.drive.locked, self._seen = own["locked"].copy(), own["seen"].copy()
+        self._commanded.restore(own["commanded"])
+        self._measured.restore(own["measured"])
+        self._errors.restore(snapshot["errors"])
+
+
+def controlled_simulation(
+    task: CaptureTask, n: int, control_mode: str, threads: int | None
+) -> ControlledSimulation:
+    """N simulations of a task's robot, perturbed if the task says so."""
+    kind = ControlledSimulation if task.perturbation.nominal else PerturbedSimulation
+    return kind(task, n, control_mode, threads)

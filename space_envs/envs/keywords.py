@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypedDict
 
 from space_envs.errors import ConfigurationError, positive_integer, shown, unknown_name
+from space_envs.perturbations.amounts import Perturbation
 from space_envs.robots.robot import Robot
 
 P = ParamSpec("P")
@@ -36,6 +37,7 @@ class EnvKeywords(TypedDict, total=False):
     attitude_limit: float
     c: float
     collisions: bool
+    perturbation: str | Perturbation
     robot: str | Path | Robot | None
     variant: str | None
     # Of its capture envelope.

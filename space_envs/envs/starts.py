@@ -25,12 +25,15 @@ class Start:
         goals: of the task, k of them, with the joint angles at the start.
         split, index: (k,) source of the goals; `given` and -1 for a user's own.
         joint_velocity: (k, n), or None for rest.
+        keys: (k, 2) numbers that decide the perturbation of each episode: one drawn from the row's generator,
+            and the index plus 1. Without perturbation nothing is drawn, and they are zero.
     """
 
     goals: Goals
     split: NDArray[np.object_]
     index: NDArray[np.int64]
     joint_velocity: Array | None
+    keys: NDArray[np.int64]
 
 
 def rows_to_reset(task: CaptureTask, options: Mapping[str, Any], n: int) -> NDArray[np.int64]:
@@ -92,7 +95,7 @@ def _start(
         if task.collisions:
             task.check_start(goals)
         index = np.full(len(rows), -1, dtype=np.int64)
-        return Start(goals, _names("given", rows), index, velocity)
+        return Start(goals, _names("given", rows), index, velocity, _keys(task, index, rows, generators))
     split = options.get("split", task.split)
     if "index" in options:
         index = array(options["index"])
@@ -110,7 +113,20 @@ def _start(
             task.check_start(goals)
     if joints is not None or velocity is not None:
         check_brakes(task, goals, velocity)
-    return Start(goals, _names(split, rows), index, velocity)
+    return Start(goals, _names(split, rows), index, velocity, _keys(task, index, rows, generators))
+
+
+def _keys(
+    task: CaptureTask,
+    index: NDArray[np.int64],
+    rows: NDArray[np.int64],
+    generators: Sequence[np.random.Generator],
+) -> NDArray[np.int64]:
+    keys = np.zeros((len(rows), 2), dtype=np.int64)
+    if not task.perturbation.nominal:
+        keys[:, 0] = [generators[row].integers(2**62) for row in rows]
+        keys[:, 1] = index + 1
+    return keys
 
 
 def _goal_values(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from space_envs.control import MODES
 from space_envs.dynamics.rotations import Array
 from space_envs.envs.actions import checked_actions
-from space_envs.envs.controlled import ControlledSimulation
+from space_envs.envs.controlled import controlled_simulation
 from space_envs.envs.episodes import EpisodeTracker, masked
 from space_envs.envs.keywords import RENDER_MODES, EnvKeywords, EnvOptions, explicit_keywords
 from space_envs.envs.limits import checked_num_envs
@@ -42,8 +42,8 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
             `env.spec` then has; `gym.spec(id)` has None, and so does the spec of Gymnasium's own
             vectorization (`vectorization_mode="sync"` or `"async"`).
         **keywords: of the task (difficulty, split, reward, robot, variant, horizon, timestep, control_period,
-            attitude_limit, c, collisions; docs/environments lists those of each id) and of its capture
-            envelope (position_tolerance m, linear_velocity_tolerance m/s, hold_time s, ...).
+            attitude_limit, c, collisions, perturbation; docs/environments lists those of each id) and of its
+            capture envelope (position_tolerance m, linear_velocity_tolerance m/s, hold_time s, ...).
 
     Raises:
         ConfigurationError: for an invalid value, with the nearest valid name.
@@ -95,7 +95,7 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
             "render_fps": max(1, round(1.0 / self.task.control_period)),
             "autoreset_mode": autoreset_mode,
         }
-        self._controlled = ControlledSimulation(self.task, self.num_envs, control_mode, options.threads)
+        self._controlled = controlled_simulation(self.task, self.num_envs, control_mode, options.threads)
         self.simulation, self.drive = self._controlled.simulation, self._controlled.drive
         self.mode = self._controlled.mode
         bound = self.task.layout.bound
@@ -165,7 +165,7 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
             self.render()
         reset = np.zeros(self.num_envs, dtype=bool)
         reset[rows] = True
-        return self.episodes.observation.copy(), self.episodes.reset_info(reset)
+        return self._controlled.seen(self.episodes.observation), self.episodes.reset_info(reset)
 
     def _begin(
         self,
@@ -229,13 +229,15 @@ class CaptureVectorEnv(gym.vector.VectorEnv[Array, NDArray, Array]):
             info = self._reset_same_step(done, info)
         if self.render_mode == "human":
             self.render()
-        return episodes.observation.copy(), terms.sum(axis=1), terminated, truncated, info
+        seen = self._controlled.seen(episodes.observation)
+        return seen, terms.sum(axis=1), terminated, truncated, info
 
     def _reset_same_step(self, done: NDArray[np.bool_], info: dict[str, Any]) -> dict[str, Any]:
         """Reset the done rows; their observation and info move to `final_obs` and `final_info`."""
         final = np.full(self.num_envs, None, dtype=object)
+        seen = self._controlled.seen(self.episodes.observation)
         for row in np.flatnonzero(done):
-            final[row] = self.episodes.observation[row].copy()
+            final[row] = seen[row]
         last = masked(info, done)
         self._begin(np.flatnonzero(done), {})
         extra = {"final_obs": final, "_final_obs": done, "final_info": last, "_final_info": done}

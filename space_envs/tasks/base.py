@@ -15,6 +15,7 @@ from space_envs.dynamics import FloatingRobot
 from space_envs.dynamics.rotations import Array, base_rotation
 from space_envs.errors import ConfigurationError, positive, positive_integer, shown, unknown_name
 from space_envs.metric import Metric
+from space_envs.perturbations.amounts import NOMINAL, Perturbation
 from space_envs.robots.models import SceneOptions, robot_mechanics, robot_model
 from space_envs.robots.robot import Robot
 from space_envs.robots.zoo import find_robot
@@ -60,6 +61,8 @@ class CaptureTask:
         collisions: whether a contact of a link ends the episode; otherwise links pass through bodies.
         robot: its name, the path of its description (TOML) or a `Robot`, which it is afterwards; by default
             the id's own. variant: of the robot; by default its first.
+        perturbation: of the simulated robot and of what is observed, a `Perturbation` or its text, such as
+            mild, severe or "mass=0.1 action_delay=1"; policies know the nominal model (docs/robustness.md).
     """
 
     difficulty: str = "medium"
@@ -74,6 +77,7 @@ class CaptureTask:
     collisions: bool = True
     robot: Robot = cast("Robot", None)
     variant: str = cast("str", None)
+    perturbation: Perturbation = cast("Perturbation", NOMINAL)
 
     # Defined by subclasses.
     version: ClassVar[int] = 3  # of the task in records, raised with every change that affects a metric
@@ -117,6 +121,7 @@ class CaptureTask:
             )
         object.__setattr__(self, "horizon", positive_integer("horizon", self.horizon, MOST_STEPS))
         flag("collisions", self.collisions)
+        object.__setattr__(self, "perturbation", Perturbation.of(self.perturbation))
         names = [term.name for term in self.reward_terms]
         if len(set(names)) < len(names):
             raise ConfigurationError(f"names of reward terms must differ, got {names}")

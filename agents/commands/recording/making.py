@@ -63,7 +63,8 @@ def _written(request: DatasetRequest, parts: Sequence[Recorded], folders: Datase
         return {"episodes": {"written": 0, "captured": 0, "omitted": [vars(one) for one in omitted]}}
     values = request.to_json()
     names = ("env_id", "robot", "robot_digest", "policy", "control_mode", "difficulty", "split", "goal")
-    dataset = Dataset.of({name: values[name] for name in names}, written)
+    about = {name: values[name] for name in (*names, "perturbation") if name in values}
+    dataset = Dataset.of(about, written)
     origin = provenance(request.command(), [request.seed])
     card = make_card(values, origin, dataset, omitted, request.make_env())
     card["files"] = {}

@@ -16,6 +16,7 @@ from space_envs.evaluation.datasets.minari import DATA
 from space_envs.evaluation.play.chunks import CHUNK, Chunk
 from space_envs.evaluation.play.entry import EvaluatedTask
 from space_envs.evaluation.play.playing import split_indices
+from space_envs.perturbations.amounts import NOMINAL
 from space_envs.registration import find
 from space_envs.robots.robot import Robot
 from space_envs.system.digests import file_digest
@@ -51,7 +52,10 @@ class DatasetRequest:
         env = self.task.env_id.removeprefix("SpaceCapture/").replace("/", "-").replace(".", "-")
         given = [re.sub(r"[^\w-]+", "-", Path(word).stem, flags=re.ASCII) for word in self.robot.values()]
         goal = None if self.task.goal == "pose" else self.task.goal
-        words = [name, self.control_mode, *given, self.task.difficulty, goal, self.task.split, VERSION]
+        perturbed = None if self.task.perturbation == NOMINAL else self.task.perturbation
+        perturbed = perturbed and re.sub(r"[^\w-]+", "-", perturbed, flags=re.ASCII)
+        words = [name, self.control_mode, *given, self.task.difficulty, goal, self.task.split, perturbed]
+        words.append(VERSION)
         return f"{NAMESPACE}/{env}/{'-'.join(filter(None, words))}"
 
     @property
@@ -103,6 +107,7 @@ class DatasetRequest:
             "difficulty": self.task.difficulty,
             "split": self.task.split,
             "goal": self.task.goal,
+            **({} if self.task.perturbation == NOMINAL else {"perturbation": self.task.perturbation}),
             "episodes": self.episodes,
             "seed": self.seed,
             "captured_only": self.captured_only,
@@ -115,6 +120,8 @@ class DatasetRequest:
         words = ["evaluate.py", "dataset", "--env", find(self.task.env_id).name, "--policy", source]
         words += ["--difficulty", self.task.difficulty, "--split", self.task.split]
         words += [] if self.task.goal == "pose" else ["--goal", self.task.goal]
+        perturbation = self.task.perturbation
+        words += [] if perturbation == NOMINAL else ["--perturb", *perturbation.split()]
         words += ["--episodes", str(self.episodes), "--seed", str(self.seed), "--format", *self.formats]
         words += [] if self.control_mode is None else ["--control-mode", self.control_mode]
         words += [word for name, value in self.robot.items() for word in (f"--{name}", Path(value).name)]

@@ -5,6 +5,7 @@ import json
 from collections.abc import Sequence
 from typing import Any, get_args
 
+from agents.commands.choice import add_perturb
 from agents.commands.robots import add_robot, robot_keywords, with_absolute_path
 from agents.learning.runs.hyperparameters import ALGORITHMS, AnyHyperparameters, described, to_json
 from agents.learning.runs.settings import DEFAULT_ALGORITHM, DEFAULT_ENV, OPTIONS, Settings
@@ -30,6 +31,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add("--difficulty", metavar="NAME", help=f"{', '.join(DIFFICULTIES)}; default {Settings.difficulty}")
     add("--control-mode", metavar="NAME", help=f"{', '.join(CONTROL_MODES)}; default {Settings.control_mode}")
     add_robot(add)
+    add_perturb(parser)
     what = "other keywords of the environment, as KEY=VALUE or one JSON object"
     add("--env-kwargs", nargs="+", metavar="KEY=VALUE", help=what)
     add("--device", metavar="NAME", help="of torch; default cpu, which is the fastest for these networks")
@@ -106,7 +108,10 @@ def given_options(parsed: argparse.Namespace) -> dict[str, Any]:
     if parsed.env_kwargs is not None:
         given["env_kwargs"] = environment_keywords(parsed.env_kwargs)
     keywords = given.get("env_kwargs", {})
-    if isinstance(keywords, dict) and (given_keywords := {**keywords, **robot_keywords(parsed)}):
+    perturbation = {} if parsed.perturb is None else {"perturbation": " ".join(parsed.perturb)}
+    if isinstance(keywords, dict) and (
+        given_keywords := {**keywords, **robot_keywords(parsed), **perturbation}
+    ):
         given["env_kwargs"] = with_absolute_path(given_keywords)
     return given
 

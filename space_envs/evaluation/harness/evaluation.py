@@ -62,7 +62,7 @@ class Evaluation:
         return {
             "schema": SCHEMA_VERSION,
             "entries": [
-                [*asdict(task).values(), policy.name, policy.control_mode] for task, policy in self.entries
+                [*task.to_plain().values(), policy.name, policy.control_mode] for task, policy in self.entries
             ],
             "episodes": self.episodes,
             "seeds": list(self.seeds),

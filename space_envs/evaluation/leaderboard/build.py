@@ -37,6 +37,7 @@ from space_envs.evaluation.statistics.averages import Statistic, interquartile_m
 from space_envs.evaluation.statistics.intervals import MISSING, Estimate, stratified_bootstrap
 from space_envs.evaluation.statistics.resampling import named_generator
 from space_envs.evaluation.statistics.scores import ATTITUDE_LIMITS, capture_rate, kept_attitude_score
+from space_envs.perturbations.amounts import PRESETS
 from space_envs.registration import ENTRIES
 from space_envs.robots.zoo import robot_names
 from space_envs.tasks.common import DIFFICULTIES, SPLITS
@@ -196,6 +197,7 @@ def _order(row: Row) -> tuple[Any, ...]:
     robot = (*_place(task.robot, robot_names()), task.robot_digest)
     place = (_place(task.env_id, ENTRIES), robot, _place(task.difficulty, DIFFICULTIES))
     place = (*place, _place(task.goal, GOAL_KINDS), _place(task.split, SPLITS))
+    place = (*place, _place(task.perturbation, PRESETS))
     return (*place, not row.competes, *merit, row.policy, row.control_mode)
 
 

@@ -66,6 +66,7 @@ class Row:
             "difficulty": self.task.difficulty,
             "split": self.task.split,
             "goal": self.task.goal,
+            "perturbation": self.task.perturbation,
             "policy": self.policy,
             "control_mode": self.control_mode,
             "knowledge": self.knowledge,

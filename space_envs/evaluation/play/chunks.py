@@ -97,7 +97,7 @@ class Chunk:
     def description(self) -> dict[str, Any]:
         """Everything that decides the records, as plain JSON values."""
         return {
-            **asdict(self.task),
+            **self.task.to_plain(),
             "policy": self.policy.name,
             "control_mode": self.policy.control_mode,
             "seed": self.seed,

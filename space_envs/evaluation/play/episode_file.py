@@ -34,7 +34,8 @@ def compact(episodes: EpisodeBatch) -> EpisodeBatch:
 def to_arrays(episodes: EpisodeBatch) -> dict[str, NDArray[Any]]:
     """Arrays of a file, by name; equal episodes give equal arrays."""
     stored = compact(episodes)
-    about = json.dumps({**asdict(stored.entry), "model": to_plain(stored.robot)})
+    entry = {**asdict(stored.entry), "task": stored.entry.task.to_plain()}
+    about = json.dumps({**entry, "model": to_plain(stored.robot)})
     header = {"about": np.array(about), "period": np.array(stored.period)}
     goal = {f"{_GOAL}{name}": value for name, value in stored.goal.items()}
     return header | {name: getattr(stored, name) for name in ARRAYS} | goal

@@ -48,11 +48,10 @@ class Integrals:
     Args:
         task: what is played.
         simulation: at the start of all episodes.
-        mass_scale: (N,) factor on the satellite's mass and inertia.
     """
 
-    def __init__(self, task: CaptureTask, simulation: Simulation, mass_scale: Array) -> None:
-        self._task, self._simulation, self._scale = task, simulation, mass_scale[:, None]
+    def __init__(self, task: CaptureTask, simulation: Simulation) -> None:
+        self._task, self._simulation, self._inertia = task, simulation, simulation.inertia()
         n, joints, states = simulation.n, simulation.n_joints, task.substeps + 1
         # Of the present control period, from its beginning to its end.
         self._qpos = np.empty((n, states, 7 + joints))
@@ -86,7 +85,9 @@ class Integrals:
 
     def _motion(self, rows: NDArray[np.int64], steps: slice) -> BodyMotion:
         qpos, qvel = self._qpos[rows, steps], self._qvel[rows, steps]
-        return body_motion(self._task.mechanics, qpos, qvel, self._scale[rows])
+        inertia = None if self._inertia is None else self._inertia[rows, None]
+        factor = self._simulation.mass_factor[rows, None]
+        return body_motion(self._task.mechanics, qpos, qvel, factor, inertia)
 
     def _count(self, rows: NDArray[np.int64], steps: slice) -> None:
         """Count simulation steps, from the first to the last of some states, in rows (k,)."""

@@ -24,8 +24,8 @@ class Rollout(EpisodeBatch, Totals):
     Attributes:
         joint_position: (K, T + 1, n) rad.
         qvel: (K, T + 1, 6 + n) of the robot, in MuJoCo's conventions for a free joint.
-        observation: (K, T + 1, d). action: (K, T, m), torque: (K, T, n) N m and reward: (K, T), zero after
-            the end.
+        observation: (K, T + 1, d) that the policy had; errors and metrics are those of the true state.
+        action: (K, T, m), torque: (K, T, n) N m and reward: (K, T), zero after the end.
         cause: (K,) why an episode failed, one of `CAUSES`, None for a capture.
         reason: (K,) the cause in a sentence, where the policy or the harness says more, else None.
         clipped: (K,) steps whose action lay outside [-1, 1].
@@ -69,6 +69,8 @@ class RolloutRecorder:
         for name, now in self._now(observation).items():
             self._states[name] = np.empty((n, horizon + 1, now.shape[1]))
             self._states[name][:, 0] = now
+        self._true = np.empty((n, horizon + 1, env.task.layout.size))
+        self._true[:, 0] = env.episodes.observation
         self._torque = np.zeros((n, horizon, env.simulation.n_joints))
         self._action = np.zeros((n, horizon, *env.single_action_space.shape))
         self._reward = np.zeros((n, horizon))
@@ -77,7 +79,7 @@ class RolloutRecorder:
         self._reason = np.full(n, None, dtype=object)
         self._steps, self._policy_state = 0, None
         self._goals = env.task.goals(split, indices)
-        self._integrals = Integrals(env.task, env.simulation, self._goals.mass_scale)
+        self._integrals = Integrals(env.task, env.simulation)
         env.simulation.watch = self._integrals.see
 
     def add(self, step: Step) -> None:
@@ -92,11 +94,13 @@ class RolloutRecorder:
             self.lose(int(row), f"the action held NaN or infinity at step {step.number}")
         # A simulation that diverged has started over by itself: the state before is the last true one.
         moved = running & (self._outcome != "diverged")
-        self._integrals.add(moved, step.observation)
+        self._integrals.add(moved, self._env.episodes.observation)
         for name, now in self._now(step.observation).items():
             record = self._states[name]
             record[:, step.number + 1] = np.where(moved[:, None], now, record[:, step.number])
-        self._states["observation"][:, step.number + 1] = step.observation  # the environment's own last one
+        # The environment's own last ones.
+        self._states["observation"][:, step.number + 1] = step.observation
+        self._true[:, step.number + 1] = self._env.episodes.observation
         self._torque[:, step.number] = np.where(running[:, None], self._env.simulation.ctrl, 0.0)
         self._action[:, step.number] = step.action
         self._reward[:, step.number] = np.where(running, step.reward, 0.0)
@@ -116,7 +120,8 @@ class RolloutRecorder:
         for record in self._states.values():
             record[:, self._steps + 1 :] = record[:, self._steps : self._steps + 1]
         cause, reason = self._causes()
-        flat = self._states["observation"].reshape(-1, task.layout.size)
+        self._true[:, self._steps + 1 :] = self._true[:, self._steps : self._steps + 1]
+        flat = self._true.reshape(-1, task.layout.size)
         errors = task.errors(flat)
         return Rollout(
             entry=LeaderboardEntry(

@@ -13,6 +13,10 @@ def configuration(env_id: str, control_mode: str, task: CaptureTask) -> dict[str
     settings = {field.name: getattr(task, field.name) for field in fields(task)}
     for name in ("split", "robot", "variant"):
         del settings[name]
+    if task.perturbation.nominal:
+        del settings["perturbation"]
+    else:
+        settings["perturbation"] = asdict(task.perturbation)
     settings |= {"timestep": task.step_size, "envelope": asdict(task.envelope)}
     robot = {"robot": task.robot.title, "robot_digest": task.robot.digest}
     about = {"env_id": env_id, **robot, "task_version": task.version, "control_mode": control_mode}

@@ -16,6 +16,7 @@ from space_envs.evaluation.play.causes import check_cause
 from space_envs.evaluation.play.entry import EvaluatedTask, LeaderboardEntry
 from space_envs.evaluation.records.timing import Timing
 from space_envs.evaluation.records.values import abbreviated, checked, checked_metrics, checked_timing
+from space_envs.perturbations.amounts import NOMINAL, Perturbation
 from space_envs.policy import Knowledge
 from space_envs.system.digests import text_digest
 from space_envs.tasks.goals.kinds import checked_kind
@@ -43,6 +44,7 @@ class EpisodeRecord:
     difficulty: str
     split: str
     goal: str = field(default="pose", kw_only=True)  # one of GOAL_KINDS; its key is absent for full poses
+    perturbation: str = field(default=NOMINAL, kw_only=True)  # of the robot; its key is absent without one
     index: int  # of the goal in its split
     episode: int  # running number within this policy and seed
     seed: int  # evaluation seed: the stratum of the bootstrap
@@ -64,6 +66,7 @@ class EpisodeRecord:
         if self.schema != SCHEMA_VERSION:
             raise _other_schema(self.schema)
         checked_kind(self.goal)
+        _check_perturbation(self.perturbation)
         if self.knowledge not in list(Knowledge):
             raise unknown_name("kind of knowledge", self.knowledge, list(Knowledge))
         check_cause(self.captured, self.outcome, self.cause)
@@ -79,7 +82,7 @@ class EpisodeRecord:
     @cached_property
     def entry(self) -> LeaderboardEntry:
         """Row of the leaderboard that this episode counts in."""
-        goals = self.difficulty, self.split, self.goal
+        goals = self.difficulty, self.split, self.goal, self.perturbation
         task = EvaluatedTask(self.env_id, self.robot, self.robot_digest, *goals)
         return LeaderboardEntry(task, self.policy, self.control_mode)
 
@@ -102,10 +105,9 @@ class EpisodeRecord:
         values: dict[str, Any] = {}
         for name in FIELDS:
             values |= self.metrics if name == "metrics" else {name: getattr(self, name)}
-        if self.goal == "pose":
-            del values["goal"]
-        if self.knowledge == Knowledge.UNSTATED:
-            del values["knowledge"]
+        for name, usual in USUAL.items():
+            if values[name] == usual:
+                del values[name]
         values["timing"] = dict(self.timing)
         return values
 
@@ -140,6 +142,13 @@ class EpisodeRecord:
         return cls.from_dict(values)
 
 
+def _check_perturbation(text: str) -> None:
+    """ConfigurationError unless a perturbation is written as it writes itself."""
+    written = Perturbation.of(text).text
+    if text != written:
+        raise ConfigurationError(f"perturbation is {text!r}, expected {written!r}")
+
+
 def _other_schema(version: int) -> ConfigurationError:
     return ConfigurationError(
         f"schema is {version}; this version reads schema {SCHEMA_VERSION}: evaluate again with it"
@@ -161,4 +170,6 @@ _KINDS = get_type_hints(EpisodeRecord)
 FIELDS = tuple(_KINDS)
 PLAIN = {name: kind for name, kind in _KINDS.items() if name not in ("metrics", "timing")}
 MAY_BE_EMPTY = ("reason", "checksum")  # of the texts
-MAY_BE_ABSENT = ("goal", "knowledge")
+# Values whose keys are absent.
+USUAL = {"goal": "pose", "perturbation": NOMINAL, "knowledge": Knowledge.UNSTATED.value}
+MAY_BE_ABSENT = tuple(USUAL)

@@ -40,6 +40,7 @@ def episode_records(
             difficulty=entry.task.difficulty,
             split=entry.task.split,
             goal=entry.task.goal,
+            perturbation=entry.task.perturbation,
             index=int(episodes.index[row]),
             episode=first + row,
             seed=seed,

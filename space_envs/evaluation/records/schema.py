@@ -38,6 +38,8 @@ DESCRIPTIONS = {
     "split": "Set of goals that the goal is from.",
     "goal": "What a capture asks of the end-effector, where that is not the grapple's whole pose: its "
     "position and approach axis, or its position.",
+    "perturbation": "Differences between the simulated robot and its nominal model, and errors of what is "
+    "observed, where there are any: a preset's name, or amounts as NAME=VALUE.",
     "index": "Number of the goal in its split.",
     "episode": "Running number within this policy and seed.",
     "seed": "Evaluation seed, of the goals played and of the policy; the stratum of the bootstrap.",

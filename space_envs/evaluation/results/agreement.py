@@ -95,6 +95,7 @@ def _check_shared(folders: Sequence[ResultFolder]) -> None:
                 ((env_id, "robot"), f"{task.robot} ({task.robot_digest})"),
                 ((env_id, "difficulty"), difficulty),
                 ((env_id, "goal"), task.goal),
+                ((env_id, "perturbation"), task.perturbation),
                 ((f"{env_id}, {difficulty},", "split"), split),
             ):
                 levels.setdefault(about, {}).setdefault(name, set()).add(value)

@@ -11,6 +11,7 @@ from space_envs.evaluation.records.metrics import Described
 from space_envs.evaluation.records.names import joined_file_name
 from space_envs.evaluation.replay.replay import Replay
 from space_envs.evaluation.replay.stills import Still
+from space_envs.perturbations.amounts import NOMINAL
 
 EPISODES = "episodes"  # folder of the files of episodes
 
@@ -48,5 +49,6 @@ def task_stem(task: EvaluatedTask) -> str:
 
 
 def _words(task: EvaluatedTask) -> tuple[str, ...]:
-    goal = () if task.goal == "pose" else (task.goal,)
-    return task.env_id, task.robot, task.robot_digest, task.difficulty, task.split, *goal
+    own = () if task.goal == "pose" else (task.goal,)
+    own += () if task.perturbation == NOMINAL else (task.perturbation,)
+    return task.env_id, task.robot, task.robot_digest, task.difficulty, task.split, *own

@@ -131,9 +131,9 @@ def _fitting(
 
 
 def _choices(sections: Sequence[Mapping[str, Any]]) -> dict[str, list[str]]:
-    """Filters of a page: robot, difficulty, goal and split, where they differ."""
+    """Filters of a page: robot, difficulty, goal, split and perturbation, where they differ."""
     found = {
         key: list(dict.fromkeys(section["task"][key] for section in sections))
-        for key in ("robot", "difficulty", "goal", "split")
+        for key in ("robot", "difficulty", "goal", "split", "perturbation")
     }
     return {key: values for key, values in found.items() if len(values) > 1}

@@ -15,7 +15,17 @@ from space_envs.evaluation.statistics.intervals import MISSING
 
 def to_csv(rows: Sequence[Row]) -> str:
     """Every figure with its interval in the units of the records; rates in 0..1, empty where none exists."""
-    head = ["rank", "env_id", "robot", "difficulty", "split", "goal", "policy", "control_mode"]
+    head = [
+        "rank",
+        "env_id",
+        "robot",
+        "difficulty",
+        "split",
+        "goal",
+        "perturbation",
+        "policy",
+        "control_mode",
+    ]
     head += ["knowledge", "config_hash", "task_version", "episodes", "captures", "seeds"]
     figures = dict.fromkeys(chain(FIGURES, *(row.figures for row in rows)))
     largest = dict.fromkeys(chain.from_iterable(row.largest for row in rows))
@@ -30,7 +40,8 @@ def to_csv(rows: Sequence[Row]) -> str:
         numbers = [end for key in figures for end in vars(row.figures.get(key, MISSING)).values()]
         numbers += [row.largest.get(key, math.nan) for key in largest]
         task = row.task
-        names = (task.env_id, task.robot, task.difficulty, task.split, task.goal, row.policy)
+        names = (task.env_id, task.robot, task.difficulty, task.split, task.goal)
+        names = (*names, task.perturbation, row.policy)
         names = (*names, row.control_mode, row.knowledge)
         cells: list[object] = ["" if row.rank is None else row.rank, *map(csv_name, names)]
         cells += [csv_name(row.config_hash), row.task_version, row.episodes, row.captures, len(row.seeds)]
