@@ -16,6 +16,7 @@ from benchmarks.machine import machine_class, markdown_table
 from space_envs.dynamics.rotations import Array
 from space_envs.envs import CaptureVectorEnv
 from space_envs.evaluation.play.steps import steps
+from space_envs.perturbations.amounts import Perturbation
 from space_envs.policy import PolicyContext
 from space_envs.system.command_line import Parser, exit_status
 
@@ -42,12 +43,9 @@ def play(
         planned: whether there was a plan.
     """
     n = len(goals)
-    env = CaptureVectorEnv(ENV, n, split=split, autoreset_mode="disabled", **robot)
+    perturbation = Perturbation(satellite_mass=scale)
+    env = CaptureVectorEnv(ENV, n, split=split, autoreset_mode="disabled", perturbation=perturbation, **robot)
     observation, _ = env.reset(seed=0, options={"index": goals})
-    rows = np.arange(n)
-    env.simulation.scale_base(rows, np.full(n, scale))
-    env.simulation.refresh(rows)
-    env.drive.reset(rows)
     policy = make_policy(name, PolicyContext.from_env(env), 0)
     task, end = env.task, round(DURATION / env.task.control_period)
     step_results, attitudes = list(steps(policy, env, observation)), [np.zeros(n)]

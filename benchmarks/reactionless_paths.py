@@ -17,6 +17,7 @@ from benchmarks.machine import machine_class, markdown_table
 from space_envs.dynamics.rotations import Array
 from space_envs.envs import CaptureVectorEnv
 from space_envs.evaluation.play.steps import steps
+from space_envs.perturbations.amounts import Perturbation
 from space_envs.policy import PolicyContext
 from space_envs.system.command_line import Parser, exit_status
 
@@ -88,12 +89,11 @@ def play(
 ) -> Played:
     """Episodes on some goals of a split with the satellite's mass and inertia scaled."""
     n = len(goals)
-    env = CaptureVectorEnv(ENV, n, split=name, autoreset_mode="disabled", **keywords)
+    perturbation = Perturbation(satellite_mass=scale)
+    env = CaptureVectorEnv(
+        ENV, n, split=name, autoreset_mode="disabled", perturbation=perturbation, **keywords
+    )
     observation, _ = env.reset(seed=0, options={"index": goals})
-    rows = np.arange(n)
-    env.simulation.scale_base(rows, np.full(n, scale))
-    env.simulation.refresh(rows)
-    env.drive.reset(rows)
     policy = TimedPolicy(PolicyContext.from_env(env), known)
     read, period = policy.context.layout.read, env.task.control_period
     peak, cost, captured, running = np.zeros(n), np.zeros(n), np.zeros(n, dtype=bool), np.ones(n, dtype=bool)

@@ -25,7 +25,7 @@ _VIEWS = {
     "_bias": "qfrc_bias",
 }
 # Fields of a batch that may differ between simulations.
-_OWN_FIELDS = ("body_mass", "body_inertia", "dof_damping", "dof_frictionloss", "dof_armature", "site_pos")
+_OWN_FIELDS = ("body_mass", "body_inertia", "dof_damping", "dof_armature", "site_pos")
 _ONE_THREAD_UP_TO = 8  # simulations; below this, handing work to threads costs more than it saves
 
 
@@ -238,14 +238,14 @@ class Simulation:
         self.batch.expand("body_inertia")[at] = nominal * factor[..., None]
         self.batch.set_const(rows)
 
-    def set_joints(self, rows: Rows, viscous: Array, dry: Array, inertia: Array) -> None:
+    def set_joints(self, rows: Rows, viscous: Array, inertia: Array) -> None:
         """Give the joints of rows (k,) friction and inertia in addition to the model's.
 
         Args:
-            viscous, dry, inertia: (k, n) N m s/rad, N m and kg m^2.
+            viscous, inertia: (k, n) N m s/rad and kg m^2.
         """
         joints = np.arange(self.n_base, self.n_base + self.n_joints)
-        for name, values in (("dof_damping", viscous), ("dof_frictionloss", dry), ("dof_armature", inertia)):
+        for name, values in (("dof_damping", viscous), ("dof_armature", inertia)):
             self.batch.expand(name)[rows[:, None], joints] = getattr(self.model, name)[joints] + values
         self.batch.set_const(rows)
 

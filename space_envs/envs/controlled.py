@@ -13,6 +13,7 @@ from space_envs.envs.starts import Start
 from space_envs.perturbations.brakes import BRAKE_INERTIA, BrakedDrive
 from space_envs.perturbations.delays import Delay
 from space_envs.perturbations.draws import EpisodeDraws, episode_draws
+from space_envs.perturbations.friction import dry_friction
 from space_envs.perturbations.masses import perturbed_moments
 from space_envs.perturbations.sensors import SensorErrors
 from space_envs.simulation import Simulation
@@ -27,10 +28,11 @@ class ControlledSimulation:
     """
 
     _drive: ClassVar[type[Drive]] = Drive
+    _fields: ClassVar[tuple[str, ...]] = ()  # of the simulation
 
     def __init__(self, task: CaptureTask, n: int, control_mode: str, threads: int | None) -> None:
         self._task, self._peak = task, task.layout.slices["peak_attitude"].start
-        self.simulation = Simulation(task.model, n, threads)
+        self.simulation = Simulation(task.model, n, threads, self._fields)
         self.drive = self._drive(self.simulation, task.control_period, task.robot)
         self.mode = MODES[control_mode](self.drive)
 
@@ -51,6 +53,10 @@ class ControlledSimulation:
         """Give the robots of rows (k,) the masses of k starts."""
         self.simulation.scale_base(rows, start.goals.mass_scale)
 
+    def _actuate(self, action: Array) -> None:
+        """Set the torques of a control period for actions (N, m)."""
+        self.simulation.ctrl[:] = self.mode.torques(action)
+
     def seen(self, observation: Array) -> Array:
         """What policies get for the true observations (N, size), a copy."""
         return observation.copy()
@@ -70,7 +76,7 @@ class ControlledSimulation:
         """
         simulation, task = self.simulation, self._task
         self.drive.begin()
-        simulation.ctrl[:] = self.mode.torques(action)
+        self._actuate(action)
         before = simulation.sensors.copy() if watched else None
         rotation = base_rotation(simulation.step(task.substeps, running)).max(axis=1)
         if running is None:
@@ -119,6 +125,7 @@ class PerturbedSimulation(ControlledSimulation):
     """
 
     _drive = BrakedDrive
+    _fields = ("qfrc_applied",)
     drive: BrakedDrive
     _draws: EpisodeDraws  # of the rows that are being set
 
@@ -126,6 +133,7 @@ class PerturbedSimulation(ControlledSimulation):
         super().__init__(task, n, control_mode, threads)
         amounts, model = task.perturbation, task.model
         self.drive.locked = np.zeros((n, self.simulation.n_joints), dtype=bool)
+        self._viscous, self._dry, self._friction = np.zeros((3, n, self.simulation.n_joints))
         self._errors = SensorErrors(model, n, amounts.noise, amounts.bias)
         self._commanded = Delay(amounts.action_delay, n, self.mode.size)
         self._measured = Delay(amounts.observation_delay, n, model.nsensordata)
@@ -157,9 +165,9 @@ class PerturbedSimulation(ControlledSimulation):
         if self._task.perturbation.inertia:
             moments = perturbed_moments(simulation.nominal_moments, draws.inertia)
         simulation.set_masses(rows, factor, moments)
-        viscous = draws.viscous_friction * robot.torque_limit / robot.rate_limit
-        dry = draws.dry_friction * robot.torque_limit
-        simulation.set_joints(rows, viscous, dry, BRAKE_INERTIA * draws.locked)
+        self._viscous[rows] = draws.viscous_friction * robot.torque_limit / robot.rate_limit
+        self._dry[rows], self._friction[rows] = draws.dry_friction * robot.torque_limit, 0.0
+        simulation.set_joints(rows, self._viscous[rows], BRAKE_INERTIA * draws.locked)
 
     def _look(self, sensors: Array, time: Array, rows: NDArray[np.int64]) -> Array:
         """Observations (k, size) of rows (k,) from measured sensors (k, s) and times (k,), s."""
@@ -171,11 +179,18 @@ class PerturbedSimulation(ControlledSimulation):
         """What policies get for the true observations (N, size), a copy."""
         return self._seen.copy()
 
-    def advance(
-        self, action: Array, running: NDArray[np.int64] | None, watched: bool
-    ) -> tuple[NDArray[np.int64] | None, Array]:
-        """Simulate a control period with the delayed actions; see the base class."""
-        return super().advance(self._commanded.passed(action), running, watched)
+    def _actuate(self, action: Array) -> None:
+        """Set the torques of a control period for actions (N, m) that are delayed, and the dry friction."""
+        super()._actuate(self._commanded.passed(action))
+        if not self._task.perturbation.dry_friction:
+            return
+        simulation, b = self.simulation, self.simulation.n_base
+        inverse, force = np.linalg.inv(simulation.mass_matrix()), -simulation.bias()
+        force[:, b:] += simulation.ctrl - self._viscous * simulation.joint_velocity
+        period = self._task.control_period
+        rate = simulation.joint_velocity + period * (inverse[:, b:] @ force[..., None])[..., 0]
+        self._friction = dry_friction(inverse[:, b:, b:], rate, self._dry, period, self._friction)
+        simulation.qfrc_applied[:, b : b + simulation.n_joints] = self._friction
 
     def observe(
         self, time: Array, rotation: Array, previous: Array, ended: NDArray[np.bool_] | None
@@ -198,6 +213,9 @@ class PerturbedSimulation(ControlledSimulation):
             "commanded": self._commanded.snapshot(),
             "measured": self._measured.snapshot(),
             "seen": self._seen.copy(),
+            "viscous": self._viscous.copy(),
+            "dry": self._dry.copy(),
+            "friction": self._friction.copy(),
         }
         return {**super().snapshot(), "perturbed": own, "errors": self._errors.snapshot()}
 
@@ -206,6 +224,8 @@ class PerturbedSimulation(ControlledSimulation):
         super().restore(snapshot)
         own = snapshot["perturbed"]
         self.drive.locked, self._seen = own["locked"].copy(), own["seen"].copy()
+        self._viscous, self._dry = own["viscous"].copy(), own["dry"].copy()
+        self._friction = own["friction"].copy()
         self._commanded.restore(own["commanded"])
         self._measured.restore(own["measured"])
         self._errors.restore(snapshot["errors"])

@@ -31,7 +31,7 @@ SENSOR_ERRORS = {
 }
 _QUATERNION = int(mujoco.mjtSensor.mjSENS_FRAMEQUAT)
 _ANGLE = int(mujoco.mjtSensor.mjSENS_JOINTPOS)
-_BODIES = (int(mujoco.mjtObj.mjOBJ_BODY), int(mujoco.mjtObj.mjOBJ_XBODY))
+_SITE = int(mujoco.mjtObj.mjOBJ_SITE)
 _DIRECTION = int(mujoco.mjtSensor.mjSENS_FRAMEZAXIS)
 
 
@@ -110,8 +110,15 @@ class SensorErrors:
 def _attitude_sensors(model: mujoco.MjModel) -> list[str]:
     """Names of the sensors of the base's attitude: a quaternion in space, an angle in the plane."""
     base, found = int(model.jnt_bodyid[0]), []
-    for number, (kind, thing) in enumerate(zip(model.sensor_type, model.sensor_objid, strict=True)):
-        of_joint = int(kind) == _ANGLE and int(model.jnt_bodyid[thing]) == base
-        if of_joint or int(kind) == _QUATERNION and model.sensor_objtype[number] in _BODIES and thing == base:
+    for number in range(model.nsensor):
+        kind, thing = int(model.sensor_type[number]), int(model.sensor_objid[number])
+        if kind == _ANGLE:
+            body = int(model.jnt_bodyid[thing])
+        elif kind == _QUATERNION:
+            site = int(model.sensor_objtype[number]) == _SITE
+            body = int(model.site_bodyid[thing]) if site else thing
+        else:
+            continue
+        if body == base:
             found.append(model.sensor(number).name)
     return found

@@ -25,7 +25,7 @@ def check_agreement(folders: Sequence[ResultFolder], separate: bool = False) -> 
     """Check that records that would share a table are of one task, and that every folder shares one.
 
     Args:
-        separate: accept a folder that shares no version, robot, difficulty, goal or split with the others;
+        separate: accept a folder that shares no version, robot, difficulty, goal, split or perturbation with the others;
             its tasks become tables of their own.
 
     Raises:
@@ -36,15 +36,16 @@ def check_agreement(folders: Sequence[ResultFolder], separate: bool = False) -> 
     _check_metrics(folders)
     if not separate:
         _check_shared(folders)
-    # Id, robot, difficulty and goal -> configurations, by folder, control mode and hash.
-    uses: dict[tuple[str, str, str, str], dict[tuple[str, str, str], _Use]] = {}
+    # Id, robot, difficulty, goal and perturbation -> configurations, by folder, control mode and hash.
+    uses: dict[tuple[str, ...], dict[tuple[str, str, str], _Use]] = {}
     for folder in folders:
         for record in folder.records:
             key = (str(folder.path), record.control_mode, record.config_hash)
             use = _Use(*key, folder.configurations.get(record.config_hash))
-            task = (record.env_id, record.robot_digest, record.difficulty, record.goal)
+            goals = record.difficulty, record.goal
+            task = (record.env_id, record.robot_digest, *goals, record.perturbation)
             uses.setdefault(task, {})[key] = use
-    for (env_id, _, difficulty, _), known in uses.items():
+    for (env_id, _, difficulty, *_), known in uses.items():
         for one, other in combinations(known.values(), 2):
             if difference := _difference(one, other):
                 raise ConfigurationError(
@@ -82,7 +83,7 @@ def _check_metrics(folders: Sequence[ResultFolder]) -> None:
 
 
 def _check_shared(folders: Sequence[ResultFolder]) -> None:
-    """Every folder must share a version, robot, difficulty, goal and split of its ids with another folder."""
+    """Every folder must share a version, robot, difficulty, goal, split and perturbation of its ids with another folder."""
     # What is compared -> folder -> values that the folder has.
     levels: dict[tuple[str, str], dict[str, set[str]]] = {}
     for folder in folders:
