@@ -31,6 +31,7 @@ NUMBERS = {
     "returns": (),
     "robot_figures": (),
     "robots": ("--goals",),
+    "robustness": ("--episodes",),
     "shooting": ("--goals",),
     "speed": ("--rounds",),
     "stochastic_feedback": ("--goals", "--episodes"),

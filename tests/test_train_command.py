@@ -85,7 +85,7 @@ def test_bad_input_is_one_line_and_nothing_is_begun(
         (["--control-mode", "torque"], "joint_torque"),
         (["--control-mode", "joint_torque", "--expert", "gjm"], "the environment is in 'joint_torque'"),
         (["--expert", "gmj"], "gjm"),
-        (["--algo", "sac", "--expert", "gjm"], "hyperparameter of sac 'expert'"),
+        (["--algo", "sac", "--clip-range", "0.2"], "hyperparameter of sac 'clip_range'"),
         (["--algo", "bc", "--init", "none"], "--init is for reinforcement"),
         (["--init", "none", "--expert", "gjm"], "either"),
         (["--init", "nowhere"], "no policy file nowhere"),

@@ -50,7 +50,8 @@ def parser() -> argparse.ArgumentParser:
     add("--name", action="append", default=[], metavar="RESULTS=NAME", help=what)
     what = "ids of other packages, as module:id; their modules are imported, which replays need"
     add("--env", action=AppendValues, nargs="+", default=[], metavar="ID", help=what)
-    what = "accept folders that share no version, difficulty, goal, split or perturbation, as tables of their own"
+    what = "accept folders that share no version, difficulty, goal, split or perturbation, as tables of "
+    what += "their own"
     add("--separate", action="store_true", help=what)
     return out
 

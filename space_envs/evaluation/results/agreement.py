@@ -25,8 +25,8 @@ def check_agreement(folders: Sequence[ResultFolder], separate: bool = False) -> 
     """Check that records that would share a table are of one task, and that every folder shares one.
 
     Args:
-        separate: accept a folder that shares no version, robot, difficulty, goal, split or perturbation with the others;
-            its tasks become tables of their own.
+        separate: accept a folder that shares no version, robot, difficulty, goal, split or perturbation with
+            the others; its tasks become tables of their own.
 
     Raises:
         ConfigurationError: naming two folders and what differs between them, first of all their versions of
@@ -83,7 +83,7 @@ def _check_metrics(folders: Sequence[ResultFolder]) -> None:
 
 
 def _check_shared(folders: Sequence[ResultFolder]) -> None:
-    """Every folder must share a version, robot, difficulty, goal, split and perturbation of its ids with another folder."""
+    """Every folder must share each of these figures of its ids with another folder."""
     # What is compared -> folder -> values that the folder has.
     levels: dict[tuple[str, str], dict[str, set[str]]] = {}
     for folder in folders:
