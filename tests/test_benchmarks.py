@@ -23,6 +23,7 @@ NUMBERS = {
     "momentum": ("--episodes",),
     "moving_goals": ("--goals",),
     "optimal": ("--goals", "--jobs"),
+    "planner_networks": ("--goals",),
     "planners": ("--episodes",),
     "planning": ("--goals",),
     "reactionless_collocation": ("--goals",),

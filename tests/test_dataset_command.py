@@ -157,6 +157,7 @@ def test_captured_only(tmp_path):
 
 def test_experts_are_all_that_plan():
     beginners = {"random", "hold", "bc", "ppo", "bc_reactionless"}
+    beginners |= {f"{kind}_network{end}" for kind in ("planner", "reactionless") for end in ("", "_alone")}
     for env_id in ENTRIES:
         experts = experts_for(env_id)
         assert CHEAP[env_id] in experts

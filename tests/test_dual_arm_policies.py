@@ -168,7 +168,8 @@ CLONES = ["bc", "bc_reactionless"]
 OFFERED = {
     SINGLE: [
         *(*ANYWHERE, *POSES, "promp_feedback", "promp_demonstrated"),
-        *("promp_reactionless", "nmpc", "nmpc_reactionless", "bc", "ppo"),
+        *("promp_reactionless", "nmpc", "nmpc_reactionless", "bc", "ppo", "planner_network"),
+        *("planner_network_alone", "reactionless_network", "reactionless_network_alone"),
     ],
     "SpaceCapture/SingleArmCluttered-v0": [*ANYWHERE, *POSES, "promp_avoiding", "promp_reactionless"],
     IDS[0]: [*ANYWHERE, *REACTIONLESS, "reactionless_ocp", *CLONES],

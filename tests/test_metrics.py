@@ -16,8 +16,9 @@ def test_attitude_cost_is_minus_the_attitude_reward():
     rollout, task = rollout_of("minimum_jerk", reward="sparse")
     metrics = episode_metrics(rollout, task)
     captured = np.array([outcome == "captured" for outcome in rollout.outcome])
-    # Sparse rewards are the attitude term and one for a capture, nothing else.
-    np.testing.assert_allclose(rollout.episode_return, captured - metrics["attitude_cost"], atol=1e-12)
+    # Sparse rewards are the attitude term and ten times the score of a capture, nothing else.
+    score = 1.0 / (1.0 + metrics["peak_attitude"])
+    np.testing.assert_allclose(rollout.episode_return, 10.0 * score - metrics["attitude_cost"], atol=1e-12)
     assert captured.all()
 
 

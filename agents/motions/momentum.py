@@ -86,7 +86,7 @@ class MomentumMotions(MotionVectorEnv):
     """Motions as actions for a single arm with a static goal, at momentum level.
 
     Its steps are hundreds of times faster than those of `SimulatedMotions`, and its outcomes, returns and
-    attitudes hardly differ: docs/learning.md has by how much. Masses are nominal, in every split.
+    attitudes hardly differ: tests/test_motions.py has by how much. Masses are nominal, in every split.
 
     Args:
         env: gives the task; it is not simulated. num_envs: N. parts, duration, autoreset_mode: as in

@@ -58,7 +58,7 @@ class ControlledSimulation:
         self.simulation.ctrl[:] = self.mode.torques(action)
 
     def seen(self, observation: Array) -> Array:
-        """What policies get for the true observations (N, size), a copy."""
+        """Observations (N, size) that policies get for the true ones (N, size), a copy."""
         return observation.copy()
 
     def advance(
@@ -176,7 +176,7 @@ class PerturbedSimulation(ControlledSimulation):
         return np.clip(seen, -self._bound, self._bound)
 
     def seen(self, observation: Array) -> Array:
-        """What policies get for the true observations (N, size), a copy."""
+        """Observations (N, size) that policies get for the true ones (N, size), a copy."""
         return self._seen.copy()
 
     def _actuate(self, action: Array) -> None:

@@ -55,7 +55,7 @@ class ReactionlessNetwork(PrompReactionless):
         if observation is None:
             return super().plan(asked)
         output = self._network.means(self._view(observation)).astype(np.float64)
-        paths = output.reshape(len(output), FUNCTIONS, -1).swapaxes(1, 2)
+        paths = output.reshape(len(output), FUNCTIONS, output.shape[1] // FUNCTIONS).swapaxes(1, 2)
         return [
             self.planner.plan(reach, Guess(np.ascontiguousarray(path), self._effort, self._search))
             for reach, path in zip(asked, paths, strict=True)

@@ -53,6 +53,8 @@ class NetworkPlanner:
 
         One that is a plan only without corrections stays as it is.
         """
+        if not len(y):
+            return NetworkMotions(batch.weights(y), np.full(0, None, dtype=object))
         corrected = y
         for _ in range(self.corrections if corrections is None else corrections):
             at = batch.linearised(corrected)
