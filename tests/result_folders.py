@@ -16,6 +16,7 @@ from space_envs.evaluation.records.episode import SCHEMA_VERSION, EpisodeRecord
 from space_envs.evaluation.records.storage import write_records
 from space_envs.evaluation.results.result import EPISODES, entry_stem
 from space_envs.registration import make_task
+from space_envs.tasks.base import CaptureTask
 
 
 def configuration(**changes: Any) -> dict[str, Any]:
@@ -23,7 +24,7 @@ def configuration(**changes: Any) -> dict[str, Any]:
     usual = {"env_id": "SpaceCapture/SingleArm-v0", "control_mode": "joint_velocity", "difficulty": "medium"}
     return {
         **usual,
-        "task_version": 2,
+        "task_version": CaptureTask.version,
         "horizon": 200,
         "envelope": {"position": 0.05, "hold": 1.0},
         **changes,

@@ -74,7 +74,7 @@ def make_record(**changes: object) -> EpisodeRecord:
         "episode": 0,
         "seed": 0,
         "config_hash": "0123456789ab",
-        "task_version": 2,
+        "task_version": CaptureTask.version,
         "captured": True,
         "outcome": "captured",
         "cause": changes["outcome"] if changes.get("outcome", "captured") != "captured" else None,

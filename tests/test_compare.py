@@ -137,7 +137,7 @@ def test_another_version_of_the_task_is_refused_by_name(
     b = write_folder(tmp_path / "b", episodes(2, older, policy="promp", task_version=1), [older])
     with pytest.raises(ConfigurationError) as caught:
         merged(a, b, separate=separate)
-    assert f"SpaceCapture/SingleArm-v0 are of task version 2 in {a} and task version 1 in {b}" in str(
+    assert f"SpaceCapture/SingleArm-v0 are of task version 3 in {a} and task version 1 in {b}" in str(
         caught.value
     )
 

@@ -162,7 +162,7 @@ def test_what_does_not_belong_together_is_refused() -> None:
         rows_of([make_record(), make_record()])
     with pytest.raises(ConfigurationError, match="mix the configurations"):
         rows_of([make_record(), make_record(episode=1, config_hash="f" * 12)])
-    with pytest.raises(ConfigurationError, match="mix the versions 1 and 2 of the task"):
+    with pytest.raises(ConfigurationError, match="mix the versions 1 and 3 of the task"):
         rows_of([make_record(), make_record(policy="gjm", task_version=1)])
 
 

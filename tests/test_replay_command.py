@@ -34,7 +34,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def choose(records: list[EpisodeRecord], **asked: Any) -> EpisodeRecord:
-    fields = ("env_id", "robot", "difficulty", "split", "goal", "policy", "control_mode", "seed", "episode")
+    fields = ("env_id", "robot", "difficulty", "split", "goal", "perturbation")
+    fields += ("policy", "control_mode", "seed", "episode")
     return command.choose(records, dict.fromkeys(fields) | asked)
 
 

@@ -34,7 +34,7 @@ MOST_STARTS = 10_000
 RANKED = 4  # of them, that are tried in the order of their predicted objectives
 RANDOM = 16  # starts at random, where there is no library
 RANDOM_SCALES = 0.5, 1.6  # rad, standard deviation of their slowest sine; that of others falls with 1 / order
-AT_REST = 1e-9  # rad/s
+AT_REST = 0.01  # rad/s, what sensors may show of an arm at rest; the tracking takes up slower motion
 # Causes of candidates' failures, from those nearest to a plan; the nearest failure is told.
 NEAREST_FIRST = Cause.INFEASIBLE, Cause.CLEARANCE, Cause.JOINT_LIMIT, Cause.SOLVER
 
