@@ -67,13 +67,17 @@ class StoredEpisodes(NamedTuple):
         errors = task.errors(observation)
         effort = np.zeros((count, steps + 1))
         effort[:, 1:] = (np.clip(rollout.action, -1.0, 1.0) ** 2).mean(axis=2)
-        states = (
-            *(errors.position, errors.orientation, errors.base_speed, task.attitude(observation)),
-            *(task.layout.read(observation, "peak_attitude")[:, 0], effort[kept]),
-        )
         codes = [Outcome(outcome).code for outcome in rollout.outcome]
-        halves = (state.astype(np.float16) for state in states)
-        return cls(*halves, rollout.length.astype(np.int16), np.array(codes, np.int8))
+        return cls(
+            position=errors.position.astype(np.float16),
+            orientation=errors.orientation.astype(np.float16),
+            base_speed=errors.base_speed.astype(np.float16),
+            attitude=task.attitude(observation).astype(np.float16),
+            peak_attitude=task.layout.read(observation, "peak_attitude")[:, 0].astype(np.float16),
+            effort=effort[kept].astype(np.float16),
+            length=rollout.length.astype(np.int16),
+            outcome=np.array(codes, np.int8),
+        )
 
 
 def played(env_id: str, name: str) -> StoredEpisodes:
@@ -118,14 +122,19 @@ def weighted_terms(stored: StoredEpisodes, task: CaptureTask) -> Array:
 
     def quantities(at: NDArray[np.int64], beginning: StepQuantities | None) -> StepQuantities:
         observation = np.stack([states.peak_attitude[at], np.zeros(len(at))], axis=1)
-        errors = (
-            getattr(states, name)[at] if name in states._fields else 0 * at for name in CaptureErrors._fields
-        )
+        still = np.zeros(len(at))
+        place, angle, speed = states.position[at], states.orientation[at], states.base_speed[at]
         return StepQuantities(
-            *(observation, observation, np.sqrt(states.effort[at, None])),
-            *(CaptureErrors(*errors), states.attitude[at]),
-            *(np.isin(outcome[at], codes) for codes in (CAPTURED, FAILED)),
-            *(ObservationLayout(EPISODE_FIELDS), task.limits, beginning),
+            observation=observation,
+            previous=observation,
+            action=np.sqrt(states.effort[at, None]),
+            errors=CaptureErrors(place, angle, still, still, speed),
+            attitude=states.attitude[at],
+            captured=np.isin(outcome[at], CAPTURED),
+            failed=np.isin(outcome[at], FAILED),
+            layout=ObservationLayout(EPISODE_FIELDS),
+            limits=task.limits,
+            beginning=beginning,
         )
 
     return task.weighted_terms(quantities(ends, quantities(ends - 1, None)))
@@ -177,9 +186,8 @@ def rank_correlation(env_id: str, discount: float, task: CaptureTask | None = No
     """Rank correlations of mean return and rounded mean score over all policies; arguments as of `means`."""
     score, mean_return = zip(*means(env_id, discount, task).values(), strict=True)
     tied = np.round(score, DIGITS)
-    return Correlation(
-        float(spearmanr(tied, mean_return).statistic), float(kendalltau(tied, mean_return).statistic)
-    )
+    spearman, kendall = (np.asarray(rank(tied, mean_return))[0] for rank in (spearmanr, kendalltau))
+    return Correlation(float(spearman), float(kendall))
 
 
 def missing() -> list[tuple[str, str]]:

@@ -227,7 +227,8 @@ class Reactionless:
         largest = (np.abs(change) / self.drive.acceleration_limit).max(axis=1, keepdims=True)
         correction = (present - now) / self.drive.control_period
         excess = np.maximum(present - high, low - present)
-        return correction + change / np.maximum(largest, 1.0), (excess > self._away).any(axis=1)
+        away = np.asarray((excess > self._away).any(axis=1))
+        return correction + change / np.maximum(largest, 1.0), away
 
 
 MODES: dict[str, Callable[[Drive], ControlMode]] = {

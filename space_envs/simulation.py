@@ -84,6 +84,7 @@ class Simulation:
     mocap_pos: Array
     mocap_quat: Array
     sensors: Array
+    qfrc_applied: Array  # of those that ask for it
     mass_entries: Array
     _bias: Array
 

@@ -285,8 +285,9 @@ def test_the_final_observation_of_an_episode_is_what_was_measured():
 
 def test_policies_know_the_nominal_model():
     contexts = [PolicyContext.from_env(made(perturbation=text)[0]) for text in ("nominal", "severe")]
-    np.testing.assert_array_equal(*(context.model.body_mass for context in contexts))
-    np.testing.assert_array_equal(*(context.arm.inertia for context in contexts))
+    nominal, severe = contexts
+    np.testing.assert_array_equal(nominal.model.body_mass, severe.model.body_mass)
+    np.testing.assert_array_equal(nominal.arm.inertia, severe.arm.inertia)
 
 
 def test_metrics_are_of_the_true_state():
@@ -357,5 +358,5 @@ def test_a_dataset_of_a_perturbed_robot_repeats_from_its_actions(tmp_path):
 
 
 def test_an_unknown_perturbation_ends_the_command(capsys):
-    assert evaluate.main("--policy gjm --episodes 1 --perturb sever".split()) == 2
+    assert evaluate.main(["--policy", "gjm", "--episodes", "1", "--perturb", "sever"]) == 2
     assert "Did you mean 'severe'" in capsys.readouterr().err

@@ -227,9 +227,10 @@ def _check_policies(path: Path) -> None:
     action, state = PlanningNetwork(context, 0, file, corrections=0).predict(observation)
     assert all(failure.cause in (Cause.INACCURATE, Cause.INFEASIBLE) for failure in state.failures)
     np.testing.assert_array_equal(action, 0.0)
-    for options in ({"corrections": -1}, {"replan": (0.0,)}):
-        with pytest.raises(ConfigurationError):
-            PlanningNetwork(context, 0, file, **options)
+    with pytest.raises(ConfigurationError):
+        PlanningNetwork(context, 0, file, corrections=-1)
+    with pytest.raises(ConfigurationError):
+        PlanningNetwork(context, 0, file, replan=(0.0,))
     with pytest.raises(PolicyError, match="no paths in the reaction null space"):
         ReactionlessNetwork(context, 0, file)
 

@@ -60,7 +60,7 @@ class SensorErrors:
                 self._quaternions.append(columns)
             elif int(kind) == _DIRECTION:
                 self._directions.append(columns)
-        self._keys = np.zeros((n, 2), dtype=np.int64)
+        self._keys: NDArray[np.int64] = np.zeros((n, 2), dtype=np.int64)
         self._offset = np.zeros((n, model.nsensordata))
         self._block = np.full(n, -1)
         self._drawn = np.zeros((n, NOISE_BLOCK if noise else 0, model.nsensordata))
@@ -97,11 +97,11 @@ class SensorErrors:
                 self._drawn[row], self._block[row] = self._noise * self._deviation * drawn, number
         return self._drawn[rows, place]
 
-    def snapshot(self) -> dict[str, Array]:
+    def snapshot(self) -> dict[str, NDArray]:
         """State for `restore`: keys and biases; noise is drawn again."""
         return {"keys": self._keys.copy(), "offset": self._offset.copy()}
 
-    def restore(self, snapshot: dict[str, Array]) -> None:
+    def restore(self, snapshot: dict[str, NDArray]) -> None:
         """Continue from a snapshot of as many episodes."""
         self._keys, self._offset = snapshot["keys"].copy(), snapshot["offset"].copy()
         self._block[:] = -1

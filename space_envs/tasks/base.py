@@ -346,8 +346,9 @@ class CaptureTask:
         for column, term in enumerate(self.reward_terms):
             values[:, column] = term.function(step)
         if step.captured.any():
-            values[np.ix_(step.captured, self._changes)] = 0.0
-        for column in self._changes:
-            values[:, column] -= self.reward_terms[column].function(step.beginning)
+            values[np.ix_(step.captured, np.array(self._changes, dtype=np.int64))] = 0.0
+        if step.beginning is not None:
+            for column in self._changes:
+                values[:, column] -= self.reward_terms[column].function(step.beginning)
         values *= self._rates
         return values

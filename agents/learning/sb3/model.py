@@ -15,7 +15,7 @@ from torch import nn
 from agents.learning.runs import hyperparameters as tables
 from agents.learning.runs.hyperparameters import AnyHyperparameters
 from agents.policies.learned.network import Network
-from space_envs.errors import PolicyError
+from space_envs.errors import ConfigurationError, PolicyError
 
 ACTIVATION_MODULES: dict[str, type[nn.Module]] = {  # under the names of agents.policies.learned.network
     "tanh": nn.Tanh,
@@ -41,7 +41,12 @@ def build_model(
 
     Args:
         rate: learning rate by progress remaining; None is constant.
+
+    Raises:
+        ConfigurationError: for a network that plans, which stable-baselines3 does not train.
     """
+    if isinstance(parameters, tables.Planner):
+        raise ConfigurationError("a network that plans is no model of stable-baselines3")
     sizes = list(parameters.hidden)
     policy: dict[str, Any] = {"activation_fn": ACTIVATION_MODULES[parameters.activation], "net_arch": sizes}
     common: dict[str, Any] = {
