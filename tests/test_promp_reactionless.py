@@ -184,7 +184,7 @@ def test_what_cannot_be_planned_is_a_failure_with_its_reason() -> None:
     planner = ReactionlessPlanner(ROBOT, LIMITS, random=4)
     reach = reach_of(5)
     far = replace(reach, goal=Grapple.at_rest(np.array([50.0, 0.0, 0.0]), reach.end.quaternion))
-    moving = replace(reach, rate=np.full(7, 0.01))
+    moving = replace(reach, rate=np.full(7, 0.02))
     hasty = replace(reach, duration=2.0)
     expected = [(far, Cause.OUT_OF_REACH, "reaches"), (moving, Cause.INFEASIBLE, "at rest")]
     expected += [(hasty, Cause.INFEASIBLE, "there are 2.0 s")]
